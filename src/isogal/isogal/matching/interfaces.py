@@ -1,0 +1,119 @@
+"""What a matcher is given and what it gives back.
+
+A batch is T scans of one scalar sensor with the navigator's own estimate of where each was taken. The unknown is the navigator's
+horizontal error at the last scan, xi = (d_north m, d_east m, dv_north m/s, dv_east m/s), estimate minus truth. Over a batch the
+navigator's increments are good to about a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi``.
+A matcher answers with a fix, measurement information only: the navigator's prior is not in its covariance.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.maps.field_map import FieldMap
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """T scans and the navigator's prior about its own error, for one run. SI units, radians."""
+
+    time: Array
+    """(T,) s, stamps of the scans, increasing."""
+    latitude: Array
+    """(T,) rad, where the navigator believes each scan was taken."""
+    longitude: Array
+    """(T,) rad."""
+    velocity: Array
+    """(T, 2) m/s, the navigator's north and east velocity at each scan."""
+    reading: Array
+    """(T,) reduced readings in the map's unit; NaN = no reading at this scan."""
+    sigma: Array
+    """(T,) 1-sigma white noise of each reading, map's unit."""
+    offset: Array
+    """(T,) known amount added to the map's value before it is compared with the reading."""
+    transition: Array
+    """(T, 2, 4) position error (north, east; m) at scan t per unit of xi."""
+    reading_jacobian: Array
+    """(T, 4) d(reading)/d(xi) that comes from the reduction with the navigator's wrong velocity and latitude, not from the map:
+    with the navigator at error xi, reading = map(true position) + offset + reading_jacobian @ xi + noise."""
+    prior: Array
+    """(4, 4) covariance of xi according to the navigator; its mean is zero."""
+    new: int
+    """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
+    corrected: bool = True
+    """Whether the previous fix of this matcher reached the navigator, so that `prior` contains it."""
+
+    def __len__(self) -> int:
+        return self.time.shape[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Map positions compatible with the readings, for display and for the record."""
+
+    latitude: Array
+    """(N,) rad."""
+    longitude: Array
+    """(N,) rad."""
+    weight: Array
+    """(N,) association probability within its scan."""
+    scan: NDArray[np.int64]
+    """(N,) index of the scan in the batch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """What a batch says about the position at its last scan, from the measurements alone, or why it says nothing."""
+
+    time: float
+    """s, stamp of the last scan."""
+    latitude: float
+    """rad; the best estimate where there is one, else the navigator's."""
+    longitude: float
+    """rad."""
+    covariance: Array
+    """(2, 2) m², north-east, of the measurements alone; NaN where there is no fix."""
+    reason: str | None = None
+    """None = published; else one line saying why the batch gives no fix."""
+    candidates: Candidates | None = None
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    """Named figures: feature_variability, consistency p-value, evidence, iterations, ..."""
+    scan_position: Array | None = None
+    """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
+    scan_covariance: Array | None = None
+    """(T, 2, 2) m², north-east, such that the T fixes together hold the information of `covariance` once."""
+
+    @property
+    def published(self) -> bool:
+        """Whether the navigator may use it."""
+        return self.reason is None
+
+
+class Matcher(Protocol):
+    """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory it returns."""
+
+    name: str
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+        """Match one batch of one run; ``memory`` is None for a run's first batch, then what the last call returned.
+
+        Pure: the same batch, map and memory give the same fix. Never raises on odd data: it declines with a reason.
+        """
+        ...
+
+
+def declined(batch: Batch, reason: str, **diagnostics: float) -> Fix:
+    """Build the fix of a batch that gives none."""
+    return Fix(
+        time=float(batch.time[-1]),
+        latitude=float(batch.latitude[-1]),
+        longitude=float(batch.longitude[-1]),
+        covariance=np.full((2, 2), np.nan),
+        reason=reason,
+        diagnostics=diagnostics,
+    )

@@ -1,0 +1,50 @@
+"""Matchers by name: adding one is one file and one line here."""
+
+import difflib
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from isogal.errors import InputError
+from isogal.matching.interfaces import Matcher
+from isogal.scenario import Matcher as MatcherSettings
+
+# name -> "module:factory"; the factory takes the scenario's matcher section and gives a Matcher.
+MATCHERS: dict[str, str] = {
+    "pmht-paper": "isogal.matching.pmht_paper:PmhtPaper.from_settings",
+    "pmht": "isogal.matching.pmht_paper:PmhtPaper.from_settings",
+}
+
+
+def build_matcher(settings: MatcherSettings) -> Matcher:
+    """Return the matcher that the scenario names.
+
+    Raises
+    ------
+    InputError
+        The name is unknown, or an option is unknown or out of range.
+    """
+    try:
+        target = MATCHERS[settings.name]
+    except KeyError:
+        close = difflib.get_close_matches(settings.name, MATCHERS, n=1)
+        hint = f", did you mean '{close[0]}'?" if close else f"; allowed: {', '.join(MATCHERS)}"
+        raise InputError(f"matcher.name: unknown matcher '{settings.name}'{hint}") from None
+    module_name, _, path = target.partition(":")
+    factory: Any = import_module(module_name)
+    for part in path.split("."):
+        factory = getattr(factory, part)
+    build: Callable[[MatcherSettings], Matcher] = factory
+    return build(settings)
+
+
+def check_options(matcher: str, options: Mapping[str, Any], model: type) -> Any:
+    """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError with one line."""
+    from pydantic import ValidationError
+
+    from isogal.scenario import describe
+
+    try:
+        return model(**options)
+    except ValidationError as error:
+        raise InputError(f"matcher.options of {matcher}: {describe(error)}") from None

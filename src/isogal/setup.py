@@ -1,0 +1,20 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "isogal"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The Isogal developers",
+    description="Gravity map matching that stops an inertial navigator from drifting: the algorithms, without ROS.",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    entry_points={"console_scripts": ["isogal = isogal.cli.main:main"]},
+)
