@@ -1,0 +1,200 @@
+"""The one map type: a scalar field on a regular latitude/longitude grid, with what is known about its errors."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
+from isogal.maps.interpolation import Values, bilinear_at, is_periodic, values_and_gradients, values_at
+
+Array = NDArray[np.float64]
+Grid = tuple[Values, float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldMap:
+    """A scalar field on a regular grid of the GRS80 ellipsoid.
+
+    Parameters
+    ----------
+    latitude : (n,) rad
+        Increasing, regular, at least four nodes.
+    longitude : (m,) rad
+        Increasing, regular, at least four nodes; a grid round the Earth has each meridian once.
+    values : (n, m) float64 or float32
+        At the nodes; NaN = missing. Gravity (9.8 m/s²) needs float64: float32 rounds it to 0.1 mGal.
+    unit : str
+        SI, except magnetic fields, which are in nT throughout.
+    quantity : str
+        See `isogal.maps.quantities`.
+    sigma : float or (n, m)
+        1-sigma of the map's error, in `unit`; 0 = taken as exact.
+    correlation_length : float or None
+        Of that error, m; None = unknown.
+    quantisation : float
+        Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
+    provenance : str
+        Where it comes from, one line.
+    file_unit : str
+        Unit that the file was in; `file_factor` times a number in it is a number in `unit`.
+    file_factor : float
+        See `file_unit`.
+
+    Raises
+    ------
+    InputError
+        Axes that are not regular, shapes that do not fit, no value at all, negative sigma.
+    """
+
+    latitude: Array
+    longitude: Array
+    values: Values
+    unit: str
+    quantity: str
+    sigma: float | Array = 0.0
+    correlation_length: float | None = None
+    quantisation: float = 0.0
+    provenance: str = ""
+    file_unit: str = ""
+    file_factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        where = self.provenance or f"{self.quantity} map"
+        latitude = regular_axis(self.latitude, "latitude", where)
+        longitude = regular_axis(self.longitude, "longitude", where)
+        if latitude[0] < -math.pi / 2 - 1e-9 or latitude[-1] > math.pi / 2 + 1e-9:
+            raise InputError(
+                f"{where}: latitudes must lie within -90 to 90 deg; are they in degrees, or swapped with longitude?"
+            )
+        values = np.asarray(self.values)
+        if values.shape != (latitude.size, longitude.size):
+            raise InputError(
+                f"{where}: values have shape {values.shape}, the axes need ({latitude.size}, {longitude.size})"
+            )
+        if values.dtype not in (np.float64, np.float32) or not values.dtype.isnative:
+            values = values.astype(np.float64)
+        values = np.ascontiguousarray(values)
+        step = longitude[1] - longitude[0]
+        if longitude[-1] - longitude[0] > 2.0 * math.pi + 1e-3 * step:
+            raise InputError(f"{where}: longitudes go round the Earth more than once")
+        drop = is_periodic(longitude.size - 1, step)  # the last meridian repeats the first
+        if drop:
+            longitude, values = longitude[:-1], np.ascontiguousarray(values[:, :-1])
+        if not any(np.isfinite(row).any() for row in values):
+            raise InputError(f"{where}: has no value at all (all missing)")
+        if any(np.isinf(row).any() for row in values):
+            values = np.where(np.isinf(values), np.nan, values)
+        object.__setattr__(self, "latitude", latitude)
+        object.__setattr__(self, "longitude", longitude)
+        object.__setattr__(self, "values", values)
+        self._check_errors(where, drop)
+
+    def _check_errors(self, where: str, drop: bool) -> None:
+        sigma: Any = self.sigma
+        if np.ndim(sigma) == 0:
+            if not (math.isfinite(sigma) and sigma >= 0.0):
+                raise InputError(f"{where}: sigma must be >= 0, is {sigma}")
+            object.__setattr__(self, "sigma", float(sigma))
+        else:
+            sigma = np.ascontiguousarray(sigma, dtype=np.float64)
+            if drop and sigma.ndim == 2:
+                sigma = np.ascontiguousarray(sigma[:, :-1])
+            if sigma.shape != self.values.shape:
+                raise InputError(f"{where}: sigma has shape {sigma.shape}, the values {self.values.shape}")
+            if (sigma < 0.0).any():
+                raise InputError(f"{where}: sigma must be >= 0")
+            object.__setattr__(self, "sigma", sigma)
+        length = self.correlation_length
+        if length is not None and not (math.isfinite(length) and length > 0.0):
+            raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
+        if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
+            raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
+
+    @cached_property
+    def grid(self) -> Grid:
+        """``(values, lat0, dlat, lon0, dlon)``, rad, as the kernels of `isogal.maps.interpolation` take it."""
+        return (
+            self.values,
+            float(self.latitude[0]),
+            float((self.latitude[-1] - self.latitude[0]) / (self.latitude.size - 1)),
+            float(self.longitude[0]),
+            float((self.longitude[-1] - self.longitude[0]) / (self.longitude.size - 1)),
+        )
+
+    @property
+    def extent(self) -> Window:
+        """South, north, west and east node, rad."""
+        return Window(*(float(x) for x in (self.latitude[0], self.latitude[-1], self.longitude[0], self.longitude[-1])))
+
+    def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Interpolate at points (rad, any shapes that broadcast); NaN where the map says nothing."""
+        lat, lon, shape = _flat(latitude, longitude)
+        return values_at(*self.grid, lat, lon).reshape(shape)[()]
+
+    def value_and_gradient(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, Array]:
+        """Interpolate value, derivative to the north and to the east, per metre on the ellipsoid.
+
+        Any shapes that broadcast, rad. NaN where the map says nothing.
+        """
+        lat, lon, shape = _flat(latitude, longitude)
+        value, by_lat, by_lon = values_and_gradients(*self.grid, lat, lon)
+        north, east = metres_per_radian(lat)
+        return value.reshape(shape)[()], (by_lat / north).reshape(shape)[()], (by_lon / east).reshape(shape)[()]
+
+    def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where the map has none."""
+        lat, lon, shape = _flat(latitude, longitude)
+        if isinstance(self.sigma, float):
+            return np.full(shape, self.sigma)[()]
+        return bilinear_at(self.sigma, *self.grid[1:], lat, lon).reshape(shape)[()]
+
+    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.bool_]:
+        """Tell where the map has a value (all sixteen nodes around the point)."""
+        return np.isfinite(self.value(latitude, longitude))
+
+    def cell_size_m(self, latitude: float) -> tuple[float, float]:
+        """Return the distance between nodes (to the north, to the east), m, at a latitude (rad)."""
+        north, east = metres_per_radian(latitude)
+        return float(self.grid[2] * north), float(self.grid[4] * east)
+
+    def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
+        """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
+
+        Longitudes may be given in any range; ``lon_max < lon_min`` crosses the date line.
+
+        Raises
+        ------
+        InputError
+            Nothing of the map lies there.
+        """
+        _, lat0, dlat, lon0, dlon = self.grid
+        rows = latitude_slice(lat0, dlat, self.latitude.size, lat_min, lat_max)
+        columns, first = longitude_slices(lon0, dlon, self.longitude.size, lon_min, lon_max)
+        count = sum(part.stop - part.start for part in columns)
+        if rows.stop - rows.start < 4 or count < 4:
+            asked = Window(lat_min, lat_max, lon_min, lon_max).text()
+            raise InputError(
+                f"{self.provenance or self.quantity}: the map ({self.extent.text()}) has nothing at {asked}"
+            )
+
+        def cut(array: Any) -> Any:
+            return np.concatenate([array[rows, part] for part in columns], axis=1)
+
+        return replace(
+            self,
+            latitude=self.latitude[rows],
+            longitude=first + dlon * np.arange(count),
+            values=cut(self.values),
+            sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
+        )
+
+
+def _flat(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
+    lat, lon = np.broadcast_arrays(np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64))
+    return np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1), lat.shape

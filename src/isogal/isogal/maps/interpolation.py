@@ -1,0 +1,163 @@
+"""Local bicubic interpolation with gradient, for kernels.
+
+Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in latitude and longitude:
+4 x 4 nodes, passes through the nodes, continuous with its first derivatives, third-order accurate. A grid is the five
+arguments ``values, lat0, dlat, lon0, dlon``: ``values`` (n, m) with latitude first, both axes increasing, node (0, 0) at
+(lat0, lon0), steps > 0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever needs
+a node that is missing (NaN) or outside the grid is NaN: never an edge value.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+TWO_PI = 2.0 * math.pi
+Array = NDArray[np.float64]
+Values = NDArray[np.float64] | NDArray[np.float32]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_periodic(columns: int, dlon: float) -> bool:
+    """Tell whether a grid of this many columns goes round the Earth exactly once."""
+    return abs(columns * dlon - TWO_PI) < 1e-3 * dlon
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float:
+    """Return the fractional column of a longitude, turned by whole circles into the grid where that is possible."""
+    x = (lon - lon0) / dlon
+    if x < 0.0 or x > columns - 1.0:
+        circle = TWO_PI / dlon
+        x -= math.floor(x / circle) * circle
+    return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
+    """Return the column left of fractional column x, the fraction, and whether the four columns exist."""
+    if is_periodic(columns, dlon):
+        j = math.floor(x) if math.isfinite(x) else -1
+        return j, x - j, j >= 0
+    if not (1.0 <= x <= columns - 2.0):
+        return -1, 0.0, False
+    j = min(int(x), columns - 3)
+    return j, x - j, True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def value_and_gradient(
+    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: float, lon: float
+) -> tuple[float, float, float]:
+    """Interpolate at one point.
+
+    Parameters
+    ----------
+    values, lat0, dlat, lon0, dlon
+        The grid (see the module).
+    lat, lon : float
+        Point, rad; longitudes may differ from the grid's by whole circles.
+
+    Returns
+    -------
+    value, d(value)/d(latitude), d(value)/d(longitude) : float
+        Unit of the values, and per rad. All NaN where a node is missing or outside.
+    """
+    n, m = values.shape
+    y = (lat - lat0) / dlat
+    x = column_position(m, lon0, dlon, lon)
+    j, u, inside = _locate(m, dlon, x)
+    if not inside or not (1.0 <= y <= n - 2.0):
+        return math.nan, math.nan, math.nan
+    i = min(int(y), n - 3)
+    t = y - i
+
+    a0 = ((-0.5 * u + 1.0) * u - 0.5) * u
+    a1 = (1.5 * u - 2.5) * u * u + 1.0
+    a2 = ((-1.5 * u + 2.0) * u + 0.5) * u
+    a3 = (0.5 * u - 0.5) * u * u
+    b0 = (-1.5 * u + 2.0) * u - 0.5
+    b1 = (4.5 * u - 5.0) * u
+    b2 = (-4.5 * u + 4.0) * u + 0.5
+    b3 = (1.5 * u - 1.0) * u
+    c0 = ((-0.5 * t + 1.0) * t - 0.5) * t
+    c1 = (1.5 * t - 2.5) * t * t + 1.0
+    c2 = ((-1.5 * t + 2.0) * t + 0.5) * t
+    c3 = (0.5 * t - 0.5) * t * t
+    d0 = (-1.5 * t + 2.0) * t - 0.5
+    d1 = (4.5 * t - 5.0) * t
+    d2 = (-4.5 * t + 4.0) * t + 0.5
+    d3 = (1.5 * t - 1.0) * t
+
+    j0, j1, j2, j3 = j - 1, j, j + 1, j + 2
+    if j0 < 0 or j3 >= m:  # only a grid that goes round the Earth gets here
+        j0, j1, j2, j3 = j0 % m, j1 % m, j2 % m, j3 % m
+    p0, p1, p2, p3 = values[i - 1, j0], values[i - 1, j1], values[i - 1, j2], values[i - 1, j3]
+    q0, q1, q2, q3 = values[i, j0], values[i, j1], values[i, j2], values[i, j3]
+    r0, r1, r2, r3 = values[i + 1, j0], values[i + 1, j1], values[i + 1, j2], values[i + 1, j3]
+    s0, s1, s2, s3 = values[i + 2, j0], values[i + 2, j1], values[i + 2, j2], values[i + 2, j3]
+    p = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3
+    q = a0 * q0 + a1 * q1 + a2 * q2 + a3 * q3
+    r = a0 * r0 + a1 * r1 + a2 * r2 + a3 * r3
+    s = a0 * s0 + a1 * s1 + a2 * s2 + a3 * s3
+    # A missing node spoils value and gradient alike, since 0 * NaN is NaN.
+    value = c0 * p + c1 * q + c2 * r + c3 * s
+    by_lat = (d0 * p + d1 * q + d2 * r + d3 * s) / dlat
+    by_lon = (
+        c0 * (b0 * p0 + b1 * p1 + b2 * p2 + b3 * p3)
+        + c1 * (b0 * q0 + b1 * q1 + b2 * q2 + b3 * q3)
+        + c2 * (b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3)
+        + c3 * (b0 * s0 + b1 * s1 + b2 * s2 + b3 * s3)
+    ) / dlon
+    return value, by_lat, by_lon
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def values_and_gradients(
+    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
+) -> tuple[Array, Array, Array]:
+    """Interpolate at many points: ``value_and_gradient`` over ``lat`` (N,) and ``lon`` (N,)."""
+    count = lat.shape[0]
+    value = np.empty(count)
+    by_lat = np.empty(count)
+    by_lon = np.empty(count)
+    for k in range(count):
+        value[k], by_lat[k], by_lon[k] = value_and_gradient(values, lat0, dlat, lon0, dlon, lat[k], lon[k])
+    return value, by_lat, by_lon
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
+    """Interpolate at many points, values only."""
+    count = lat.shape[0]
+    out = np.empty(count)
+    for k in range(count):
+        out[k] = value_and_gradient(values, lat0, dlat, lon0, dlon, lat[k], lon[k])[0]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bilinear_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
+    """Interpolate linearly between the four nodes around each point; NaN where one is missing or outside.
+
+    For fields that must not overshoot, such as a 1-sigma.
+    """
+    n, m = values.shape
+    count = lat.shape[0]
+    out = np.full(count, math.nan)
+    for k in range(count):
+        y = (lat[k] - lat0) / dlat
+        x = column_position(m, lon0, dlon, lon[k])
+        if not (0.0 <= y <= n - 1.0 and x >= 0.0):
+            continue
+        if not (x <= m - 1.0 or is_periodic(m, dlon)):
+            continue
+        i = min(int(y), n - 2)
+        j = int(x) if is_periodic(m, dlon) else min(int(x), m - 2)
+        t, u, right = y - i, x - j, (j + 1) % m
+        j %= m
+        out[k] = (1.0 - t) * ((1.0 - u) * values[i, j] + u * values[i, right]) + t * (
+            (1.0 - u) * values[i + 1, j] + u * values[i + 1, right]
+        )
+    return out

@@ -1,0 +1,1 @@
+"""NetCDF maps: CF and GMT conventions in, CF out."""
