@@ -1,0 +1,1 @@
+"""The command line: one module per command, mounted by `isogal.cli.main` when it is asked for."""

@@ -1,0 +1,121 @@
+"""The command ``isogal``: knows the name and one line of each command, imports a command only when it is called.
+
+``isogal --help`` and ``isogal --version`` thereby start without NumPy, numba and xarray.
+"""
+
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from isogal import __version__
+from isogal.cli.errors import clean_errors, fail
+
+
+class Command(NamedTuple):
+    """Where a command lives: ``attribute`` of ``isogal.cli.<module>`` is a function, or a ``typer.Typer`` with commands of its own."""
+
+    module: str
+    attribute: str
+    help: str
+
+
+COMMANDS = {
+    "run": Command(
+        "run", "run", "Simulate a scenario with the navigator in the loop; write a bag, figures and a report."
+    ),
+    "replay": Command(
+        "run", "replay", "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ."
+    ),
+    "montecarlo": Command(
+        "montecarlo", "montecarlo", "Run a scenario many times with other random numbers; write the statistics."
+    ),
+    "paper": Command("paper", "paper", "Reproduce every table and figure of the paper, beside the paper's values."),
+    "match": Command("match", "match", "Match a recorded track of any scalar field against a map."),
+    "map": Command("map", "app", "Look at maps, make, fetch and convert them."),
+}
+
+
+class _Deferred(TyperCommand):
+    """Stands for a command in the list of commands; becomes the real one when it is called."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        return _load(str(self.name)).make_context(info_name, args, parent=parent, **extra)
+
+
+def _load(name: str) -> Any:
+    where = COMMANDS[name]
+    target = getattr(importlib.import_module(f"isogal.cli.{where.module}"), where.attribute)
+    if not isinstance(target, typer.Typer):
+        app = typer.Typer(add_completion=False)
+        app.command(name)(target)
+        target = app
+    command = get_command(target)
+    command.name = name
+    return command
+
+
+class _Isogal(TyperGroup):
+    """The group of all commands, which ends every failure that a user can cause with one line."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, where in COMMANDS.items():
+            if find_spec(f"isogal.cli.{where.module}"):
+                self.add_command(_Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode))
+
+    def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> Any:
+        """Run and exit; replaces the boxes in which typer would frame an error."""
+        sys.exit(_call(self, list(sys.argv[1:] if args is None else args)))
+
+
+@clean_errors
+def _call(group: _Isogal, args: list[str]) -> int:
+    try:
+        with group.make_context("isogal", args) as context:
+            group.invoke(context)
+        status = 0
+    except typer.Exit as exit_:
+        status = exit_.exit_code
+    except typer.Abort:
+        fail("aborted", 1)
+    except typer.TyperException as error:
+        message = error.format_message()
+        if message:  # there is none where the help was shown because no command was named
+            where = getattr(error, "ctx", None)
+            hint = f" (see {where.command_path} --help)" if where else ""
+            fail(f"{message.strip().rstrip('.')}{hint}", error.exit_code)
+        status = error.exit_code
+    sys.stdout.flush()  # so that a full disk or a closed pipe is noticed while it can still be said
+    return status
+
+
+app = typer.Typer(cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+
+
+def _show_version(value: bool) -> None:
+    if value:
+        typer.echo(f"isogal {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def isogal(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Navigation by map matching when there is no GNSS.
+
+    A gravimeter and a gravity map stop an inertial navigator from drifting. Every command has its own --help.
+    """
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    app()

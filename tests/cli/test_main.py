@@ -1,0 +1,185 @@
+"""The command `isogal`: what it lists, how it starts, how it fails."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import isogal.cli
+from isogal import __version__
+from isogal.cli import main
+from isogal.errors import InputError
+
+ISOGAL = Path(sys.executable).with_name("isogal")
+HEAVY = ("numpy", "numba", "scipy", "xarray", "pandas", "matplotlib", "pydantic", "rclpy", "dask")
+
+
+def isogal_command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False, **options)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.fixture
+def sample(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Add commands that only fail, each in its own way, as if their modules lay in isogal.cli."""
+    (tmp_path / "sample_commands.py").write_text(
+        """
+from pathlib import Path
+from typing import Annotated
+import typer
+from isogal.errors import InputError
+
+def plain(runs: Annotated[int, typer.Option(min=1)] = 3, out: Path = Path("out")) -> None:
+    print(f"{runs} runs into {out}")
+
+def bad_input() -> None:
+    raise InputError("scenario.yaml: route.speed:\\n must be positive")
+
+def interrupted() -> None:
+    raise KeyboardInterrupt
+
+def unreadable() -> None:
+    open("/nonexistent/file")
+
+def defect() -> None:
+    raise ZeroDivisionError("a defect, not an input")
+
+group = typer.Typer()
+
+@group.command()
+def first() -> None:
+    print("first")
+
+@group.command()
+def second() -> None:
+    raise InputError("second: no such map")
+""",
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(isogal.cli, "__path__", [*isogal.cli.__path__, str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "isogal.cli.sample_commands", raising=False)
+    for name in ("plain", "bad_input", "interrupted", "unreadable", "defect", "group"):
+        monkeypatch.setitem(main.COMMANDS, name, main.Command("sample_commands", name, f"Help of {name}."))
+    monkeypatch.setitem(main.COMMANDS, "not_there", main.Command("no_such_module", "x", "Must not be listed."))
+
+
+def test_version_and_help_start_without_the_numerical_packages() -> None:
+    for flag in ("--version", "--help"):
+        code = (
+            "import sys\nfrom isogal.cli.main import app\n"
+            f"sys.argv = ['isogal', {flag!r}]\n"
+            "try:\n    app()\nfinally:\n"
+            f"    loaded = [m for m in {HEAVY!r} if m in sys.modules]\n    assert not loaded, loaded\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_version() -> None:
+    done = isogal_command("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"isogal {__version__}\n", "")
+
+
+def test_help_lists_the_commands_whose_modules_exist(sample: None) -> None:
+    result = CliRunner().invoke(main.app, ["--help"])
+    assert result.exit_code == 0
+    assert "Help of plain." in result.output
+    assert "not_there" not in result.output
+
+
+def test_every_listed_command_has_help() -> None:
+    listed = [name for name, where in main.COMMANDS.items() if main.find_spec(f"isogal.cli.{where.module}")]
+    for name in listed:
+        result = CliRunner().invoke(main.app, [name, "--help"])
+        assert result.exit_code == 0, (name, result.output)
+        assert "Usage: isogal " + name in " ".join(result.output.split())
+
+
+def test_a_function_and_a_group_become_commands(sample: None) -> None:
+    result = CliRunner().invoke(main.app, ["plain", "--runs", "2", "--out", "here"])
+    assert (result.exit_code, result.stdout) == (0, "2 runs into here\n")
+    result = CliRunner().invoke(main.app, ["group", "first"])
+    assert (result.exit_code, result.stdout) == (0, "first\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (["bad_input"], 2, "isogal: scenario.yaml: route.speed: must be positive\n"),
+        (["group", "second"], 2, "isogal: second: no such map\n"),
+        (["unreadable"], 2, "isogal: /nonexistent/file: No such file or directory\n"),
+        (["interrupted"], 130, "isogal: interrupted\n"),
+        (["plain", "--runs", "0"], 2, "isogal: Invalid value for '--runs'"),
+        (["plain", "--runs", "many"], 2, "isogal: Invalid value for '--runs'"),
+        (["plain", "--rnus", "1"], 2, "isogal: No such option: --rnus"),
+        (["plain", "stray"], 2, "isogal: Got unexpected extra argument"),
+        (["plane"], 2, "isogal: No such command 'plane'. Did you mean 'plain'"),
+        (["not_there"], 2, "isogal: No such command 'not_there'"),
+        (["--no-such-flag"], 2, "isogal: No such option: --no-such-flag"),
+    ],
+)
+def test_failures_end_in_one_line(sample: None, arguments: list[str], status: int, message: str) -> None:
+    result = CliRunner().invoke(main.app, arguments)
+    assert result.exit_code == status
+    assert result.stderr.startswith(message)
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+
+
+def test_a_usage_error_names_the_help_of_its_command(sample: None) -> None:
+    result = CliRunner().invoke(main.app, ["plain", "--rnus", "1"])
+    assert result.stderr.endswith("(see isogal plain --help)\n")
+
+
+def test_a_defect_keeps_its_traceback(sample: None) -> None:
+    result = CliRunner().invoke(main.app, ["defect"])
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_no_command_shows_the_help() -> None:
+    done = isogal_command()
+    assert done.returncode == 2
+    assert "Usage: isogal" in done.stdout + done.stderr
+
+
+def test_unknown_option_of_the_real_command() -> None:
+    done = isogal_command("--frobnicate")
+    assert done.returncode == 2
+    assert done.stderr == "isogal: No such option: --frobnicate (see isogal --help)\n"
+
+
+def test_a_reader_that_leaves_is_not_reported() -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, "wb") as closed_pipe:
+        done = subprocess.run(
+            [ISOGAL, "--version"], stdout=closed_pipe, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_a_full_disk_is_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [ISOGAL, "--version"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    assert (done.returncode, done.stderr) == (2, "isogal: the output cannot be written: No space left on device\n")
+
+
+def test_clean_errors_keeps_the_result_and_the_signature() -> None:
+    from isogal.cli.errors import clean_errors
+
+    @clean_errors
+    def double(value: int) -> int:
+        """Double it."""
+        if value < 0:
+            raise InputError("value: must not be negative")
+        return 2 * value
+
+    assert double(4) == 8
+    assert double.__doc__ == "Double it."
+    with pytest.raises(SystemExit) as stopped:
+        double(-1)
+    assert stopped.value.code == 2
