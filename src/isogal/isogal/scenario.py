@@ -26,8 +26,12 @@ class _Section(BaseModel):
 class Route(_Section):
     """Where the vehicle goes, at which speed (m/s) and ellipsoidal height (m), for how long (s; null = to the end)."""
 
-    start: tuple[LatitudeDeg, LongitudeDeg] | None = Field((-38.0, 144.5), description="first point: latitude, longitude in deg")
-    end: tuple[LatitudeDeg, LongitudeDeg] | None = Field((-35.0, 150.0), description="last point: latitude, longitude in deg")
+    start: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
+        (-38.0, 144.5), description="first point: latitude, longitude in deg"
+    )
+    end: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
+        (-35.0, 150.0), description="last point: latitude, longitude in deg"
+    )
     speed: Positive = Field(22.0, le=1000.0, description="ground speed at the vehicle's height, m/s")
     height: float = Field(100.0, ge=-12000.0, le=50000.0, description="height above the map's surface, m")
     duration: Positive | None = Field(12960.0, description="simulated time, s; null = until the last point")
@@ -52,7 +56,9 @@ class Route(_Section):
 class Imu(_Section):
     """Inertial sensors."""
 
-    grade: Literal["precision", "quantum_accelerometer", "quantum"] = Field("precision", description="row of the paper's Table 1")
+    grade: Literal["precision", "quantum_accelerometer", "quantum"] = Field(
+        "precision", description="row of the paper's Table 1"
+    )
     rate: Positive = Field(1.0, le=100.0, description="samples per second, Hz")
 
 
@@ -68,7 +74,9 @@ class InitialError(_Section):
 class Gravimeter(_Section):
     """The scalar sensor."""
 
-    quantity: Literal["gravity", "disturbance"] = Field("gravity", description="what the readings are reduced to and matched as")
+    quantity: Literal["gravity", "disturbance"] = Field(
+        "gravity", description="what the readings are reduced to and matched as"
+    )
     sigma: Positive = Field(1.0e-5, description="white noise of a reading, m/s²")
     interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
     outlier_fraction: float = Field(0.0, ge=0.0, lt=0.5, description="share of readings that are outliers")
@@ -101,11 +109,17 @@ class Matcher(_Section):
     )
     batch_length: int = Field(30, ge=2, le=1000, description="scans T in a batch")
     stride: int | None = Field(None, ge=1, le=1000, description="scans between fixes; null = batch_length")
-    mode: Literal["standard", "retrodiction"] = Field("standard", description="one fix a batch, or one for each of its scans")
-    map_sigma: NonNegative | Literal["auto"] = Field(0.0, description="1-sigma of the map's error assumed, m/s², or auto")
+    mode: Literal["standard", "retrodiction"] = Field(
+        "standard", description="one fix a batch, or one for each of its scans"
+    )
+    map_sigma: NonNegative | Literal["auto"] = Field(
+        0.0, description="1-sigma of the map's error assumed, m/s², or auto"
+    )
     map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
     bias_sigma: NonNegative = Field(0.0, description="1-sigma of an unknown constant offset of the readings, m/s²")
-    options: dict[str, Any] = Field(default_factory=dict, description="settings of the named matcher; see docs/matchers.md")
+    options: dict[str, Any] = Field(
+        default_factory=dict, description="settings of the named matcher; see docs/matchers.md"
+    )
 
     @model_validator(mode="after")
     def _stride_fits(self) -> "Matcher":
@@ -184,7 +198,11 @@ def describe(error: ValidationError) -> str:
     """Turn a validation error into one line: every bad key, what it was, what it may be."""
     parts = []
     for item in error.errors():
-        location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "constrained-", "literal", "float", "tuple"))]
+        location = [
+            str(part)
+            for part in item["loc"]
+            if not str(part).startswith(("function-", "constrained-", "literal", "float", "tuple"))
+        ]
         key = ".".join(location)
         if item["type"] == "extra_forbidden":
             parts.append(f"unknown key '{key}'{_nearest(key)}")

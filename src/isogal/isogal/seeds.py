@@ -20,4 +20,6 @@ def generator(seed: int, run: int, stream: str) -> np.random.Generator:
     stream : str
         Purpose, for example ``"imu_noise"``; its CRC-32 is the last word of the spawn key.
     """
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, zlib.crc32(stream.encode())))))
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, zlib.crc32(stream.encode()))))
+    )

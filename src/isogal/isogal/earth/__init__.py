@@ -1,0 +1,1 @@
+"""The Earth: GRS80 ellipsoid, normal gravity, Eötvös acceleration, frames."""

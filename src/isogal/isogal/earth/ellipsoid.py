@@ -1,0 +1,40 @@
+"""GRS80 ellipsoid: constants and radii of curvature.
+
+Source: Moritz (2000), Geodetic Reference System 1980, J. Geodesy 74:128-133. boule.GRS80 gives the same numbers (tested).
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+A = 6378137.0
+"""Equatorial radius, m."""
+F = 1.0 / 298.257222101
+"""Flattening."""
+E2 = F * (2.0 - F)
+"""First eccentricity squared."""
+GM = 3.986005e14
+"""Geocentric gravitational constant, m³/s²."""
+EARTH_RATE = 7.292115e-5
+"""Angular velocity, rad/s."""
+
+
+@njit(cache=True, nogil=True)
+def curvature(sin_latitude: float) -> tuple[float, float]:
+    """Return (meridian M, prime vertical N) radius, m, at the sine of a geodetic latitude (Groves 2013, eqs. 2.105, 2.106)."""
+    w2 = 1.0 - E2 * sin_latitude * sin_latitude
+    n = A / np.sqrt(w2)
+    return n * (1.0 - E2) / w2, n
+
+
+def radii(latitude: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (M, N), m, at geodetic latitudes (rad), any shape."""
+    w2 = 1.0 - E2 * np.sin(latitude) ** 2
+    n = A / np.sqrt(w2)
+    return n * (1.0 - E2) / w2, n
+
+
+def metres_per_radian(latitude: ArrayLike, height: ArrayLike = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return metres per radian of (latitude, longitude) at a latitude (rad) and ellipsoidal height (m)."""
+    m, n = radii(latitude)
+    return m + np.asarray(height), (n + np.asarray(height)) * np.cos(latitude)

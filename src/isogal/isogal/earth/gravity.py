@@ -1,0 +1,64 @@
+"""Normal gravity, its change with height, and the Eötvös acceleration of a moving vehicle. SI units, positive down."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, radii
+
+GAMMA_EQUATOR = 9.7803267715
+"""Normal gravity at the equator, m/s² (Moritz 2000)."""
+GAMMA_POLE = 9.8321863685
+"""Normal gravity at the pole, m/s² (Moritz 2000)."""
+SOMIGLIANA_K = (1.0 - F) * GAMMA_POLE / GAMMA_EQUATOR - 1.0
+"""Somigliana's constant k."""
+GRAVITY_RATIO = EARTH_RATE**2 * A**3 * (1.0 - F) / GM
+"""m = w² a² b / GM."""
+FREE_AIR = 3.086e-6
+"""Mean free-air gradient, s⁻² (0.3086 mGal per m)."""
+
+
+@njit(cache=True, nogil=True)
+def normal_gravity_at(sin_latitude: float, height: float) -> float:
+    """Return normal gravity (m/s²) for one point: Somigliana, second order in height (Moritz 2000; Groves 2013 eq. 2.139)."""
+    s2 = sin_latitude * sin_latitude
+    surface = GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
+    return surface * (
+        1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height + 3.0 / (A * A) * height * height
+    )
+
+
+def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.float64]:
+    """Return normal gravity (m/s²) at geodetic latitudes (rad) and ellipsoidal heights (m); the arrays broadcast."""
+    s2 = np.sin(latitude) ** 2
+    h = np.asarray(height, dtype=float)
+    surface = GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
+    return surface * (1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * h + 3.0 / A**2 * h**2)
+
+
+def normal_gravity_gradient_north(latitude: ArrayLike) -> NDArray[np.float64]:
+    """Return d(normal gravity)/d(north), s⁻², on the ellipsoid: the derivative of Somigliana's formula over M."""
+    s, c = np.sin(latitude), np.cos(latitude)
+    w2 = 1.0 - E2 * s * s
+    derivative = (
+        GAMMA_EQUATOR * s * c * (2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5)
+    )
+    return derivative / radii(latitude)[0]
+
+
+def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> NDArray[np.float64]:
+    """Return the Eötvös acceleration (m/s², positive up): 2 w cos(lat) v_e + v_e²/(N+h) + v_n²/(M+h).
+
+    It makes a moving gravimeter read less (Groves 2013, down component of the Coriolis and transport-rate terms).
+    """
+    m, n = radii(latitude)
+    ve, vn, h = np.asarray(v_east, dtype=float), np.asarray(v_north, dtype=float), np.asarray(height, dtype=float)
+    return 2.0 * EARTH_RATE * np.cos(latitude) * ve + ve**2 / (n + h) + vn**2 / (m + h)
+
+
+def eotvos_jacobian(
+    latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the derivatives of `eotvos` by (v_north, v_east), s⁻¹."""
+    m, n = radii(latitude)
+    return 2.0 * np.asarray(v_north) / m, 2.0 * EARTH_RATE * np.cos(latitude) + 2.0 * np.asarray(v_east) / n

@@ -1,0 +1,157 @@
+"""A navigator that takes fixes of any age: IMU samples and states are buffered, and a late fix is applied where it belongs.
+
+The state at the fix's stamp is taken from the buffer, updated, and propagated again through the buffered IMU samples and the fixes that
+came after: the result is exactly that of a fix that had come on time.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState, propagate, update_position
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdateResult:
+    """What became of a fix."""
+
+    accepted: bool
+    reason: str | None
+    """Why it was not accepted; None = accepted."""
+    innovation: Array
+    """(2,) m, north, east, at the fix's stamp."""
+    nis: float
+    """Normalised innovation squared."""
+    late: float
+    """s, age of the fix when it came."""
+
+
+@dataclass(slots=True, eq=False)
+class _Step:
+    time: float
+    force: Array
+    rate: Array
+    height: float
+    state: FilterState
+    fixes: "list[tuple[float, float, Array]]"
+
+
+class BufferedNavigator:
+    """The filter of one run, fed sample by sample.
+
+    Parameters
+    ----------
+    model : FilterModel
+    state : FilterState
+        One run (R = 1), at `time`.
+    time : float
+        s.
+    horizon : float
+        How old a fix may be, s.
+    """
+
+    def __init__(self, model: FilterModel, state: FilterState, time: float = 0.0, horizon: float = 1200.0) -> None:
+        if len(state) != 1:
+            raise ValueError("BufferedNavigator navigates one run")
+        self.model = model
+        self.horizon = horizon
+        nothing = np.zeros(3)
+        self._steps: deque[_Step] = deque(
+            [_Step(time, nothing, nothing, float(state.position[0, 2]), state.copy(), [])]
+        )
+
+    @property
+    def time(self) -> float:
+        """Stamp of the newest state, s."""
+        return self._steps[-1].time
+
+    @property
+    def state(self) -> FilterState:
+        """The newest state (R = 1); do not change it."""
+        return self._steps[-1].state
+
+    def propagate(self, time: float, specific_force: Array, angular_rate: Array, height: float) -> None:
+        """Advance to `time` with the means over the interval that ends there.
+
+        Parameters
+        ----------
+        specific_force, angular_rate : (3,) arrays
+            Body axes, m/s², rad/s.
+        height : float
+            Known height at `time`, m.
+
+        Raises
+        ------
+        ValueError
+            The stamp is not later than the newest, or a value is not finite; nothing is changed.
+        FilterDivergenceError
+            The covariance is no longer positive definite.
+        """
+        if not time > self.time:
+            raise ValueError(f"stamp {time:.3f} s is not later than {self.time:.3f} s")
+        if not (np.isfinite(specific_force).all() and np.isfinite(angular_rate).all() and np.isfinite(height)):
+            raise ValueError("IMU sample is not finite")
+        new = _Step(
+            time, np.array(specific_force, float), np.array(angular_rate, float), float(height), self.state.copy(), []
+        )
+        self._apply(new, self.time)
+        self._steps.append(new)
+        while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
+            self._steps.popleft()
+
+    def update(self, time: float, latitude: float, longitude: float, covariance: Array) -> UpdateResult:
+        """Apply a fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
+
+        A stamp between two IMU samples counts at the sample nearest to it if that is within half an interval.
+        """
+        times = [step.time for step in self._steps]
+        index = bisect_left(times, time - 0.5 * self.model.dt)
+        late = self.time - time
+        refused = np.full(2, np.nan)
+        if not np.isfinite(time) or time < times[0] - 1e-9:
+            return UpdateResult(
+                False, f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)", refused, np.nan, late
+            )
+        if bisect_right(times, time + 0.5 * self.model.dt) == 0 or index >= len(times):
+            return UpdateResult(
+                False, f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", refused, np.nan, late
+            )
+        target = self._steps[index]
+        before = target.state.copy()
+        try:
+            innovation, nis = update_position(target.state, 0, latitude, longitude, covariance)
+        except ValueError as error:
+            return UpdateResult(False, str(error), refused, np.nan, late)
+        target.fixes.append((latitude, longitude, np.array(covariance, float)))
+        try:
+            self._replay(index)
+        except FilterDivergenceError as error:
+            target.fixes.pop()
+            target.state = before
+            self._replay(index)
+            return UpdateResult(False, str(error), innovation, nis, late)
+        return UpdateResult(True, None, innovation, nis, late)
+
+    def _replay(self, index: int) -> None:
+        for i in range(index + 1, len(self._steps)):
+            current = self._steps[i]
+            current.state = self._steps[i - 1].state.copy()
+            self._apply(current, self._steps[i - 1].time)
+            for latitude, longitude, covariance in current.fixes:
+                update_position(current.state, 0, latitude, longitude, covariance)
+
+    def _apply(self, step: _Step, start: float) -> None:
+        interval = step.time - start
+        model = self.model if abs(interval - self.model.dt) < 1e-6 else _with_interval(self.model, interval)
+        propagate(step.state, model, step.force[None, None], step.rate[None, None], np.array([step.height]))
+
+
+def _with_interval(model: FilterModel, dt: float) -> FilterModel:
+    from dataclasses import replace
+
+    return replace(model, dt=dt)

@@ -1,0 +1,1 @@
+"""Attitude algebra and strapdown navigation."""

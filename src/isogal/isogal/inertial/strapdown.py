@@ -1,0 +1,160 @@
+"""Strapdown navigation in the local navigation frame, one IMU interval at a time.
+
+Inputs are the mean specific force and mean angular rate over the interval, resolved in body axes (what integrating sensors give, divided by
+dt). The step is second order: rotation vector for the attitude, velocity with its rotation correction, gravity and Coriolis at the
+interval's mid-point, trapezoid for the position (Titterton & Weston 2004, ch. 11; Groves 2013, ch. 5.4).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
+from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
+from isogal.inertial.rotations import from_rotation_vector, multiply, rotate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavState:
+    """Position, velocity and attitude of R runs."""
+
+    position: Array
+    """(R, 3) latitude rad, longitude rad, height m."""
+    velocity: Array
+    """(R, 3) m/s, north, east, down."""
+    attitude: Array
+    """(R, 4) quaternion body to NED."""
+
+    def __len__(self) -> int:
+        return self.position.shape[0]
+
+    def copy(self) -> "NavState":
+        """Return a state that shares nothing with this one."""
+        return replace(
+            self, position=self.position.copy(), velocity=self.velocity.copy(), attitude=self.attitude.copy()
+        )
+
+
+@njit(cache=True, nogil=True)
+def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
+    """Return 1/(M+h), 1/(N+h), normal gravity, Earth rate (n, d) and transport rate (n, e, d) at a latitude's sine and cosine."""
+    w2 = 1.0 - E2 * s * s
+    w = np.sqrt(w2)
+    n = A / w
+    inv_m = 1.0 / (n * (1.0 - E2) / w2 + height)
+    inv_n = 1.0 / (n + height)
+    s2 = s * s
+    gravity = (GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / w) * (
+        1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height + 3.0 / (A * A) * height * height
+    )
+    return inv_m, inv_n, gravity, EARTH_RATE * c, -EARTH_RATE * s, ve * inv_n, -vn * inv_m, -ve * inv_n * s / c
+
+
+@njit(cache=True, nogil=True)
+def step(lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
+    """Advance one state by one interval; scalars in, scalars out (latitude ... quaternion). See the module for the method."""
+    # increments in the navigation axes of the interval's start
+    ax, ay, az = wx * dt, wy * dt, wz * dt
+    un, ue, ud = rotate(qw, qx, qy, qz, fx * dt, fy * dt, fz * dt)
+    an, ae, ad = rotate(qw, qx, qy, qz, ax, ay, az)
+    bn, be, bd = ae * ud - ad * ue, ad * un - an * ud, an * ue - ae * un
+
+    # predictor: velocity and latitude at the mid-point from the rates at the start
+    s, c = np.sin(lat), np.cos(lat)
+    inv_m, inv_n, g, en, ed, tn, te, td = _earth(s, c, h, vn, ve)
+    on, oe, od = 2.0 * en + tn, te, 2.0 * ed + td
+    half = 0.5 * dt
+    vn_m = vn + 0.5 * un - half * (oe * vd - od * ve)
+    ve_m = ve + 0.5 * ue - half * (od * vn - on * vd)
+    vd_m = vd + 0.5 * ud - half * (on * ve - oe * vn) + half * g
+    d_lat = half * 0.5 * (vn + vn_m) * inv_m
+    s_m = s + d_lat * (c - 0.5 * d_lat * s)
+    c_m = c - d_lat * (s + 0.5 * d_lat * c)
+    h_m = h - half * 0.5 * (vd + vd_m)
+
+    # corrector: rates at the mid-point
+    inv_m, inv_n, g, en, ed, tn, te, td = _earth(s_m, c_m, h_m, vn_m, ve_m)
+    on, oe, od = 2.0 * en + tn, te, 2.0 * ed + td
+    zn, ze, zd = (en + tn) * dt, te * dt, (ed + td) * dt  # rotation of the navigation frame over the interval
+    # Integral of Exp(-t z) f(t), f turning with the body by a: both rotations to second order, cross term included. Leaving
+    # out the second order costs 4 m in 7.5 h at 1 Hz.
+    cn, ce, cd = ze * ud - zd * ue, zd * un - zn * ud, zn * ue - ze * un
+    un += 0.5 * (bn - cn) + (ae * bd - ad * be + ze * cd - zd * ce) / 6.0 - (ze * bd - zd * be) / 3.0
+    ue += 0.5 * (be - ce) + (ad * bn - an * bd + zd * cn - zn * cd) / 6.0 - (zd * bn - zn * bd) / 3.0
+    ud += 0.5 * (bd - cd) + (an * be - ae * bn + zn * ce - ze * cn) / 6.0 - (zn * be - ze * bn) / 3.0
+    vn1 = vn + un - dt * (oe * vd_m - od * ve_m)
+    ve1 = ve + ue - dt * (od * vn_m - on * vd_m)
+    vd1 = vd + ud - dt * (on * ve_m - oe * vn_m) + dt * g
+
+    lat1 = lat + half * (vn + vn1) * inv_m
+    lon1 = lon + half * (ve + ve1) * inv_n / c_m
+    h1 = h - half * (vd + vd1)
+
+    bw, bx, by, bz = from_rotation_vector(ax, ay, az)
+    qw, qx, qy, qz = multiply(qw, qx, qy, qz, bw, bx, by, bz)
+    bw, bx, by, bz = from_rotation_vector(-zn, -ze, -zd)
+    qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
+    scale = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)  # one Newton step keeps the norm at 1
+    return lat1, lon1, h1, vn1, ve1, vd1, qw * scale, qx * scale, qy * scale, qz * scale
+
+
+@njit(cache=True, nogil=True)
+def _propagate(position, velocity, attitude, specific_force, angular_rate, dt, height, history):  # type: ignore[no-untyped-def]
+    runs, steps = specific_force.shape[0], specific_force.shape[1]
+    for r in range(runs):
+        lat, lon, h = position[r, 0], position[r, 1], position[r, 2]
+        vn, ve, vd = velocity[r, 0], velocity[r, 1], velocity[r, 2]
+        qw, qx, qy, qz = attitude[r, 0], attitude[r, 1], attitude[r, 2], attitude[r, 3]
+        for k in range(steps):
+            f, w = specific_force[r, k], angular_rate[r, k]
+            lat, lon, h, vn, ve, vd, qw, qx, qy, qz = step(
+                lat, lon, h, vn, ve, vd, qw, qx, qy, qz, f[0], f[1], f[2], w[0], w[1], w[2], dt
+            )
+            if height.shape[0] > 0:  # known height: the vertical channel follows it
+                vd = (height[k] - height[k + 1]) / dt
+                h = height[k + 1]
+            if history.shape[1] > 0:
+                history[r, k, 0] = lat
+                history[r, k, 1] = lon
+        position[r, 0], position[r, 1], position[r, 2] = lat, lon, h
+        velocity[r, 0], velocity[r, 1], velocity[r, 2] = vn, ve, vd
+        attitude[r, 0], attitude[r, 1], attitude[r, 2], attitude[r, 3] = qw, qx, qy, qz
+
+
+def propagate(
+    state: NavState,
+    specific_force: Array,
+    angular_rate: Array,
+    dt: float,
+    known_height: Array | None = None,
+    history: bool = False,
+) -> tuple[NavState, Array]:
+    """Run the strapdown over S intervals for R runs.
+
+    Parameters
+    ----------
+    state : NavState
+        Start; not changed.
+    specific_force, angular_rate : (R, S, 3) arrays
+        Means over each interval, body axes, m/s² and rad/s.
+    dt : float
+        Interval, s.
+    known_height : (S + 1,) array, optional
+        Height (m) at the start and after each interval. The free vertical channel is unstable (SCIENCE 1), so the unaided INS is given it.
+    history : bool
+        Whether to return latitude and longitude (rad) after each interval.
+
+    Returns
+    -------
+    NavState, (R, S, 2) array (S = 0 without history)
+    """
+    end = state.copy()
+    runs, steps = specific_force.shape[:2]
+    track = np.empty((runs, steps if history else 0, 2))
+    height = np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
+    _propagate(end.position, end.velocity, end.attitude, specific_force, angular_rate, dt, height, track)
+    return end, track

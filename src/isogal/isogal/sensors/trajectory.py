@@ -1,0 +1,233 @@
+"""The true route and what a perfect IMU senses on it.
+
+The vehicle stays level, its nose along its course. Within an IMU interval heading rate and acceleration are constant; position follows
+by a fourth-order Runge-Kutta step, and the IMU's means over the interval by three-point Gauss-Legendre quadrature of the continuous specific
+force and angular rate, so the readings do not share the strapdown's approximations.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import E2, EARTH_RATE, A
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.inertial.rotations import from_heading
+from isogal.scenario import Route, Scenario
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Truth at the K + 1 ends of K IMU intervals, and the perfect IMU's means over the intervals."""
+
+    time: Array
+    """(K + 1,) s."""
+    latitude: Array
+    """(K + 1,) rad."""
+    longitude: Array
+    """(K + 1,) rad."""
+    height: Array
+    """(K + 1,) m above the ellipsoid."""
+    velocity: Array
+    """(K + 1, 3) m/s, north, east, down."""
+    attitude: Array
+    """(K + 1, 4) quaternion body to NED."""
+    specific_force: Array
+    """(K, 3) m/s², body axes."""
+    angular_rate: Array
+    """(K, 3) rad/s, body axes, relative to inertial space."""
+
+    @property
+    def dt(self) -> float:
+        """IMU interval, s."""
+        return float(self.time[1] - self.time[0])
+
+    def __len__(self) -> int:
+        """Count the IMU intervals K."""
+        return self.specific_force.shape[0]
+
+
+def build_trajectory(scenario: Scenario) -> Trajectory:
+    """Return the truth of a scenario's route.
+
+    Raises
+    ------
+    InputError
+        The route is shorter than the duration asked for.
+    """
+    return _build(scenario.route, scenario.imu.rate)
+
+
+@lru_cache(maxsize=8)
+def _build(route: Route, rate: float) -> Trajectory:
+    dt = 1.0 / rate
+    guide = _Guide(route, dt)
+    steps = None if route.duration is None else round(route.duration * rate)
+    lat, lon = guide.start
+    heading, speed = guide.heading, guide.speed
+    rows: list[tuple[float, float, float, float]] = [(lat, lon, heading, speed)]
+    rates: list[tuple[float, float]] = []
+    while steps is None or len(rates) < steps:
+        if guide.arrived(lat, lon):
+            if steps is None:
+                break
+            raise InputError(
+                f"route.duration: the route ends after {len(rates) * dt:.0f} s, duration asks for {route.duration:.0f} s;"
+                " shorten duration, or give null to drive to the end"
+            )
+        turn, acceleration = guide.command(lat, lon, heading, speed)
+        lat, lon = _runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
+        heading += turn * dt
+        speed += acceleration * dt
+        rows.append((lat, lon, heading, speed))
+        rates.append((turn, acceleration))
+    if len(rates) < 2:
+        raise InputError("route: must last at least two IMU samples")
+    return _with_sensors(np.array(rows), np.array(rates), route.height, dt)
+
+
+def _position_rates(lat: float, heading: float, speed: float, height: float) -> tuple[float, float]:
+    w2 = 1.0 - E2 * math.sin(lat) ** 2
+    n = A / math.sqrt(w2)
+    return (
+        speed * math.cos(heading) / (n * (1.0 - E2) / w2 + height),
+        speed * math.sin(heading) / ((n + height) * math.cos(lat)),
+    )
+
+
+def _runge_kutta(
+    lat: float, lon: float, heading: float, speed: float, turn: float, acceleration: float, height: float, dt: float
+) -> tuple[float, float]:
+    half = 0.5 * dt
+    h1, h2 = heading + turn * half, heading + turn * dt
+    s1, s2 = speed + acceleration * half, speed + acceleration * dt
+    a = _position_rates(lat, heading, speed, height)
+    b = _position_rates(lat + half * a[0], h1, s1, height)
+    c = _position_rates(lat + half * b[0], h1, s1, height)
+    d = _position_rates(lat + dt * c[0], h2, s2, height)
+    return (
+        lat + dt / 6.0 * (a[0] + 2.0 * b[0] + 2.0 * c[0] + d[0]),
+        lon + dt / 6.0 * (a[1] + 2.0 * b[1] + 2.0 * c[1] + d[1]),
+    )
+
+
+def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajectory:
+    lat, lon, heading, speed = rows.T
+    turn, acceleration = rates.T
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    force = np.zeros((len(rates), 3))
+    rate = np.zeros((len(rates), 3))
+    for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
+        psi = heading[:-1] + turn * node * dt
+        v = speed[:-1] + acceleration * node * dt
+        # Latitude inside the interval: Euler step from its nearer end, corrected to the far end's value (cubic accuracy is not
+        # needed: 1e-9 rad changes gravity by 1e-11 m/s²).
+        phi = lat[:-1] + node * (lat[1:] - lat[:-1])
+        s, c = np.sin(phi), np.cos(phi)
+        w2 = 1.0 - E2 * s * s
+        n = A / np.sqrt(w2)
+        vn, ve = v * np.cos(psi), v * np.sin(psi)
+        transport = np.stack(
+            [ve / (n + height), -vn / (n * (1.0 - E2) / w2 + height), -ve * s / c / (n + height)], axis=-1
+        )
+        earth = np.stack([EARTH_RATE * c, np.zeros_like(c), -EARTH_RATE * s], axis=-1)
+        velocity = np.stack([vn, ve, np.zeros_like(vn)], axis=-1)
+        f_n = np.cross(2.0 * earth + transport, velocity)
+        f_n[:, 2] -= normal_gravity(phi, height)
+        force += weight * (_to_body(f_n, psi) + np.stack([acceleration, v * turn, np.zeros_like(v)], axis=-1))
+        rate += weight * (_to_body(earth + transport, psi) + np.stack([0 * turn, 0 * turn, turn], axis=-1))
+    k = len(rates)
+    return Trajectory(
+        time=np.arange(k + 1) * dt,
+        latitude=lat,
+        longitude=lon,
+        height=np.full(k + 1, height),
+        velocity=np.stack([speed * np.cos(heading), speed * np.sin(heading), np.zeros(k + 1)], axis=-1),
+        attitude=from_heading(heading),
+        specific_force=force,
+        angular_rate=rate,
+    )
+
+
+def _to_body(vector: Array, heading: Array) -> Array:
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0], vector[:, 2]], axis=-1)
+
+
+def rhumb_azimuth(lat_0: float, lon_0: float, lat_1: float, lon_1: float) -> float:
+    """Return the azimuth (rad from north) of the rhumb line between two points (rad), by isometric latitude (Snyder 1987, p. 44)."""
+    e = math.sqrt(E2)
+
+    def isometric(lat: float) -> float:
+        return math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat))
+
+    d_lon = math.remainder(lon_1 - lon_0, 2.0 * math.pi)
+    return math.atan2(d_lon, isometric(lat_1) - isometric(lat_0))
+
+
+class _Guide:
+    """Heading rate and acceleration that lead from point to point."""
+
+    def __init__(self, route: Route, dt: float) -> None:
+        self.dt = dt
+        self.height = route.height
+        if route.waypoints is None:
+            assert route.start is not None and route.end is not None  # the scenario model has checked
+            points = [(*route.start, route.speed), (*route.end, route.speed)]
+            self.geodesic = route.line == "geodesic"
+        else:
+            points = list(route.waypoints)
+            self.geodesic = False
+        self.points = [(math.radians(a), math.radians(b), v) for a, b, v in points]
+        self.turn_limit, self.acceleration_limit = route.turn_rate, route.acceleration
+        self.leg = 1
+        self.start = self.points[0][:2]
+        self.speed = self.points[0][2]
+        self.heading = self._azimuth(*self.start)
+        self.manoeuvring = len(self.points) > 2 or self.points[0][2] != self.points[1][2]
+
+    def _azimuth(self, lat: float, lon: float, leg: int | None = None) -> float:
+        target = self.points[self.leg if leg is None else leg]
+        if self.geodesic:
+            from pyproj import Geod
+
+            inverse = Geod(ellps="GRS80").inv(
+                math.degrees(lon), math.degrees(lat), math.degrees(target[1]), math.degrees(target[0])
+            )
+            return math.radians(inverse[0])
+        return rhumb_azimuth(lat, lon, target[0], target[1])
+
+    def _distance(self, lat: float, lon: float) -> float:
+        target = self.points[self.leg]
+        north, east = _position_rates(0.5 * (lat + target[0]), math.pi / 4, math.sqrt(2.0), self.height)
+        return math.hypot((target[0] - lat) / north, math.remainder(target[1] - lon, 2.0 * math.pi) / east)
+
+    def arrived(self, lat: float, lon: float) -> bool:
+        """Whether the last point is reached (within one step)."""
+        return self.leg == len(self.points) - 1 and self._distance(lat, lon) < max(self.points[-1][2] * self.dt, 1.0)
+
+    def command(self, lat: float, lon: float, heading: float, speed: float) -> tuple[float, float]:
+        """Return (heading rate rad/s, acceleration m/s²) for the coming interval."""
+        if not self.manoeuvring:
+            if not self.geodesic:
+                return 0.0, 0.0
+            # Clairaut: a geodesic's azimuth changes by sin(azimuth) tan(latitude) ds / N; evaluated at the interval's middle
+            mid = lat + 0.5 * self.dt * _position_rates(lat, heading, speed, self.height)[0]
+            n = A / math.sqrt(1.0 - E2 * math.sin(mid) ** 2)
+            return speed * math.sin(heading) * math.tan(mid) / (n + self.height), 0.0
+        target_speed = self.points[self.leg][2]
+        if self.leg < len(self.points) - 1:
+            corner = math.remainder(self._azimuth(*self.points[self.leg][:2], self.leg + 1) - heading, 2.0 * math.pi)
+            lead = speed / self.turn_limit * math.tan(min(abs(corner), 2.8) / 2.0)
+            if self._distance(lat, lon) <= max(lead, speed * self.dt):
+                self.leg += 1
+                target_speed = self.points[self.leg][2]
+        error = math.remainder(self._azimuth(lat, lon) - heading, 2.0 * math.pi)
+        turn = max(-self.turn_limit, min(self.turn_limit, error / self.dt))
+        acceleration = max(-self.acceleration_limit, min(self.acceleration_limit, (target_speed - speed) / self.dt))
+        return turn, acceleration
