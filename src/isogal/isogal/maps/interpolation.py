@@ -1,10 +1,10 @@
 """Local bicubic interpolation with gradient, for kernels.
 
-Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in latitude and longitude:
-4 x 4 nodes, passes through the nodes, continuous with its first derivatives, third-order accurate. A grid is the five
-arguments ``values, lat0, dlat, lon0, dlon``: ``values`` (n, m) with latitude first, both axes increasing, node (0, 0) at
-(lat0, lon0), steps > 0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever needs
-a node that is missing (NaN) or outside the grid is NaN: never an edge value.
+Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in latitude and
+longitude: 4 x 4 nodes, passes through the nodes, continuous with its first derivatives, third-order accurate. A grid is the
+five arguments ``values, lat0, dlat, lon0, dlon``: ``values`` (n, m) with latitude first, both axes increasing, node (0, 0)
+at (lat0, lon0), steps > 0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever
+needs a node that is missing (NaN) or outside the grid is NaN: never an edge value.
 """
 
 import math

@@ -72,14 +72,11 @@ QUANTITIES: dict[str, Quantity] = {
         "m/s²", 9.70, 9.90, ("ga", "gravity", "gravity_earth", "gravity_acceleration", "observed_gravity")
     ),
     "disturbance": Quantity(
-        "m/s²",
-        -1.0e-2,
-        1.0e-2,
-        ("dg", "disturbance", "gravity_disturbance", "gravity_disturbance_sa", "bouguer_disturbance"),
+        "m/s²", -1.0e-2, 1.0e-2, ("dg", "disturbance", "gravity_disturbance", "gravity_disturbance_sa")
     ),
-    "gravity_anomaly": Quantity(
-        "m/s²", -1.0e-2, 1.0e-2, ("gravity_anomaly", "free_air_anomaly", "bouguer_anomaly", "faa", "terrain_effect")
-    ),
+    "bouguer_disturbance": Quantity("m/s²", -1.0e-2, 1.0e-2),
+    "gravity_anomaly": Quantity("m/s²", -1.0e-2, 1.0e-2, ("gravity_anomaly_sa", "free_air_anomaly", "faa")),
+    "bouguer_anomaly": Quantity("m/s²", -1.0e-2, 1.0e-2, ("gravity_anomaly_bg", "cba")),
     "magnetic_anomaly": Quantity("nT", -4.0e4, 4.0e4, ("magnetic_anomaly", "tmi_anomaly", "emag2", "mag_anomaly")),
     "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, ("magnetic_field", "total_field", "tmi")),
     "height": Quantity("m", -1.2e4, 9.5e3, ("height", "elevation", "topography", "ha", "hsl", "dem", "topo")),

@@ -1,0 +1,88 @@
+"""From what a reader found in a file to a `FieldMap`: one place for units, plausibility and what must be asked for."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+from isogal.maps.quantities import QUANTITIES, check_plausible, check_quantity, unit_factor
+
+MOST_CELLS = 150_000_000
+"""Cells that a reader takes into memory at once (1.2 GB); a larger map needs a window."""
+
+
+def check_size(cells: int, where: str) -> None:
+    """Refuse a grid that would not fit into memory, before anything is read.
+
+    Raises
+    ------
+    InputError
+        Names the number of cells.
+    """
+    if cells > MOST_CELLS:
+        raise InputError(
+            f"{where}: {cells:,} cells are too many to read at once (at most {MOST_CELLS:,}); give a window or a route"
+        )
+
+
+def assemble(
+    latitude: NDArray[np.float64],
+    longitude: NDArray[np.float64],
+    values: NDArray[Any],
+    *,
+    unit: str | None,
+    quantity: str | None,
+    where: str,
+    sigma: Any = 0.0,
+    **attributes: Any,
+) -> FieldMap:
+    """Convert to the unit inside, refuse impossible numbers, and build the map.
+
+    Parameters
+    ----------
+    latitude, longitude : (n,), (m,) rad
+        Increasing.
+    values : (n, m)
+        In ``unit``; NaN = missing.
+    unit, quantity : str or None
+        As the file says or the user gave; None = nobody said.
+    where : str
+        File and variable, for messages and provenance.
+    sigma : float or (n, m)
+        1-sigma, in ``unit``.
+    attributes
+        Further fields of `FieldMap`; ``quantisation`` in ``unit``.
+
+    Raises
+    ------
+    InputError
+        Quantity or unit unknown or not given, numbers that the quantity cannot have, and what `FieldMap` raises.
+    """
+    if quantity is None:
+        raise InputError(f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}")
+    known = check_quantity(quantity, where)
+    if unit is None:
+        raise InputError(
+            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or a unit that converts to it)"
+        )
+    inside, factor = unit_factor(unit, where)
+    if inside != known.unit:
+        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
+    if factor != 1.0:
+        values = np.asarray(values) * values.dtype.type(factor) if values.dtype == np.float32 else values * factor
+    check_plausible(values, quantity, where)
+    attributes["quantisation"] = attributes.get("quantisation", 0.0) * factor
+    return FieldMap(
+        latitude,
+        longitude,
+        values,
+        unit=inside,
+        quantity=quantity,
+        sigma=np.asarray(sigma, dtype=np.float64) * factor if np.ndim(sigma) else float(sigma) * factor,
+        provenance=where,
+        file_unit=unit,
+        file_factor=factor,
+        **attributes,
+    )

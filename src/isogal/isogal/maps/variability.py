@@ -1,0 +1,164 @@
+"""Map feature variability: how much a map varies around a place (paper eq. CV).
+
+C_i is the mean, over the n points of a fixed window template centred at place i (without i itself), of the squared difference
+between the value at i and the value at the point. The paper normalises it "over a fixed number of samples" and does not say
+how. Here: C_i divided by the mean of C over the last ``samples`` places (at the start over those there are), so 1 means "as
+usual on this stretch"; one could also divide by an absolute level, which ``reference`` allows. Both are parameters.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Values, value_and_gradient
+
+Array = NDArray[np.float64]
+WINDOW = 2000.0
+"""Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some hours is of this size."""
+POINTS = 9
+"""Points of the template along each side."""
+SAMPLES = 100
+"""Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of a few batches."""
+
+
+def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, Array]:
+    """Return the window template: a square lattice without its centre.
+
+    Parameters
+    ----------
+    half_width : float
+        m.
+    points : int
+        Along each side, odd and at least 3.
+
+    Returns
+    -------
+    north, east : (n,) m
+        n = points² - 1.
+    """
+    if points < 3 or points % 2 == 0:
+        raise InputError(f"variability points must be odd and at least 3, is {points}")
+    if not (half_width > 0.0 and math.isfinite(half_width)):
+        raise InputError(f"variability window must be > 0 m, is {half_width}")
+    side = np.linspace(-half_width, half_width, points)
+    north, east = (grid.reshape(-1) for grid in np.meshgrid(side, side, indexing="ij"))
+    keep = np.arange(north.size) != north.size // 2
+    return north[keep], east[keep]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def variability_at(
+    values: Values,
+    lat0: float,
+    dlat: float,
+    lon0: float,
+    dlon: float,
+    lat: float,
+    lon: float,
+    rad_north: Array,
+    rad_east: Array,
+) -> float:
+    """Return C (paper eq. CV) at one place, unit of the map squared.
+
+    ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template points without a value are
+    left out; NaN where the place itself or more than half of the template has none.
+    """
+    centre = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)[0]
+    total = 0.0
+    count = 0
+    for k in range(rad_north.shape[0]):
+        difference = (
+            value_and_gradient(values, lat0, dlat, lon0, dlon, lat + rad_north[k], lon + rad_east[k])[0] - centre
+        )
+        if not math.isnan(difference):
+            total += difference * difference
+            count += 1
+    return total / count if 2 * count >= rad_north.shape[0] and count > 0 else math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _variabilities(
+    values: Values,
+    lat0: float,
+    dlat: float,
+    lon0: float,
+    dlon: float,
+    lat: Array,
+    lon: Array,
+    north: Array,
+    east: Array,
+    metres_north: Array,
+    metres_east: Array,
+) -> Array:
+    out = np.empty(lat.shape[0])
+    for k in range(lat.shape[0]):
+        out[k] = variability_at(
+            values, lat0, dlat, lon0, dlon, lat[k], lon[k], north / metres_north[k], east / metres_east[k]
+        )
+    return out
+
+
+def feature_variability(
+    field_map: FieldMap, latitude: ArrayLike, longitude: ArrayLike, half_width: float = WINDOW, points: int = POINTS
+) -> Array:
+    """Return C (paper eq. CV) at many places.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        The map.
+    latitude, longitude : rad
+        Places, any shapes that broadcast.
+    half_width, points
+        The template.
+
+    Returns
+    -------
+    array of the shape of the places
+        Unit of the map squared; NaN where the map has no value at the place or at more than half of its template.
+    """
+    north, east = template(half_width, points)
+    lat, lon = np.broadcast_arrays(np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64))
+    flat_lat, flat_lon = np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1)
+    metres_north, metres_east = metres_per_radian(flat_lat)
+    return _variabilities(*field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east).reshape(
+        lat.shape
+    )
+
+
+def normalised_variability(variability: ArrayLike, samples: int = SAMPLES, reference: float | None = None) -> Array:
+    """Normalise a sequence of C along a track: 1 = as usual.
+
+    Parameters
+    ----------
+    variability : (..., K)
+        C at successive places; NaN places are skipped in the mean and stay NaN.
+    samples : int
+        How many places, up to and with the present one, the mean is taken over.
+    reference : float, optional
+        Divide by this level (unit of the map squared) instead of the moving mean.
+
+    Returns
+    -------
+    (..., K)
+        No unit. Where the mean is zero (a flat map) the result is zero.
+    """
+    c = np.asarray(variability, dtype=np.float64)
+    if reference is not None:
+        if not reference > 0.0:
+            raise InputError(f"variability reference must be > 0, is {reference}")
+        return c / reference
+    if samples < 1:
+        raise InputError(f"variability samples must be at least 1, is {samples}")
+    known = np.isfinite(c)
+    sums = np.cumsum(np.where(known, c, 0.0), axis=-1)
+    counts = np.cumsum(known, axis=-1)
+    sums[..., samples:] = sums[..., samples:] - sums[..., :-samples]
+    counts[..., samples:] = counts[..., samples:] - counts[..., :-samples]
+    mean = sums / np.maximum(counts, 1)
+    return np.where(known, np.divide(c, mean, out=np.zeros_like(c), where=mean > 0.0), np.nan)
