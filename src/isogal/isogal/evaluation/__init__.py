@@ -1,0 +1,1 @@
+"""What runs achieved: errors, consistency, the bound, figures and reports."""

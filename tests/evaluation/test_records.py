@@ -1,0 +1,143 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.evaluation.records import RunDetail, Runs
+from isogal.matching.interfaces import Candidates
+
+
+def assert_equal(a: Runs, b: Runs) -> None:
+    for item in fields(Runs):
+        x, y = getattr(a, item.name), getattr(b, item.name)
+        if item.name == "fix_reason":
+            assert x == y
+        elif item.name == "detail":
+            assert (x is None) == (y is None)
+            if x is not None:
+                for part in fields(RunDetail):
+                    np.testing.assert_array_equal(getattr(x, part.name), getattr(y, part.name))
+        else:
+            np.testing.assert_array_equal(x, y)
+
+
+def declining(runs: Runs) -> Runs:
+    reasons = [list(row) for row in runs.fix_reason]
+    reasons[0][1], reasons[-1][-1] = "the map is flat here: γ below 0.1", "no reading"
+    error = runs.fix_error.copy()
+    error[0, 1] = error[-1, -1] = np.nan
+    return replace(runs, fix_error=error, fix_reason=tuple(tuple(row) for row in reasons))
+
+
+@pytest.mark.parametrize("detail", [False, True])
+def test_a_file_gives_back_what_was_saved(make_runs, tmp_path, detail):
+    runs = declining(make_runs(detail=detail))
+    runs.save(tmp_path / "deeper" / "chunk.npz")
+    assert_equal(Runs.load(tmp_path / "deeper" / "chunk.npz"), runs)
+    assert [p.name for p in (tmp_path / "deeper").iterdir()] == ["chunk.npz"]
+
+
+def test_equal_runs_give_equal_files(make_runs, tmp_path):
+    for name in "ab":
+        make_runs(detail=True).save(tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_joined_chunks_are_the_whole(make_runs):
+    whole = declining(make_runs(runs=5))
+
+    def part(rows: slice) -> Runs:
+        own = {
+            item.name: getattr(whole, item.name)[rows]
+            for item in fields(Runs)
+            if item.name not in ("time", "latitude", "longitude", "fix_time", "detail")
+        }
+        return replace(whole, **own)
+
+    assert_equal(Runs.concatenate([part(slice(0, 2)), part(slice(2, 3)), part(slice(3, 5))]), whole)
+
+
+def test_the_detail_of_the_first_chunk_stays(make_runs):
+    first = make_runs(detail=True)
+    assert Runs.concatenate([first, make_runs()]).detail is first.detail
+
+
+def test_runs_of_different_scenarios_are_not_joined(make_runs):
+    with pytest.raises(ValueError, match="time differs"):
+        Runs.concatenate([make_runs(), make_runs(step=30.0)])
+    with pytest.raises(ValueError, match="no runs"):
+        Runs.concatenate([])
+
+
+def test_wrong_shapes_are_named(make_runs):
+    with pytest.raises(ValueError, match=r"covariance must have shape \(3, 121, 2, 2\)"):
+        make_runs(covariance=np.zeros((3, 120, 2, 2)))
+    with pytest.raises(ValueError, match="fix_reason must hold 3 tuples of 24"):
+        make_runs(fix_reason=((None,) * 23,) * 3)
+    with pytest.raises(ValueError, match="must not be empty"):
+        make_runs(fix_reason=(("",) * 24,) * 3)
+
+
+def test_published_and_distances(make_runs):
+    runs = declining(make_runs())
+    assert runs.published.sum() == 3 * 24 - 2
+    assert not runs.published[0, 1]
+    np.testing.assert_allclose(runs.horizontal_error**2, (runs.error**2).sum(-1))
+    np.testing.assert_allclose(runs.unaided_horizontal_error**2, (runs.unaided_error**2).sum(-1))
+
+
+def test_a_run_without_batches(make_runs, tmp_path):
+    runs = make_runs(batches=0)
+    runs.save(tmp_path / "none.npz")
+    assert Runs.load(tmp_path / "none.npz").published.shape == (3, 0)
+
+
+def test_damaged_files_are_refused_in_one_line(make_runs, tmp_path):
+    path = tmp_path / "chunk.npz"
+    make_runs().save(path)
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(flipped) // 2] ^= 0xFF
+    for damaged in (whole[: len(whole) // 2], b"", b"not an archive", bytes(flipped)):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"chunk\.npz") as caught:
+            Runs.load(path)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="No such file"):
+        Runs.load(tmp_path / "missing.npz")
+
+
+def test_a_file_of_another_version_is_refused(make_runs, tmp_path):
+    make_runs().save(tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "b.npz", **(arrays | {"format": np.array(99)}))
+    with pytest.raises(InputError, match="format 99"):
+        Runs.load(tmp_path / "b.npz")
+
+
+def test_a_failed_write_leaves_the_old_file(make_runs, tmp_path, monkeypatch):
+    path = tmp_path / "chunk.npz"
+    make_runs().save(path)
+    before = path.read_bytes()
+
+    def break_off(stream, **arrays):
+        stream.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", break_off)
+    with pytest.raises(KeyboardInterrupt):
+        make_runs(seed=2).save(path)
+    assert path.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_candidates_are_flattened_with_their_batch():
+    one = Candidates(np.array([0.1, 0.2]), np.array([1.0, 1.1]), np.array([0.4, 0.6]), np.array([0, 3]))
+    two = Candidates(np.array([0.3]), np.array([1.2]), np.array([1.0]), np.array([2]))
+    flat = RunDetail.flatten([None, one, None, two])
+    np.testing.assert_array_equal(flat["candidate_batch"], [1, 1, 3])
+    np.testing.assert_array_equal(flat["candidate_scan"], [0, 3, 2])
+    np.testing.assert_array_equal(flat["candidate_latitude"], [0.1, 0.2, 0.3])
+    assert all(values.size == 0 for values in RunDetail.flatten([None, None]).values())
