@@ -1,0 +1,174 @@
+"""Does a filter know its own error? NEES, NIS and the chi-square intervals they must lie in.
+
+Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", section 5.4: for a consistent filter the
+normalised (estimation) error squared e' P^-1 e is chi-square with as many degrees of freedom as e has components. Divided by that
+number it is 1 on average; above 1 the filter is overconfident.
+"""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
+    """Normalised estimation error squared, divided by the number of axes; 1 is right on average.
+
+    Parameters
+    ----------
+    error : (..., n) array
+        Estimate minus truth; NaN = none.
+    covariance : (..., n, n) array
+        Covariance of the error according to the estimator; broadcasts against `error`.
+
+    Returns
+    -------
+    (...) array
+        e' P^-1 e / n; NaN where error or covariance is not finite, infinite where the covariance is not positive definite
+        (such an estimator claims certainty that it cannot have).
+    """
+    error, covariance = np.asarray(error, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+    axes = error.shape[-1]
+    shape = np.broadcast_shapes(error.shape[:-1], covariance.shape[:-2])
+    error = np.broadcast_to(error, (*shape, axes)).reshape(-1, axes)
+    covariance = np.broadcast_to(covariance, (*shape, axes, axes)).reshape(-1, axes, axes)
+    result = np.full(error.shape[0], np.nan)
+    known = np.isfinite(error).all(axis=-1) & np.isfinite(covariance).all(axis=(-2, -1))
+    definite = known.copy()
+    definite[known] = np.linalg.eigvalsh(covariance[known])[:, 0] > 0.0
+    result[known & ~definite] = np.inf
+    solved = np.linalg.solve(covariance[definite], error[definite][..., None])[..., 0]
+    result[definite] = np.einsum("ij,ij->i", error[definite], solved) / axes
+    return result.reshape(shape)
+
+
+def nis_per_axis(innovation: ArrayLike, covariance: ArrayLike) -> Array:
+    """Normalised innovation squared per axis: `nees_per_axis` of (..., n) innovations and their (..., n, n) covariance."""
+    return nees_per_axis(innovation, covariance)
+
+
+def chi_square_interval(
+    samples: float, axes: int = 2, confidence: float = 0.95, independent: float | None = None
+) -> tuple[float, float]:
+    """Where the mean of a per-axis NEES or NIS of a consistent filter lies with the given probability.
+
+    Parameters
+    ----------
+    samples : float
+        How many values were averaged.
+    axes : int
+        Components of the error behind each value.
+    confidence : float
+        Probability of the interval, two-sided.
+    independent : float, optional
+        How many independent values the samples are worth (see `effective_samples`); default all.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end, around 1.
+    """
+    from scipy.stats import chi2  # slow to import, and node processes never need it
+
+    count = samples if independent is None else independent
+    if not count > 0 or axes < 1 or not 0 < confidence < 1:
+        raise ValueError(f"needs samples > 0, axes >= 1, 0 < confidence < 1, not {count}, {axes}, {confidence}")
+    freedom = count * axes
+    tail = (1.0 - confidence) / 2.0
+    return float(chi2.ppf(tail, freedom) / freedom), float(chi2.ppf(1.0 - tail, freedom) / freedom)
+
+
+def effective_samples(values: ArrayLike) -> float:
+    """How many independent values the (R, B) values are worth: runs are independent, the B values of a run are correlated in time.
+
+    N / tau with the integrated autocorrelation time tau = 1 + 2 sum rho_k, rho pooled over runs and summed up to its first value
+    that is not positive (initial positive sequence, Geyer 1992). NaN (declined batches) are left out. Never fewer than one a run.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    known = np.isfinite(values)
+    count = int(known.sum())
+    if count < 2:
+        return float(count)
+    deviation = np.where(known, values - values[known].mean(), 0.0)
+    variance = float((deviation**2).sum()) / count
+    if variance == 0.0:
+        return float(count)
+    tau = 1.0
+    for lag in range(1, values.shape[1]):
+        pairs = int((known[:, lag:] & known[:, :-lag]).sum())
+        if pairs == 0:
+            break
+        rho = float((deviation[:, lag:] * deviation[:, :-lag]).sum()) / pairs / variance
+        if rho <= 0.0:
+            break
+        tau += 2.0 * rho
+    runs = int(known.any(axis=1).sum())
+    return float(max(count / tau, runs))
+
+
+@dataclass(frozen=True, slots=True)
+class MeanNees:
+    """Mean NEES per axis and the interval it lies in for a consistent estimator."""
+
+    mean: float
+    interval: tuple[float, float]
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the mean lies in the interval."""
+        return self.interval[0] <= self.mean <= self.interval[1]
+
+
+def mean_nees(values: ArrayLike, axes: int = 2, confidence: float = 0.95) -> MeanNees:
+    """Mean of (R, B) per-axis NEES values (NaN left out) with its chi-square interval; NaN where there is no value."""
+    values = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    known = ~np.isnan(values)
+    if not known.any():
+        return MeanNees(np.nan, (np.nan, np.nan))
+    interval = chi_square_interval(int(known.sum()), axes, confidence, effective_samples(values))
+    return MeanNees(float(values[known].mean()), interval)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpreadTest:
+    """Does the spread of many runs agree with one covariance, instant by instant? See `spread_test`."""
+
+    nees: Array
+    """(K,) mean over runs of e' P^-1 e / axes."""
+    interval: tuple[float, float]
+    """Chi-square interval of each of them alone."""
+    family_interval: tuple[float, float]
+    """The interval that all K together stay in with at least the confidence asked for (Bonferroni)."""
+
+    @property
+    def consistent(self) -> bool:
+        """Whether all instants lie in the family's interval."""
+        return bool(np.all((self.nees >= self.family_interval[0]) & (self.nees <= self.family_interval[1])))
+
+
+def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> SpreadTest:
+    """Compare the errors of R independent runs with the covariance that a filter (or the bound's recursion) claims.
+
+    At one instant the R errors are independent, so the sum of their e' P^-1 e is chi-square with R n degrees of freedom, exactly
+    for Gaussian errors. Choose few instants well apart: neighbours are correlated, which makes the family interval conservative.
+
+    Parameters
+    ----------
+    error : (R, K, n) array
+        Errors of R runs at K instants, for example of the unaided navigator.
+    covariance : (K, n, n) or (R, K, n, n) array
+        Their claimed covariance.
+    confidence : float
+        Probability that a consistent filter passes, at least.
+    """
+    error = np.asarray(error, dtype=np.float64)
+    runs, instants, axes = error.shape
+    values = nees_per_axis(error, covariance)
+    return SpreadTest(
+        nees=cast(Array, values.mean(axis=0)),
+        interval=chi_square_interval(runs, axes, confidence),
+        family_interval=chi_square_interval(runs, axes, 1.0 - (1.0 - confidence) / instants),
+    )

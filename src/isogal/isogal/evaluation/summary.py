@@ -1,0 +1,157 @@
+"""The figures of merit of a set of runs, in the format of `results.json` and `summary.json`."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.evaluation.atomic import atomic_file
+from isogal.evaluation.consistency import mean_nees, nees_per_axis
+from isogal.evaluation.records import Runs
+from isogal.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+DIVERGENCE_LIMIT = 2000.0
+"""m; a run whose mean error over its last stretch is above this has diverged (about twice the unaided INS there)."""
+DIVERGENCE_WINDOW = 1800.0
+"""s, length of that last stretch."""
+SETTLED_AFTER = 3600.0
+"""s; figures "after 1 h" leave out what lies before."""
+OVER_TIME_STEP = 60.0
+"""s between the entries of rms_over_time."""
+
+
+def summarise(
+    runs: Runs,
+    scenario: Scenario,
+    bound_rms: Array,
+    *,
+    wall_seconds: float = math.nan,
+    divergence_limit: float = DIVERGENCE_LIMIT,
+    divergence_window: float = DIVERGENCE_WINDOW,
+) -> dict[str, Any]:
+    """Figures of merit of the runs, plain JSON numbers (null where there is none).
+
+    Parameters
+    ----------
+    runs : Runs
+        At least one run.
+    scenario : Scenario
+        What they were runs of.
+    bound_rms : (K,) array
+        m, square root of the trace of the posterior Cramér–Rao bound at `runs.time`; NaN where not known.
+    wall_seconds : float
+        Wall time that the runs took; NaN = not measured.
+    divergence_limit, divergence_window : float
+        See `diverged`.
+
+    Returns
+    -------
+    dict
+        Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m: mean and RMS over time and runs,
+        both also after the first hour), `unaided`, `bound`, `nees_per_axis` (navigator right after the published fixes; the
+        interval is the chi-square one for as many independent values as the fixes are worth), `fixes`, `time`, `rms_over_time`.
+    """
+    if len(runs) == 0:
+        raise ValueError("no runs to summarise")
+    if bound_rms.shape != runs.time.shape:
+        raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
+    aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
+    settled = runs.elapsed > SETTLED_AFTER
+    published = runs.published
+    nees = mean_nees(posterior_nees(runs))
+    step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
+    entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
+    result = {
+        "scenario": scenario.model_dump(mode="json"),
+        "matcher": scenario.matcher.name,
+        "runs": len(runs),
+        "diverged": int(diverged(runs, divergence_limit, divergence_window).sum()),
+        "position_error": {
+            "mean": _mean(aided),
+            "rms": _rms(aided),
+            "mean_after_1h": _mean(aided[:, settled]),
+            "rms_after_1h": _rms(aided[:, settled]),
+        },
+        "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
+        "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
+        "nees_per_axis": {"mean": nees.mean, "interval": list(nees.interval)},
+        "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
+        "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
+        "rms_over_time": {
+            "time": runs.elapsed[entries],
+            "aided": np.sqrt(np.mean(aided[:, entries] ** 2, axis=0)),
+            "unaided": np.sqrt(np.mean(unaided[:, entries] ** 2, axis=0)),
+            "bound": bound_rms[entries],
+        },
+    }
+    return cast(dict[str, Any], plain(result))
+
+
+def diverged(runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW) -> NDArray[np.bool_]:
+    """(R,) whether the mean horizontal error over the last `window` seconds is above `limit` metres, or not finite."""
+    last = runs.time >= runs.time[-1] - window
+    return cast(NDArray[np.bool_], ~(runs.horizontal_error[:, last].mean(axis=1) <= limit))
+
+
+def posterior_nees(runs: Runs) -> Array:
+    """(R, B) NEES per axis of the navigator right after each published fix; NaN where a batch gave none."""
+    return np.where(runs.published, nees_per_axis(runs.posterior_error, runs.posterior_covariance), np.nan)
+
+
+def fix_nees(runs: Runs) -> Array:
+    """(R, B) NEES per axis of the fixes themselves, by their own covariance; NaN where a batch gave none."""
+    return np.where(runs.published, nees_per_axis(runs.fix_error, runs.fix_covariance), np.nan)
+
+
+def plain(value: Any) -> Any:
+    """Reduce arrays, NumPy scalars and tuples to what JSON knows; a number that is not finite becomes None."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def canonical_json(value: Any) -> str:
+    """Format a document so that equal content gives equal bytes: order of keys as given, two spaces, lists of numbers in a line."""
+    return _format(plain(value), "") + "\n"
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """Write `canonical_json` of the value; the file appears whole or not at all."""
+    with atomic_file(path) as stream:
+        stream.write(canonical_json(value).encode("utf-8"))
+
+
+def _format(value: Any, indent: str) -> str:
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        items = (f"{inner}{json.dumps(key, ensure_ascii=False)}: {_format(item, inner)}" for key, item in value.items())
+        return "{\n" + ",\n".join(items) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return "[\n" + ",\n".join(inner + _format(item, inner) for item in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else math.nan

@@ -1,0 +1,107 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isogal.evaluation.consistency import (
+    chi_square_interval,
+    effective_samples,
+    mean_nees,
+    nees_per_axis,
+    nis_per_axis,
+    spread_test,
+)
+
+COVARIANCE = np.array([[400.0, 150.0], [150.0, 900.0]])
+
+
+def draw(random: np.random.Generator, *shape: int) -> np.ndarray:
+    return random.standard_normal((*shape, 2)) @ np.linalg.cholesky(COVARIANCE).T
+
+
+def test_nees_by_hand():
+    assert nees_per_axis([3.0, 4.0], np.diag([9.0, 4.0])) == pytest.approx((1.0 + 4.0) / 2.0)
+    assert nis_per_axis([2.0], [[4.0]]) == pytest.approx(1.0)
+
+
+@settings(max_examples=50)
+@given(st.floats(0.01, 100.0), st.floats(0.0, 2 * math.pi), st.integers(0, 1000))
+def test_nees_does_not_depend_on_the_axes_or_the_unit(scale, angle, seed):
+    random = np.random.default_rng(seed)
+    error = draw(random, 4)
+    turn = scale * np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turned = nees_per_axis(error @ turn.T, turn @ COVARIANCE @ turn.T)
+    np.testing.assert_allclose(turned, nees_per_axis(error, COVARIANCE), rtol=1e-9)
+
+
+def test_what_is_not_known_is_nan_and_impossible_certainty_infinite():
+    error = np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 2.0], [1.0, 2.0], [1.0, 0.0]])
+    covariance = np.array([np.eye(2), np.eye(2), np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.zeros((2, 2))])
+    np.testing.assert_array_equal(nees_per_axis(error, covariance), [2.5, np.nan, np.nan, np.inf, np.inf])
+
+
+def test_the_interval_covers_as_often_as_it_says():
+    random = np.random.default_rng(3)
+    low, high = chi_square_interval(50, confidence=0.9)
+    means = nees_per_axis(draw(random, 4000, 50), COVARIANCE).mean(axis=1)
+    inside = np.mean((means > low) & (means < high))
+    assert abs(inside - 0.9) < 4 * math.sqrt(0.9 * 0.1 / 4000)
+    assert low < 1.0 < high
+
+
+@pytest.mark.parametrize("bad", [{"samples": 0}, {"samples": 5, "axes": 0}, {"samples": 5, "confidence": 1.0}])
+def test_a_senseless_interval_is_refused(bad):
+    with pytest.raises(ValueError, match="samples > 0"):
+        chi_square_interval(**bad)
+
+
+def test_independent_values_count_in_full_and_correlated_ones_by_their_autocorrelation():
+    random = np.random.default_rng(4)
+    white = random.standard_normal((200, 40))
+    assert effective_samples(white) == pytest.approx(8000, rel=0.1)
+    correlated = np.empty_like(white)
+    correlated[:, 0] = white[:, 0]
+    for k in range(1, 40):
+        correlated[:, k] = 0.8 * correlated[:, k - 1] + 0.6 * white[:, k]
+    # first-order autoregression with coefficient a: tau = (1 + a) / (1 - a) = 9 for long runs, a little less for 40 values
+    assert 8000 / 9 < effective_samples(correlated) < 8000 / 6
+    assert effective_samples(np.repeat(white[:, :1], 40, axis=1)) == pytest.approx(200)
+
+
+def test_the_mean_of_a_consistent_correlated_filter_lies_in_its_interval():
+    random = np.random.default_rng(5)
+    hits = 0
+    for _ in range(200):
+        noise = random.standard_normal((30, 40, 2))
+        error = noise.copy()
+        for k in range(1, 40):
+            error[:, k] = 0.9 * error[:, k - 1] + math.sqrt(1 - 0.81) * noise[:, k]
+        hits += mean_nees(nees_per_axis(error, np.eye(2))).consistent
+    assert hits / 200 > 0.87  # 95 % less 4 sigma of 200 trials and the error of an estimated autocorrelation
+
+
+def test_overconfidence_is_seen():
+    random = np.random.default_rng(6)
+    error = draw(random, 20, 30)
+    assert mean_nees(nees_per_axis(error, COVARIANCE)).consistent
+    assert not mean_nees(nees_per_axis(error, COVARIANCE / 1.5)).consistent
+    assert not mean_nees(nees_per_axis(error, COVARIANCE * 1.5)).consistent
+
+
+def test_no_value_gives_nan():
+    result = mean_nees(np.full((2, 3), np.nan))
+    assert math.isnan(result.mean) and math.isnan(result.interval[0])
+    assert effective_samples(np.array([[1.0, np.nan]])) == 1.0
+
+
+def test_spread_of_runs_against_a_covariance():
+    random = np.random.default_rng(7)
+    error = draw(random, 100, 5)
+    covariance = np.broadcast_to(COVARIANCE, (5, 2, 2))
+    assert spread_test(error, covariance).consistent
+    assert not spread_test(error, covariance / 1.5).consistent
+    bent = covariance.copy()
+    bent[3] *= 2.0  # one instant is enough
+    assert not spread_test(error, bent).consistent

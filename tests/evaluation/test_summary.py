@@ -1,0 +1,137 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import canonical_json, diverged, fix_nees, posterior_nees, summarise, write_json
+from isogal.scenario import Scenario
+
+CONTRACT = {
+    "scenario": None,
+    "matcher": None,
+    "runs": None,
+    "diverged": None,
+    "position_error": {"mean", "rms", "mean_after_1h", "rms_after_1h"},
+    "unaided": {"mean", "rms"},
+    "bound": {"rms", "rms_after_1h"},
+    "nees_per_axis": {"mean", "interval"},
+    "fixes": {"published", "declined"},
+    "time": {"wall_s", "fix_ms_median"},
+    "rms_over_time": {"time", "aided", "unaided", "bound"},
+}
+
+
+def test_the_format_is_the_contracts(make_runs):
+    runs = make_runs()
+    result = summarise(runs, Scenario(), np.full(121, 40.0), wall_seconds=2.0)
+    assert list(result) == list(CONTRACT)
+    for key, inside in CONTRACT.items():
+        if inside is not None:
+            assert set(result[key]) == inside
+    assert Scenario.model_validate(result["scenario"]) == Scenario()
+    assert result["matcher"] == "pmht" and result["runs"] == 3
+    assert json.loads(canonical_json(result)) == result
+
+
+def test_figures_by_hand(make_runs):
+    states = 121
+    error = np.zeros((2, states, 2))
+    error[0, :, 0], error[1, :, 1] = 30.0, -50.0
+    late = np.arange(states) * 60.0 > 3600.0
+    error[1, late, 1] = 10.0
+    runs = make_runs(runs=2, error=error, unaided_error=np.full((2, states, 2), [300.0, 400.0]))
+    result = summarise(runs, Scenario(), np.where(late, 6.0, 8.0), wall_seconds=1.5)
+    assert result["position_error"]["mean_after_1h"] == pytest.approx(20.0)
+    assert result["position_error"]["rms_after_1h"] == pytest.approx(math.sqrt((900 + 100) / 2))
+    assert result["position_error"]["mean"] == pytest.approx((30 * 121 + 50 * 61 + 10 * 60) / 242)
+    assert result["unaided"] == {"mean": pytest.approx(500.0), "rms": pytest.approx(500.0)}
+    assert result["bound"]["rms_after_1h"] == pytest.approx(6.0)
+    assert result["bound"]["rms"] == pytest.approx(math.sqrt((64 * 61 + 36 * 60) / 121))
+    assert result["time"]["wall_s"] == 1.5
+    assert result["time"]["fix_ms_median"] == pytest.approx(1e3 * np.median(runs.fix_seconds))
+    assert result["rms_over_time"]["aided"][0] == pytest.approx(math.sqrt((900 + 2500) / 2))
+    assert len(result["rms_over_time"]["time"]) == 121
+
+
+def test_one_hertz_states_are_thinned_to_a_minute(make_runs):
+    runs = make_runs(runs=1, states=601, step=1.0, batches=2)
+    over_time = summarise(runs, Scenario(), np.ones(601))["rms_over_time"]
+    assert over_time["time"] == [60.0 * k for k in range(11)]
+    np.testing.assert_allclose(over_time["aided"], runs.horizontal_error[0, ::60])
+
+
+def test_times_count_from_the_first_state(make_runs):
+    shifted = make_runs()
+    shifted = replace(shifted, time=shifted.time + 1.7e9, fix_time=shifted.fix_time + 1.7e9)
+    a, b = (summarise(r, Scenario(), np.ones(121)) for r in (shifted, make_runs()))
+    assert a == b
+
+
+def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
+    runs = make_runs(runs=4)
+    error = runs.error.copy()
+    error[1, -31:] = [1900.0, 1000.0]  # 2147 m over the last 30 min
+    error[2, :-31] = 5000.0  # lost, but found again in time
+    error[3, -5:] = np.nan
+    runs = replace(runs, error=error)
+    np.testing.assert_array_equal(diverged(runs), [False, True, False, True])
+    np.testing.assert_array_equal(diverged(runs, limit=2200.0), [False, False, False, True])
+    assert summarise(runs, Scenario(), np.ones(121))["diverged"] == 2
+
+
+def with_declined(runs: Runs, batch: int) -> Runs:
+    reasons = tuple(tuple("flat" if b == batch else None for b in range(len(row))) for row in runs.fix_reason)
+    return replace(runs, fix_reason=reasons)
+
+
+def test_nees_is_that_of_the_navigator_after_published_fixes(make_runs):
+    runs = make_runs(runs=200)
+    result = summarise(runs, Scenario(), np.ones(121))["nees_per_axis"]
+    assert result["interval"][0] < result["mean"] < result["interval"][1]
+    error = runs.posterior_error.copy()
+    error[:, 5] = 1e6
+    spoilt = replace(runs, posterior_error=error)
+    assert summarise(spoilt, Scenario(), np.ones(121))["nees_per_axis"]["mean"] > 1e3
+    kept = summarise(with_declined(spoilt, 5), Scenario(), np.ones(121))
+    assert kept["nees_per_axis"]["mean"] < 1.1
+    assert kept["fixes"] == {"published": 200 * 23, "declined": 200}
+    assert np.isnan(posterior_nees(with_declined(runs, 5))[:, 5]).all()
+    assert np.nanmean(fix_nees(runs)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_is_not_there_is_null(make_runs):
+    runs = make_runs(runs=1, states=10, batches=0)
+    result = summarise(runs, Scenario(), np.full(10, np.nan))
+    assert result["position_error"]["mean_after_1h"] is None
+    assert result["bound"]["rms"] is None
+    assert result["nees_per_axis"] == {"mean": None, "interval": [None, None]}
+    assert result["time"] == {"wall_s": None, "fix_ms_median": None}
+    assert "NaN" not in canonical_json(result)
+
+
+def test_senseless_arguments_are_refused(make_runs):
+    with pytest.raises(ValueError, match="bound_rms"):
+        summarise(make_runs(), Scenario(), np.ones(3))
+    with pytest.raises(ValueError, match="no runs"):
+        summarise(make_runs(runs=0), Scenario(), np.ones(121))
+
+
+def test_json_is_canonical(tmp_path):
+    value = {
+        "b": [1, 2.5, math.inf],
+        "a": {"x": np.float64(0.1), "y": ()},
+        "c": [{"n": np.int64(3)}],
+        "é": None,
+        "e": {},
+    }
+    text = canonical_json(value)
+    assert text == (
+        '{\n  "b": [1, 2.5, null],\n  "a": {\n    "x": 0.1,\n    "y": []\n  },\n'
+        '  "c": [\n    {\n      "n": 3\n    }\n  ],\n  "é": null,\n  "e": {}\n}\n'
+    )
+    write_json(tmp_path / "out" / "results.json", value)
+    assert (tmp_path / "out" / "results.json").read_text(encoding="utf-8") == text
+    assert len(list((tmp_path / "out").iterdir())) == 1
