@@ -91,7 +91,7 @@ def predict(position, velocity, attitude, ba, bg, covariance, force, rate, dt, n
 
     `noise` (6,) is the white noise density of accelerometers and gyroscopes; `factor` (15, 15) and `errors` (30, 15) are work space.
     """
-    spread, w_centre, w_centre_cov, w_other = weights
+    spread, _, w_centre_cov, w_other = weights  # the centre's error is zero: it adds nothing to the mean
     if not cholesky(covariance, factor):
         return False
     m0, n0 = curvature(math.sin(position[0]))
@@ -142,7 +142,6 @@ def predict(position, velocity, attitude, ba, bg, covariance, force, rate, dt, n
             for i in range(9):
                 mean[i] += w_other * row[i]
 
-    # errors are relative to the centre point, whose own error is zero: it enters mean and covariance by its weight only
     for a in range(15):
         for b in range(a + 1):
             total = w_centre_cov * mean[a] * mean[b]

@@ -23,7 +23,7 @@ class Batch:
     """T scans and the navigator's prior about its own error, for one run. SI units, radians."""
 
     time: Array
-    """(T,) s, stamps of the scans, increasing."""
+    """(T,) s, stamps of the scans, increasing. T counts the matcher's context scans, which come first, as well."""
     latitude: Array
     """(T,) rad, where the navigator believes each scan was taken."""
     longitude: Array
@@ -98,6 +98,8 @@ class Matcher(Protocol):
     """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory it returns."""
 
     name: str
+    context: int
+    """How many scans before the batch it wants to see as well (rows of the batch that are not new)."""
 
     def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the last call returned.

@@ -1,7 +1,8 @@
 """The gravimeter: what it feels on a moving vehicle, and the reductions that use the navigator's own estimate.
 
 It feels gravity at the vehicle, less the Eötvös acceleration, plus noise. Reduced gravity refers to the map's surface: Eötvös and
-free-air terms are put back with estimated velocity, latitude and height. The disturbance is that less normal gravity at the estimated latitude.
+free-air terms are put back with estimated velocity, latitude and height. The disturbance is that less normal gravity at the estimated
+latitude.
 The map's surface is taken at ellipsoidal height 0 and the vehicle at `route.height` above it (SCIENCE 1).
 """
 

@@ -1,8 +1,8 @@
 """The true route and what a perfect IMU senses on it.
 
-The vehicle stays level, its nose along its course. Within an IMU interval heading rate and acceleration are constant; position follows
-by a fourth-order Runge-Kutta step, and the IMU's means over the interval by three-point Gauss-Legendre quadrature of the continuous specific
-force and angular rate, so the readings do not share the strapdown's approximations.
+The vehicle stays level, its nose along its course. Within an IMU interval heading rate and acceleration are constant; position
+follows by a fourth-order Runge-Kutta step, and the IMU's means over the interval by three-point Gauss-Legendre quadrature of the
+continuous specific force and angular rate, so the readings do not share the strapdown's approximations.
 """
 
 import math
@@ -143,7 +143,7 @@ def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajec
         rate += weight * (_to_body(earth + transport, psi) + np.stack([0 * turn, 0 * turn, turn], axis=-1))
     k = len(rates)
     return Trajectory(
-        time=np.arange(k + 1) * dt,
+        time=np.arange(k + 1, dtype=np.float64) * dt,
         latitude=lat,
         longitude=lon,
         height=np.full(k + 1, height),
