@@ -1,0 +1,181 @@
+"""Posterior Cramér–Rao bound of the aided navigator (SCIENCE 3, 4).
+
+Along one true trajectory the bound's information recursion (Tichavský, Muravchik, Nehorai, IEEE Trans. Signal Processing 46(5), 1998;
+Taylor 1979 for a given trajectory) is the Riccati recursion of the navigator's linear error model whose measurement matrix is taken at
+the truth: a reading compares the map at the navigator's position with the field at the true one, so it sees position errors by the
+map's gradient, velocity and latitude errors by the reductions, the map's own error and white noise. The map's error, a field with
+covariance sigma² exp(-d / L), is along the track a first-order Gauss-Markov process: one more state.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from isogal.evaluation.ins_error_model import (
+    STATES,
+    Segments,
+    divide,
+    fill_dynamics,
+    initial_covariance,
+    noise_density,
+)
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Gravimeter, Scenario
+from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundResult:
+    """Smallest error covariance an unbiased navigator can have, at the start and right after each scan (K = scans + 1)."""
+
+    time: Array
+    """(K,) s."""
+    covariance: Array
+    """(K, 2, 2) m², north and east."""
+
+    @property
+    def rms(self) -> Array:
+        """(K,) m, RMS horizontal error: square root of the covariance's trace."""
+        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
+
+    def rms_at(self, time: Array) -> Array:
+        """RMS horizontal error (m) at any times (s): linear between scans, NaN before the start and after the last scan."""
+        return np.interp(time, self.time, self.rms, left=np.nan, right=np.nan)
+
+
+def posterior_cramer_rao(scenario: Scenario, trajectory: Trajectory, field_map: FieldMap) -> BoundResult:
+    """Bound for a navigator that uses every reading at once, with the scenario's noise and map error.
+
+    Where the map has no gradient at a scan (missing data, outside), that reading tells nothing.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Initial errors, IMU grade, gravimeter noise and the map error of the simulated truth.
+    trajectory : Trajectory
+        The true route.
+    field_map : FieldMap
+        The map; its gradient is taken at the true positions.
+    """
+    scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
+    latitude, longitude, velocity = trajectory.latitude[scans], trajectory.longitude[scans], trajectory.velocity[scans]
+    _, north, east = field_map.value_and_gradient(latitude, longitude)
+    # with the navigator at error xi: reading - map(navigator's position) = (jacobian - gradient) xi + map error + noise
+    sensitivity = reading_jacobian(field_map.quantity, latitude, velocity[:, 0], velocity[:, 1])
+    sensitivity[:, 0] -= north
+    sensitivity[:, 1] -= east
+    noise = effective_noise_variance(scenario.gravimeter, field_map.quantisation)
+    return _run(scenario, trajectory, sensitivity, noise)
+
+
+def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
+    """Error covariance of the navigator without any reading, from the same linear model."""
+    scans = len(trajectory) // scenario.steps_per_scan
+    return _run(scenario, trajectory, np.full((scans, 4), np.nan), 1.0)
+
+
+def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
+    """Variance (map's unit squared) whose information equals that of a reading on average.
+
+    White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a navigator who is told which readings
+    are outliers: the mean of the two informations.
+    """
+    rounding = quantisation**2 / 12.0
+    good = gravimeter.sigma**2 + rounding
+    outlier = good + (gravimeter.sigma * gravimeter.outlier_sigma) ** 2
+    return 1.0 / ((1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier)
+
+
+def _run(scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: float) -> BoundResult:
+    segments = divide(scenario, trajectory)
+    start = np.zeros((STATES + 1, STATES + 1))
+    start[:STATES, :STATES] = initial_covariance(scenario)
+    start[STATES, STATES] = scenario.map_error.sigma**2
+    covariance = _riccati(
+        start,
+        segments.geometry,
+        segments.force,
+        segments.rotation,
+        noise_density(scenario),
+        _correlation(scenario, segments),
+        segments.dt,
+        segments.per_scan,
+        sensitivity,
+        noise,
+    )
+    time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
+    return BoundResult(time, covariance)
+
+
+def _correlation(scenario: Scenario, segments: Segments) -> Array:
+    """(S,) correlation of the map error at the ends of each stretch."""
+    speed = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2])
+    return np.exp(-speed * segments.dt / scenario.map_error.correlation_length)
+
+
+@njit(cache=True, nogil=True)
+def _riccati(start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise):  # type: ignore[no-untyped-def]
+    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A scan whose sensitivity is NaN is skipped."""
+    n, m = start.shape[0], start.shape[0] - 1
+    scans = geometry.shape[0] // per_scan
+    result = np.empty((scans + 1, 2, 2))
+    P = start.copy()
+    result[0] = P[:2, :2]
+    F = np.zeros((m, m))
+    transition = np.zeros((n, n))
+    half_noise = np.zeros((n, n))
+    for k in range(geometry.shape[0]):
+        fill_dynamics(F, geometry[k], force[k], rotation[k])
+        _discretise(transition, half_noise, F, rotation[k], density, correlation[k], start[m, m], dt)
+        P = transition @ (P + half_noise) @ transition.T + half_noise  # trapezoid: half the noise enters at either end
+        P = 0.5 * (P + P.T)
+        if (k + 1) % per_scan == 0:
+            scan = (k + 1) // per_scan - 1
+            if not np.isnan(sensitivity[scan]).any():
+                _update(P, sensitivity[scan], noise)
+            result[scan + 1] = P[:2, :2]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _discretise(transition, half_noise, F, rotation, density, correlation, map_variance, dt):  # type: ignore[no-untyped-def]
+    m = F.shape[0]
+    second = F @ F
+    for i in range(m):
+        for j in range(m):
+            transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]
+        transition[i, i] += 1.0
+    transition[m, m] = correlation
+    for i in range(3):
+        for j in range(3):
+            acceleration, rate = 0.0, 0.0
+            for a in range(3):
+                acceleration += rotation[i, a] * density[a] * rotation[j, a]
+                rate += rotation[i, a] * density[3 + a] * rotation[j, a]
+            if i < 2 and j < 2:
+                half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
+            half_noise[4 + i, 4 + j] = 0.5 * dt * rate
+    # the same trapezoid for the map error: c² (P + q) + q keeps its stationary variance
+    half_noise[m, m] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
+
+
+@njit(cache=True, nogil=True)
+def _update(P, sensitivity, noise):  # type: ignore[no-untyped-def]
+    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, and the map error by one."""
+    n = P.shape[0]
+    column = np.empty(n)
+    for i in range(n):
+        column[i] = P[i, n - 1]
+        for j in range(4):
+            column[i] += P[i, j] * sensitivity[j]
+    variance = noise + column[n - 1]
+    for j in range(4):
+        variance += sensitivity[j] * column[j]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= column[i] * column[j] / variance

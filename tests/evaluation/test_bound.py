@@ -1,0 +1,335 @@
+"""The bound against independent computations: dense conditioning, the non-linear strapdown, an exhaustive point-mass filter."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.bound import BoundResult, effective_noise_variance, posterior_cramer_rao, unaided_covariance
+from isogal.evaluation.consistency import spread_test
+from isogal.evaluation.ins_error_model import STATES, divide, fill_dynamics, initial_covariance, noise_density
+from isogal.inertial.strapdown import propagate
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Gravimeter, Scenario, validate_scenario
+from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.imu import simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+HOURS = np.array([0.5, 1.0, 2.0, 3.0, 3.5])
+
+
+def scenario(**changes: Any) -> Scenario:
+    return validate_scenario(changes)
+
+
+def field(function: Any, step_deg: float = 0.01, **changes: Any) -> FieldMap:
+    """Map of function(north m, east m) round the default route's start."""
+    latitude = np.radians(np.arange(-38.2, -37.2, step_deg))
+    longitude = np.radians(np.arange(144.3, 146.0, step_deg))
+    north, east = metres_per_radian(np.radians(-38.0))
+    values = function((latitude[:, None] - latitude[0]) * north, (longitude[None, :] - longitude[0]) * east)
+    return FieldMap(latitude, longitude, values, "m/s²", "gravity", **changes)
+
+
+def tilted(north: float, east: float, **changes: Any) -> FieldMap:
+    return field(lambda n, e: 9.8 + north * n + east * e, **changes)
+
+
+def waves(n: np.ndarray, e: np.ndarray) -> np.ndarray:
+    return 9.8 + 2e-4 * np.sin(n / 2e3) * np.cos(e / 2.5e3) + 1e-4 * np.sin((n + 2 * e) / 4e3)
+
+
+# ---------------------------------------------------------------------------------------------------------------- unaided
+
+
+def test_the_unaided_spread_is_that_of_the_full_strapdown():
+    """150 runs of the non-linear strapdown with noise, biases and initial errors drawn as the simulation draws them."""
+    settings = scenario()
+    trajectory = build_trajectory(settings)
+    instants = np.array([600, 1800, 3600, 7200, 12600])
+    errors = []
+    for first in range(0, 150, 50):
+        runs = range(first, first + 50)
+        imu = simulate_imu(settings, trajectory, runs)
+        start = draw_initial_state(settings, trajectory, runs)
+        _, track = propagate(
+            start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+        )
+        truth = np.stack([trajectory.latitude, trajectory.longitude], axis=-1)[instants]
+        metres = np.stack(metres_per_radian(trajectory.latitude, trajectory.height), axis=-1)[instants]
+        errors.append((track[:, instants - 1] - truth) * metres)
+    covariance = unaided_covariance(settings, trajectory).covariance[instants // 10]
+    test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
+    assert test.consistent, (test.nees, test.family_interval)
+
+
+@pytest.mark.parametrize("state", range(STATES))
+def test_every_column_of_the_error_model_is_the_strapdowns(state):
+    """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where the linear model says."""
+    settings = scenario(
+        route={"waypoints": [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]], "duration": 3000.0},
+    )
+    trajectory = build_trajectory(settings)
+    size = np.array([50, 50, 0.05, 0.05, 2.5e-5, 2.5e-5, 3e-4, 2e-5, 2e-5, 2e-5, 5e-9, 5e-9, 5e-9])[state]
+    nominal, disturbed = (_strapdown(trajectory, state, s) for s in (0.0, size))
+    metres = np.stack(metres_per_radian(trajectory.latitude[1:], trajectory.height[1:]), axis=-1)
+    moved = (disturbed - nominal) * metres
+
+    segments = divide(settings, trajectory)
+    error = np.zeros(STATES)
+    error[state] = size
+    F = np.zeros((STATES, STATES))
+    predicted = []
+    for geometry, force, rotation in zip(segments.geometry, segments.force, segments.rotation, strict=True):
+        fill_dynamics(F, geometry, force, rotation)
+        step = F * segments.dt
+        error = error + step @ error + 0.5 * step @ (step @ error)
+        predicted.append(error[:2])
+    largest = np.abs(moved).max()
+    tolerance = max(4e-3 * largest, 2e-3)
+    assert np.abs(np.array(predicted) - moved).max() < tolerance
+
+
+def _strapdown(trajectory: Trajectory, state: int, size: float) -> np.ndarray:
+    from isogal.inertial.rotations import from_rotation_vector, multiply
+    from isogal.inertial.strapdown import NavState
+
+    error = np.zeros(STATES)
+    error[state] = size
+    metres = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
+    position = [
+        trajectory.latitude[0] + error[0] / metres[0],
+        trajectory.longitude[0] + error[1] / metres[1],
+        trajectory.height[0],
+    ]
+    velocity = trajectory.velocity[0] + [error[2], error[3], 0.0]
+    attitude = multiply(*from_rotation_vector(*error[4:7]), *trajectory.attitude[0])
+    start = NavState(np.array([position]), np.array([velocity]), np.array([attitude]))
+    force, rate = trajectory.specific_force + error[7:10], trajectory.angular_rate + error[10:13]
+    return propagate(start, force[None], rate[None], trajectory.dt, trajectory.height, history=True)[1][0]
+
+
+def test_the_unaided_spread_is_near_the_published_study():
+    """Within the scatter of the study's 40 runs, whose spread rests on 40 heading errors: 11 % 1-sigma, 30 % allowed."""
+    settings = scenario()
+    rms = unaided_covariance(settings, build_trajectory(settings)).rms_at(HOURS * 3600.0)
+    np.testing.assert_allclose(rms, [410, 490, 730, 870, 1100], rtol=0.3)
+
+
+# ------------------------------------------------------------------------------------------------------------------ aided
+
+
+def _dense(
+    settings: Scenario, trajectory: Trajectory, gradient: tuple[float, float], quantisation: float
+) -> np.ndarray:
+    """Covariance of the position error at the last scan given all readings, by conditioning one big Gaussian vector.
+
+    Matrix exponentials, Van Loan's noise integral and the full map error covariance: nothing in common with the recursion.
+    """
+    segments = divide(settings, trajectory)
+    density = noise_density(settings)
+    P = initial_covariance(settings)
+    blocks, crosses, scans = [], [], []
+    F = np.zeros((STATES, STATES))
+    for k in range(len(segments.geometry)):
+        fill_dynamics(F, segments.geometry[k], segments.force[k], segments.rotation[k])
+        Q = np.zeros((STATES, STATES))
+        C = segments.rotation[k]
+        Q[2:4, 2:4] = (C @ np.diag(density[:3]) @ C.T)[:2, :2]
+        Q[4:7, 4:7] = C @ np.diag(density[3:]) @ C.T
+        joint = expm(np.block([[-F, Q], [np.zeros_like(F), F.T]]) * segments.dt)  # Van Loan 1978
+        transition = joint[STATES:, STATES:].T
+        P = transition @ P @ transition.T + transition @ joint[:STATES, STATES:]
+        crosses = [
+            transition @ cross for cross in crosses
+        ]  # covariance of the present state with that at earlier scans
+        if (k + 1) % segments.per_scan == 0:
+            i = (k + 1) // segments.per_scan * settings.steps_per_scan
+            velocity = trajectory.velocity[i]
+            row = np.zeros(STATES)
+            row[:4] = reading_jacobian("gravity", trajectory.latitude[i], velocity[0], velocity[1])
+            row[:2] -= gradient
+            blocks.append((row, [cross.copy() for cross in crosses], P.copy()))
+            crosses.append(P.copy())
+            scans.append(i)
+    count = len(blocks)
+    states = np.zeros((count, count, STATES, STATES))
+    for j, (_, earlier, own) in enumerate(blocks):
+        states[j, j] = own
+        for i, cross in enumerate(earlier):
+            states[j, i], states[i, j] = cross, cross.T
+    H = np.array([row for row, _, _ in blocks])
+    readings = np.einsum("ia,ijab,jb->ij", H, states, H)
+    along = np.array(scans) * trajectory.dt * settings.route.speed
+    sigma, length = settings.map_error.sigma, settings.map_error.correlation_length
+    readings += sigma**2 * np.exp(-np.abs(along[:, None] - along[None, :]) / length)
+    readings += (settings.gravimeter.sigma**2 + quantisation**2 / 12) * np.eye(count)
+    cross = np.einsum("jab,jb->aj", states[-1], H)[:2]
+    return states[-1, -1][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
+
+
+@pytest.mark.parametrize("map_error", [0.0, 3e-5])
+def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error):
+    settings = scenario(
+        route={"duration": 300.0},
+        initial_error={"position": 300.0},
+        gravimeter={"sigma": 1e-5},
+        map_error={"sigma": map_error, "correlation_length": 2000.0},
+    )
+    trajectory = build_trajectory(settings)
+    field_map = tilted(1e-7, -6e-8, quantisation=2e-6)
+    i = len(trajectory)
+    _, north, east = field_map.value_and_gradient(trajectory.latitude[i], trajectory.longitude[i])
+    assert (north, east) == pytest.approx((1e-7, -6e-8), rel=0.01)
+    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    # the dense covariance takes one gradient for the whole route, so the map's is taken at its middle
+    middle = trajectory.latitude[i // 2], trajectory.longitude[i // 2]
+    _, north, east = field_map.value_and_gradient(*middle)
+    dense = _dense(settings, trajectory, (float(north), float(east)), 2e-6)
+    np.testing.assert_allclose(bound.covariance[-1], dense, rtol=2e-3)
+    unaided = unaided_covariance(settings, trajectory)
+    assert np.trace(dense) < 0.8 * np.trace(unaided.covariance[-1])
+
+
+def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
+    """Exhaustive grid posterior of a constant position error, 300 draws: never better than the bound, and close to it."""
+    settings = scenario(
+        route={"duration": 400.0},
+        imu={"grade": "quantum"},
+        initial_error={"position": 300.0, "velocity": 0.0, "tilt": 0.0, "heading": 0.0},
+        gravimeter={"sigma": 1e-5, "interval": 20.0},
+    )
+    trajectory = build_trajectory(settings)
+    field_map = field(waves, step_deg=0.005)
+    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    scans = np.arange(20, len(trajectory) + 1, 20)
+    latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
+    north, east = metres_per_radian(latitude)
+    random = np.random.default_rng(11)
+    axis = np.linspace(-1200.0, 1200.0, 81)
+    shift = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    prior = -0.5 * (shift**2).sum(axis=1) / 300.0**2
+    truth = field_map.value(latitude, longitude)
+    squared = []
+    for _ in range(300):
+        error = 300.0 * random.standard_normal(2)
+        reading = truth + 1e-5 * random.standard_normal(scans.size)
+        offset = error - shift  # a navigator at `error` whose error were `shift` would be here, seen from the truth
+        value = field_map.value(
+            latitude[:, None] + offset[:, 0] / north[:, None], longitude[:, None] + offset[:, 1] / east[:, None]
+        )
+        log = prior - 0.5 * (((reading[:, None] - value) / 1e-5) ** 2).sum(axis=0)
+        weight = np.exp(log - log.max())
+        mean = weight @ shift / weight.sum()
+        squared.append(((error - mean) ** 2).sum())
+    ratio = np.mean(squared) / bound.rms[-1] ** 2
+    scatter = np.std(squared) / np.sqrt(len(squared)) / bound.rms[-1] ** 2
+    # the reductions are left out of this filter; with exact velocity they say nothing
+    assert ratio > 1.0 - 3.0 * scatter
+    assert ratio < 1.25 + 3.0 * scatter
+    assert bound.rms[-1] < 0.5 * 300.0 * np.sqrt(2.0)
+
+
+def test_without_a_gradient_nothing_is_learned_but_velocity():
+    settings = scenario(route={"duration": 600.0}, gravimeter={"sigma": 1.0})
+    trajectory = build_trajectory(settings)
+    unaided = unaided_covariance(settings, trajectory)
+    blind = posterior_cramer_rao(settings, trajectory, tilted(0.0, 0.0))
+    np.testing.assert_allclose(blind.covariance, unaided.covariance, rtol=1e-6)
+
+
+def test_readings_where_the_map_says_nothing_do_not_count():
+    settings = scenario(route={"duration": 600.0})
+    trajectory = build_trajectory(settings)
+    elsewhere = field(waves)
+    elsewhere.values[:] = np.nan
+    elsewhere.values[:5, :5] = 9.8
+    np.testing.assert_array_equal(
+        posterior_cramer_rao(settings, trajectory, elsewhere).covariance,
+        unaided_covariance(settings, trajectory).covariance,
+    )
+
+
+def test_worse_sensors_and_maps_give_larger_bounds():
+    base = {"route": {"duration": 1800.0}}
+    trajectory = build_trajectory(scenario(**base))
+    field_map = field(waves)
+
+    def rms(**changes: Any) -> float:
+        return float(posterior_cramer_rao(scenario(**base, **changes), trajectory, field_map).rms[-1])
+
+    good = rms()
+    assert good < rms(gravimeter={"sigma": 1e-4})
+    assert good < rms(gravimeter={"outlier_fraction": 0.05})
+    assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
+    assert good < rms(initial_error={"position": 500.0})
+    assert good < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
+
+
+def test_the_rate_of_the_imu_hardly_matters():
+    field_map = field(waves)
+    results = []
+    for rate in (1.0, 5.0, 10.0):
+        settings = scenario(route={"duration": 900.0}, imu={"rate": rate})
+        results.append(posterior_cramer_rao(settings, build_trajectory(settings), field_map))
+    for other in results[1:]:
+        np.testing.assert_allclose(other.time, results[0].time)
+        np.testing.assert_allclose(other.rms, results[0].rms, rtol=1e-3)
+
+
+def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_data):
+    from isogal.maps.load import map_for_scenario
+
+    settings = scenario(
+        map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": "dg"},
+        gravimeter={"quantity": "disturbance", "sigma": 1e-6},
+    )
+    trajectory = build_trajectory(settings)
+    field_map = map_for_scenario(settings, trajectory)
+    posterior_cramer_rao(settings, trajectory, field_map)
+    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    assert bound.time[0] == 0.0 and bound.time[-1] == 12960.0 and len(bound.time) == 1297
+    np.testing.assert_allclose(bound.covariance, np.swapaxes(bound.covariance, 1, 2), rtol=1e-9)
+    assert (np.linalg.eigvalsh(bound.covariance)[:, 0] > 0.0).all()
+    again = posterior_cramer_rao(settings, trajectory, field_map)
+    np.testing.assert_array_equal(again.covariance, bound.covariance)
+
+
+PUBLISHED = [  # map variable, quantity, sigma, RMS bound over the run of SCIENCE 3
+    ("ga", "gravity", 1e-5, 61.0),
+    ("ga", "gravity", 2e-4, 221.0),
+    ("dg", "disturbance", 1e-6, 29.0),
+    ("dg", "disturbance", 4e-5, 162.0),
+]
+
+
+@pytest.mark.parametrize(("variable", "quantity", "sigma", "expected"), PUBLISHED)
+def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, expected):
+    from isogal.maps.load import map_for_scenario
+
+    settings = scenario(
+        map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": variable},
+        gravimeter={"quantity": quantity, "sigma": sigma},
+    )
+    trajectory = build_trajectory(settings)
+    bound = posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
+    assert np.sqrt(np.mean(bound.rms**2)) == pytest.approx(expected, rel=0.15)
+
+
+# ------------------------------------------------------------------------------------------------------------------ small
+
+
+def test_effective_noise():
+    assert effective_noise_variance(Gravimeter(sigma=2e-5)) == pytest.approx(4e-10, abs=0)
+    assert effective_noise_variance(Gravimeter(sigma=1e-6), 1e-6) == pytest.approx(1e-12 * (1 + 1 / 12), abs=0)
+    hit = effective_noise_variance(Gravimeter(sigma=1e-5, outlier_fraction=0.05))
+    assert hit == pytest.approx(1e-10 / (0.95 + 0.05 / 2501.0), abs=0)
+
+
+def test_rms_between_scans():
+    bound = BoundResult(np.array([0.0, 10.0]), np.array([np.diag([9.0, 16.0]), np.diag([36.0, 64.0])]))
+    np.testing.assert_allclose(bound.rms_at(np.array([0.0, 5.0, 10.0])), [5.0, 7.5, 10.0])
+    assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
