@@ -9,7 +9,8 @@ from scipy.linalg import expm
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import BoundResult, effective_noise_variance, posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import spread_test
-from isogal.evaluation.ins_error_model import STATES, divide, fill_dynamics, initial_covariance, noise_density
+from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
+from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.strapdown import propagate
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, validate_scenario

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.earth.frames import horizontal_difference
 from isogal.fusion import ukf
+from isogal.inertial.rotations import multiply, to_rotation_vector
 from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
@@ -95,9 +97,9 @@ class FilterState:
         return replace(self, **{name: getattr(self, name).copy() for name in self.__slots__})
 
     @property
-    def horizontal_covariance(self) -> Array:
-        """(R, 4, 4) of (north m, east m, v_north m/s, v_east m/s): the prior of a batch."""
-        return self.covariance[:, ukf.HORIZONTAL[:, None], ukf.HORIZONTAL]
+    def batch_prior(self) -> Array:
+        """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a batch takes as prior."""
+        return self.covariance[:, ukf.BATCH[:, None], ukf.BATCH]
 
     def arrays(self) -> tuple[Array, ...]:
         """Return the arrays in the order the kernels take them."""
@@ -182,3 +184,13 @@ def update_position(
     if math.isnan(nis):
         raise ValueError("innovation covariance is not positive definite")
     return np.array([north, east]), nis
+
+
+def jump_between(before: FilterState, after: FilterState, run: int) -> Array:
+    """Return (7,) how far one run's estimate moved: north, east m, v_north, v_east m/s, attitude about north, east, down rad."""
+    shift = horizontal_difference(
+        after.position[run, 0], after.position[run, 1], before.position[run, 0], before.position[run, 1]
+    )
+    w, x, y, z = before.attitude[run]
+    turn = to_rotation_vector(*multiply(*after.attitude[run], w, -x, -y, -z))
+    return np.array([*shift, *(after.velocity[run, :2] - before.velocity[run, :2]), *turn])

@@ -1,8 +1,8 @@
 """The 15-state unscented Kalman filter as numba kernels over runs.
 
-Error state, in this order: position (north, east, down; m), velocity (north, east, down; m/s), attitude (rotation vector in the navigation
-frame, rad), accelerometer biases (body, m/s²), gyroscope biases (body, rad/s). A sigma point is the nominal state moved by an error
-state: position over the local radii, attitude by the quaternion of the rotation vector on the left, the rest by addition (the small-rotation
+Error state, in this order: position (north, east, down; m), velocity (north, east, down; m/s), attitude (rotation vector in the
+navigation frame, rad), accelerometer biases (body, m/s²), gyroscope biases (body, rad/s). A sigma point is the nominal state moved by an
+error state: position over the local radii, attitude by the quaternion of the rotation vector on the left, the rest by addition (the small-rotation
 filter of Crassidis 2006, with the rotation vector as attitude parameter). Every sigma point goes through the full strapdown step.
 Sigma points and weights are those of van der Merwe's scaled transform (filterpy's MerweScaledSigmaPoints; tested against it).
 Updates are linear in the error state (position, height), where the unscented and the Kalman update are the same formula.
@@ -26,6 +26,8 @@ N = 15
 POSITION, VELOCITY, ATTITUDE, ACCELEROMETER_BIAS, GYROSCOPE_BIAS = (slice(i, i + 3) for i in range(0, N, 3))
 HORIZONTAL = np.array([0, 1, 3, 4])
 """Indices of north, east, v_north, v_east."""
+BATCH = np.array([0, 1, 3, 4, 6, 7, 8])
+"""Indices of the states whose error moves a position by metres within a batch: horizontal position and velocity, attitude."""
 
 
 @dataclass(frozen=True, slots=True)

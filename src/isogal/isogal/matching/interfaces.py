@@ -2,8 +2,8 @@
 
 A batch is T scans of one scalar sensor with the navigator's own estimate of where each was taken. The unknown is the navigator's
 horizontal error at the last scan, xi = (d_north m, d_east m, dv_north m/s, dv_east m/s), estimate minus truth. Over a batch the
-navigator's increments are good to about a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi``.
-A matcher answers with a fix, measurement information only: the navigator's prior is not in its covariance.
+navigator's increments are good to about a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its
+tilt adds (``drift_position``). A matcher answers with a fix, measurement information only: the navigator's prior is not in its covariance.
 """
 
 from collections.abc import Mapping
@@ -41,12 +41,15 @@ class Batch:
     reading_jacobian: Array
     """(T, 4) d(reading)/d(xi) that comes from the reduction with the navigator's wrong velocity and latitude, not from the map:
     with the navigator at error xi, reading = map(true position) + offset + reading_jacobian @ xi + noise."""
+    drift_position: Array
+    """(T, 2, M) position error (m) at scan t that xi does not explain, per unit-variance component of M: the navigator's tilt and
+    heading bend its path by metres within a batch. M may be 0."""
+    drift_reading: Array
+    """(T, M) d(reading) of the same components, by the reduction."""
     prior: Array
     """(4, 4) covariance of xi according to the navigator; its mean is zero."""
     new: int
     """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
-    corrected: bool = True
-    """Whether the previous fix of this matcher reached the navigator, so that `prior` contains it."""
 
     def __len__(self) -> int:
         return self.time.shape[0]
@@ -67,6 +70,19 @@ class Candidates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """The measurements' likelihood of xi in information form: log p = vector' xi - xi' matrix xi / 2.
+
+    xi is the navigator's error at the batch end relative to the estimate that the batch was built with.
+    """
+
+    vector: Array
+    """(4,)."""
+    matrix: Array
+    """(4, 4), positive semidefinite."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Fix:
     """What a batch says about the position at its last scan, from the measurements alone, or why it says nothing."""
 
@@ -83,6 +99,8 @@ class Fix:
     candidates: Candidates | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     """Named figures: feature_variability, consistency p-value, evidence, iterations, ..."""
+    information: "Information | None" = None
+    """All that the batch says about position and velocity together; None = about the position only, by `covariance`."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
     scan_covariance: Array | None = None

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
-from isogal.fusion.navigator import FilterModel, FilterState, propagate, update_position
+from isogal.fusion.navigator import (
+    FilterModel,
+    FilterState,
+    jump_between,
+    propagate,
+    update_information,
+    update_position,
+)
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import map_for_scenario
@@ -164,7 +171,7 @@ class _ClosedLoop:
         self.seen[scan] = position[0, :2]
 
     def _match(self, run: int, batch: int) -> Fix:
-        task = self.builders[run].build(self.state.horizontal_covariance[run])
+        task = self.builders[run].build(self.state.batch_prior[run])
         start = clock.perf_counter()
         fix, self.memories[run] = self.matcher.match(task, self.field_map, self.memories[run])
         self.seconds[run, batch] = clock.perf_counter() - start
@@ -183,7 +190,11 @@ class _ClosedLoop:
         retrodict = self.scenario.matcher.mode == "retrodiction"
         late = [run for run, fix in enumerate(fixes) if fix.published and retrodict and fix.scan_position is not None]
         for run, fix in enumerate(fixes):
-            if fix.published and run not in late:
+            if not fix.published or run in late:
+                continue
+            if fix.information is not None:
+                update_information(self.state, run, fix.information.vector, fix.information.matrix)
+            else:
                 update_position(self.state, run, fix.latitude, fix.longitude, fix.covariance)
         if late:
             self._retrodict(late, fixes, scan)
@@ -205,10 +216,7 @@ class _ClosedLoop:
             target[late] = source
 
     def _correct(self, run: int, before: FilterState, time: float) -> None:
-        shift = horizontal_difference(
-            self.state.position[run, 0], self.state.position[run, 1], before.position[run, 0], before.position[run, 1]
-        )
-        jump = np.concatenate([shift, self.state.velocity[run, :2] - before.velocity[run, :2]])
+        jump = jump_between(before, self.state, run)
         if jump.any():
             self.builders[run].correct(time, jump)
 

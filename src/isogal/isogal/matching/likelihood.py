@@ -1,0 +1,241 @@
+"""The exact likelihood of a batch given the navigator's error, with the map's error correlated along the track.
+
+With xi the navigator's error at the batch end, the residual of scan t is
+
+    r_t(xi) = reading_t - offset_t - reading_jacobian_t xi - map(p_t - transition_t xi)
+
+and r ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) + sigma_bias² (SCIENCE 3): white noise of sensor and map
+quantisation q, map error with an exponential covariance, an unknown constant. With R = L L' the whitened residual is w = L⁻¹ r.
+Rows that an earlier batch has used come first; the likelihood of the new rows given them is that of the last components of w alone, so
+nothing is counted twice while the map error they reveal is carried over.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import value_and_gradient, values_and_gradients
+from isogal.matching.interfaces import Batch
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """What is assumed about everything that is not the sensor's own noise. Map's unit, m."""
+
+    map_sigma: float = 0.0
+    correlation_length: float = 4000.0
+    bias_sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchLikelihood:
+    """A batch and a map as arrays for the kernel. T rows that have a reading."""
+
+    grid: tuple[Array, float, float, float, float]
+    latitude: Array
+    """(T,) rad."""
+    longitude: Array
+    """(T,) rad."""
+    radian: Array
+    """(T, 2) radians of latitude and longitude per metre north and east."""
+    level: Array
+    """(T,) reading - offset."""
+    transition: Array
+    """(T, 2, 4)."""
+    jacobian: Array
+    """(T, 4)."""
+    drift_position: Array
+    """(T, 2, M)."""
+    drift_reading: Array
+    """(T, M)."""
+    noise: Array
+    """(T, T) covariance of sensor, map and bias."""
+    covariance: Array
+    """(T, T) of the residuals: noise, and the navigator's drift through the map's gradient."""
+    factor: Array
+    """(T, T) lower Cholesky factor of it."""
+    first_new: int
+    """Row of the first reading that no earlier batch has used."""
+    rows: NDArray[np.int64]
+    """(T,) index of each row in the batch."""
+
+    @classmethod
+    def of(
+        cls, batch: Batch, field_map: FieldMap, noise: NoiseModel, extra_variance: Array | None = None
+    ) -> "BatchLikelihood":
+        """Prepare a batch; scans without a reading are left out.
+
+        Parameters
+        ----------
+        extra_variance : (len(batch),) array, optional
+            Added to the white variance of each scan (inf = leave the scan out), for readings that are not trusted.
+        """
+        extra = np.zeros(len(batch)) if extra_variance is None else extra_variance
+        rows = np.flatnonzero(np.isfinite(batch.reading) & np.isfinite(extra))
+        latitude, longitude = batch.latitude[rows], batch.longitude[rows]
+        map_sigma = np.maximum(noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude)))
+        covariance = residual_covariance(
+            latitude,
+            longitude,
+            batch.sigma[rows] ** 2 + extra[rows] + field_map.quantisation**2 / 12.0,
+            map_sigma,
+            noise.correlation_length,
+            noise.bias_sigma,
+        )
+        north, east = metres_per_radian(latitude)
+        return cls(
+            grid=field_map.grid,
+            latitude=latitude,
+            longitude=longitude,
+            radian=np.stack([1.0 / north, 1.0 / east], axis=-1),
+            level=batch.reading[rows] - batch.offset[rows],
+            transition=np.ascontiguousarray(batch.transition[rows]),
+            jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
+            drift_position=batch.drift_position[rows],
+            drift_reading=batch.drift_reading[rows],
+            noise=covariance,
+            covariance=covariance,
+            factor=np.linalg.cholesky(covariance),
+            first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
+            rows=rows,
+        )
+
+    def log(self, xi: Array) -> Array:
+        """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S, 4); -inf off the map."""
+        return _log_likelihood(
+            *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, self.factor,
+            self.first_new, np.ascontiguousarray(xi),
+        )  # fmt: skip
+
+    def residual(self, xi: Array) -> Array:
+        """Return (T,) residuals at one error xi (4,); NaN off the map."""
+        return self.linearise(xi)[0]
+
+    def linearise(self, xi: Array) -> tuple[Array, Array]:
+        """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
+        return _linearise(
+            *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
+        )
+
+    def with_extra_variance(self, variance: Array) -> "BatchLikelihood":
+        """Return a likelihood with more white variance (T,) on its rows."""
+        extra = np.diag(variance)
+        covariance = self.covariance + extra
+        return replace(self, noise=self.noise + extra, covariance=covariance, factor=np.linalg.cholesky(covariance))
+
+    def with_drift_at(self, xi: Array) -> "BatchLikelihood":
+        """Return a likelihood that carries the navigator's drift, with the map's gradient at the error xi (4,).
+
+        The drift (tilt and heading that xi does not explain) is Gaussian and moves the path by metres only, so it is integrated out to
+        first order: R gains G G' with G = gradient drift_position - drift_reading.
+        """
+        if self.drift_reading.shape[1] == 0:
+            return self
+        position = xi @ self.transition.transpose(0, 2, 1)
+        _, by_lat, by_lon = values_and_gradients(
+            *self.grid,
+            self.latitude - position[:, 0] * self.radian[:, 0],
+            self.longitude - position[:, 1] * self.radian[:, 1],
+        )
+        gradient = np.stack([by_lat, by_lon], axis=-1) * self.radian
+        if not np.isfinite(gradient).all():
+            return self
+        drift = np.einsum("ti,tij->tj", gradient, self.drift_position) - self.drift_reading
+        covariance = self.noise + drift @ drift.T
+        return replace(self, covariance=covariance, factor=np.linalg.cholesky(covariance))
+
+    @property
+    def log_normaliser(self) -> float:
+        """Log of the constant that `log` leaves out, for comparing noise models."""
+        return -float(np.log(np.diag(self.factor)[self.first_new :]).sum()) - 0.5 * math.log(2.0 * math.pi) * (
+            len(self.level) - self.first_new
+        )
+
+
+def residual_covariance(
+    latitude: Array,
+    longitude: Array,
+    white_variance: Array,
+    map_sigma: Array,
+    correlation_length: float,
+    bias_sigma: float,
+) -> Array:
+    """Return R (T, T) of the module's equation; positions rad, the rest in the map's unit and m."""
+    covariance = np.diag(white_variance)
+    if np.any(map_sigma > 0.0):
+        apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        distance = 0.5 * (distance + distance.T)
+        covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length)
+    return covariance + bias_sigma**2
+
+
+@njit(cache=True, nogil=True)
+def _log_likelihood(
+    values, lat0, dlat, lon0, dlon, latitude, longitude, radian, level, transition, jacobian, factor, first_new, xi
+):  # type: ignore[no-untyped-def]
+    samples, rows = xi.shape[0], latitude.shape[0]
+    out = np.empty(samples)
+    whitened = np.empty(rows)
+    inverse = np.empty(rows)
+    diagonal = True
+    for t in range(rows):
+        inverse[t] = 1.0 / factor[t, t]
+        for u in range(t):
+            if factor[t, u] != 0.0:
+                diagonal = False
+    start = first_new if diagonal else 0  # without correlation the older rows say nothing about the new
+    for s in range(samples):
+        a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
+        total = 0.0
+        for t in range(start, rows):
+            f, j = transition[t], jacobian[t]
+            north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
+            east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
+            value, _, _ = value_and_gradient(
+                values, lat0, dlat, lon0, dlon, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+            )
+            r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
+            if not diagonal:
+                for u in range(t):
+                    r -= factor[t, u] * whitened[u]
+            r *= inverse[t]
+            whitened[t] = r
+            if t >= first_new:
+                total += r * r
+        out[s] = -0.5 * total if total == total else -np.inf
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _linearise(values, lat0, dlat, lon0, dlon, latitude, longitude, radian, level, transition, jacobian, xi):  # type: ignore[no-untyped-def]
+    rows = latitude.shape[0]
+    residual = np.empty(rows)
+    slope = np.empty((rows, 4))
+    for t in range(rows):
+        north = 0.0
+        east = 0.0
+        known = level[t]
+        for i in range(4):
+            north += transition[t, 0, i] * xi[i]
+            east += transition[t, 1, i] * xi[i]
+            known -= jacobian[t, i] * xi[i]
+        value, by_lat, by_lon = value_and_gradient(
+            values, lat0, dlat, lon0, dlon, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+        )
+        residual[t] = known - value
+        for i in range(4):
+            slope[t, i] = (
+                by_lat * radian[t, 0] * transition[t, 0, i]
+                + by_lon * radian[t, 1] * transition[t, 1, i]
+                - jacobian[t, i]
+            )
+    return residual, slope
