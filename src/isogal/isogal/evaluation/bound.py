@@ -5,6 +5,9 @@ Taylor 1979 for a given trajectory) is the Riccati recursion of the navigator's 
 the truth: a reading compares the map at the navigator's position with the field at the true one, so it sees position errors by the
 map's gradient, velocity and latitude errors by the reductions, the map's own error and white noise. The map's error, a field with
 covariance sigma² exp(-d / L), is along the track a first-order Gauss-Markov process: one more state.
+
+The vertical accelerometer tells nothing here: with the height known it could sense the east velocity by the Coriolis term, but only if
+gravity along the route were known to the accelerometer's noise, which no vehicle has (see `isogal.fusion.navigator`).
 """
 
 from dataclasses import dataclass
@@ -13,14 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from isogal.evaluation.ins_error_model import (
-    STATES,
-    Segments,
-    divide,
-    fill_dynamics,
-    initial_covariance,
-    noise_density,
-)
+from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
+from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter import reading_jacobian

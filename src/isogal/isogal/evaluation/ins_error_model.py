@@ -14,7 +14,6 @@ from isogal.sensors.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Segments:
     """What the model needs at the middle of each of S stretches of the trajectory, all of the same duration."""
