@@ -28,11 +28,13 @@ format: install
 install:
 	@.ci/setup-venv
 
-# One lock file for both Python versions (environment markers); the resolver lives in a venv of its own.
+# One lock file for both Python versions (environment markers), one for the pip-only needs in docker/; the resolver has a venv of its own.
+COMPILE = build/lock/bin/uv pip compile --quiet --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock"
 lock:
 	@test -x build/lock/bin/uv || { $(or $(PYTHON),python3) -m venv build/lock && build/lock/bin/pip install --quiet uv; }
-	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --no-emit-index-url --no-emit-find-links \
-	  --custom-compile-command "make lock" requirements.in -o requirements.lock
+	@$(COMPILE) --universal --python-version 3.11 requirements.in -o requirements.lock
+	@$(COMPILE) --python-version 3.12 --python-platform x86_64-manylinux_2_39 --constraint docker/apt-versions.txt \
+	  $(addprefix --no-emit-package ,$(shell sed -n 's/==.*//p' docker/apt-versions.txt)) docker/requirements.in -o docker/requirements.lock
 
 clean:
 	rm -rf .venv .venv.flock build out .pytest_cache .ruff_cache .mypy_cache .hypothesis ros2_ws/build ros2_ws/install ros2_ws/log

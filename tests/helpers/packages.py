@@ -1,0 +1,83 @@
+"""Reads what the packages under src/ declare: setup.py, package.xml, imports."""
+
+import ast
+import re
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = sorted(path.parent for path in (ROOT / "src").glob("*/package.xml"))
+NAMES = [package.name for package in PACKAGES]
+
+# Import name -> rosdep key. Each key exists in rosdistro's rosdep/python.yaml with an apt package on Ubuntu 24.04.
+APT = {
+    "numpy": "python3-numpy",
+    "scipy": "python3-scipy",
+    "pandas": "python3-pandas",
+    "matplotlib": "python3-matplotlib",
+    "netCDF4": "python3-netcdf4",
+    "pyproj": "python3-pyproj",
+    "yaml": "python3-yaml",
+    "psutil": "python3-psutil",
+    "pytest": "python3-pytest",
+    "setuptools": "python3-setuptools",
+}
+ROS = {
+    "rclpy", "ament_index_python", "launch", "launch_ros", "rosidl_runtime_py",
+    "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs",
+}  # fmt: skip
+
+
+def pip_only() -> set[str]:
+    """Packages that docker/ installs with pip because apt has none or too old a one."""
+    lines = (ROOT / "docker" / "requirements.in").read_text(encoding="utf-8").splitlines()
+    return {re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()}
+
+
+def setup_arguments(package: Path) -> dict[str, Any]:
+    """Return the literal arguments of the setup() call, and those that are the variable PACKAGE."""
+    tree = ast.parse((package / "setup.py").read_text(encoding="utf-8"))
+    call = next(
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
+    )
+    arguments = {}
+    for keyword in call.keywords:
+        if isinstance(keyword.value, ast.Name) and keyword.value.id == "PACKAGE":
+            arguments[str(keyword.arg)] = package.name
+            continue
+        try:
+            arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
+        except ValueError:
+            continue  # find_packages() and data files are not literals
+    return arguments
+
+
+def dependencies(package: Path) -> set[str]:
+    root = ET.parse(package / "package.xml").getroot()
+    return {str(element.text) for element in root if element.tag.endswith("depend")}
+
+
+def imports(package: Path) -> set[str]:
+    found = set()
+    for source in package.rglob("*.py"):
+        if source.name == "setup.py" or "build" in source.relative_to(package).parts:
+            continue
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.split(".")[0])
+    return found - set(sys.stdlib_module_names) - {package.name}
+
+
+def executables() -> dict[str, set[str]]:
+    """Package -> names of its console scripts."""
+    return {
+        package.name: {
+            script.partition("=")[0].strip()
+            for script in setup_arguments(package).get("entry_points", {}).get("console_scripts", [])
+        }
+        for package in PACKAGES
+    }

@@ -1,0 +1,140 @@
+"""The container files, as far as they can be checked without a container engine."""
+
+import re
+import shlex
+import stat
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import yaml
+
+from helpers.packages import APT, ROOT, executables
+
+DOCKER = ROOT / "docker"
+INSTALLED = re.compile(
+    r"^/opt/isogal/install/(?:lib/(?P<package>\w+)/(?P<executable>\w+)|share/(?P<share>\w+)/(?P<file>.+))$"
+)
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Return (instruction, argument) of the Dockerfile, continuation lines joined, comments left out."""
+    lines = [
+        line for line in (DOCKER / "Dockerfile").read_text(encoding="utf-8").splitlines() if not line.startswith("#")
+    ]
+    text = "\n".join(lines).replace("\\\n", " ")
+    pairs = [line.partition(" ") for line in text.splitlines() if line.strip()]
+    return [(word, rest.strip()) for word, _, rest in pairs]
+
+
+def compose() -> dict[str, Any]:
+    document = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
+    assert isinstance(document, dict)
+    return document
+
+
+def test_every_copied_source_exists() -> None:
+    copied = 0
+    for word, argument in instructions():
+        parts = [part for part in shlex.split(argument) if not part.startswith("--chmod")]
+        if word != "COPY" or parts[0].startswith("--from"):
+            continue
+        for source in parts[:-1]:
+            assert (ROOT / source).exists(), source
+            copied += 1
+    assert copied
+
+
+def test_the_build_context_holds_what_is_copied() -> None:
+    kept = {
+        line[1:] for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines() if line.startswith("!")
+    }
+    for word, argument in instructions():
+        if word == "COPY" and "--from" not in argument:
+            for source in [part for part in argument.split() if not part.startswith("--")][:-1]:
+                assert source.split("/")[0] in kept, source
+
+
+def test_the_container_does_not_run_as_root() -> None:
+    users = [argument for word, argument in instructions() if word == "USER"]
+    assert users
+    assert users[-1] not in ("root", "0")
+
+
+def test_the_default_command_is_a_launch_file_that_exists() -> None:
+    command = yaml.safe_load(next(argument for word, argument in instructions() if word == "CMD"))
+    assert command[:2] == ["ros2", "launch"]
+    assert (ROOT / "src" / command[2] / "launch" / command[3]).is_file()
+
+
+def test_every_service_runs_an_executable_and_reads_files_that_exist() -> None:
+    known = executables()
+    for name, service in compose()["services"].items():
+        found = [match for word in service["command"] if (match := INSTALLED.match(word))]
+        assert found[0]["executable"] in known[found[0]["package"]], name
+        for match in found[1:]:
+            assert (ROOT / "src" / match["share"] / match["file"]).is_file(), match.group()
+
+
+def test_every_node_has_a_service_on_the_loopback() -> None:
+    services = compose()["services"]
+    assert {"ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node"} < set(services)
+    for service in services.values():
+        assert service["network_mode"] == service["ipc"] == "host"
+        assert service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+        assert service["healthcheck"]["test"][1:3] == ["/opt/isogal/entrypoint.sh", "/opt/isogal/healthcheck.py"]
+
+
+def test_scripts_are_executable() -> None:
+    for name in ("entrypoint.sh", "healthcheck.py"):
+        assert (DOCKER / name).stat().st_mode & stat.S_IXUSR
+
+
+def test_pip_leaves_alone_what_apt_installs() -> None:
+    lock = (DOCKER / "requirements.lock").read_text(encoding="utf-8")
+    from_pip = set(re.findall(r"^([a-z0-9-]+)==", lock, re.M))
+    versions = (DOCKER / "apt-versions.txt").read_text(encoding="utf-8")
+    from_apt = set(re.findall(r"^([a-z0-9]+)==", versions, re.M))
+    assert not from_pip & from_apt
+    keys = {f"python3-{name}" for name in from_apt - {"pyyaml"}} | {"python3-yaml"}
+    assert keys <= set(APT.values())
+
+
+def test_entrypoint_is_valid_shell() -> None:
+    subprocess.run(["bash", "-n", DOCKER / "entrypoint.sh"], check=True, timeout=30)
+
+
+@pytest.mark.ros
+def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rclpy = pytest.importorskip("rclpy")
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.context.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("live", context=context)
+    publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    statuses = [
+        DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),
+        DiagnosticStatus(name="ill", level=DiagnosticStatus.ERROR, message="map too small"),
+    ]
+    try:
+        checks = {
+            names: subprocess.Popen(
+                [sys.executable, DOCKER / "healthcheck.py", *names.split()], stdout=subprocess.PIPE, text=True
+            )
+            for names in ("live", "live ill", "silent")
+        }
+        while any(check.poll() is None for check in checks.values()):
+            publisher.publish(DiagnosticArray(status=statuses))
+            checks_done = [check for check in checks.values() if check.poll() is not None]
+            if len(checks_done) < len(checks):
+                rclpy.spin_once(node, timeout_sec=0.1, executor=rclpy.executors.SingleThreadedExecutor(context=context))
+        results = {names: (check.wait(), check.communicate()[0]) for names, check in checks.items()}
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    assert results["live"] == (0, "")
+    assert results["live ill"] == (1, "ill: map too small\n")
+    assert results["silent"] == (1, "silent: silent for 10 s\n")

@@ -1,0 +1,91 @@
+"""The packages under src/ as pip, colcon and rosdep see them."""
+
+import ast
+import importlib
+import xml.etree.ElementTree as ET
+from configparser import ConfigParser
+from pathlib import Path
+
+import pytest
+
+from helpers.packages import (
+    APT,
+    NAMES,
+    PACKAGES,
+    ROOT,
+    ROS,
+    dependencies,
+    executables,
+    imports,
+    pip_only,
+    setup_arguments,
+)
+
+
+def test_there_are_packages() -> None:
+    assert "isogal" in NAMES
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_package_xml_and_setup_agree(package: Path) -> None:
+    root = ET.parse(package / "package.xml").getroot()
+    manifest = {element.tag: element.text for element in root}
+    setup = setup_arguments(package)
+    assert root.get("format") == "3"
+    for key in ("name", "version", "description", "license"):
+        assert manifest[key] == setup[key], key
+    assert manifest["name"] == package.name
+    assert manifest["license"] == "Apache-2.0"
+    assert root.findtext("export/build_type") == "ament_python"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_ament_finds_the_package(package: Path) -> None:
+    assert (package / "resource" / package.name).is_file()
+    config = ConfigParser()
+    config.read(package / "setup.cfg")
+    assert config["install"]["install_scripts"] == f"$base/lib/{package.name}"
+    assert config["develop"]["script_dir"] == f"$base/lib/{package.name}"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_every_dependency_can_be_resolved(package: Path) -> None:
+    assert dependencies(package) <= set(APT.values()) | ROS | set(NAMES)
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_every_import_is_declared(package: Path) -> None:
+    declared = dependencies(package)
+    undeclared = {
+        name
+        for name in imports(package) - pip_only()
+        if (name not in declared if name in ROS or name in NAMES else APT.get(name) not in declared)
+    }
+    # The commands that drive the graph reach for isogal_ros only when they are called; without it they say so.
+    assert undeclared <= ({"isogal_ros"} if package.name == "isogal" else set())
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_console_scripts_can_be_imported(package: Path) -> None:
+    for script in setup_arguments(package).get("entry_points", {}).get("console_scripts", []):
+        module, _, attribute = script.partition("=")[2].strip().partition(":")
+        assert callable(getattr(importlib.import_module(module), attribute)), script
+
+
+def test_colcon_workspace_holds_the_sources() -> None:
+    link = ROOT / "ros2_ws" / "src"
+    assert link.is_symlink()
+    assert str(link.readlink()) == "../src"
+
+
+def test_launch_files_compile_and_name_existing_executables() -> None:
+    known = executables()
+    for path in ROOT.glob("src/*/launch/*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert any(
+            isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description" for node in tree.body
+        )
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            literals = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
+            if {"package", "executable"} <= literals.keys():
+                assert literals["executable"] in known[literals["package"]], path

@@ -1,0 +1,71 @@
+"""What must hold for every file of the repository."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Absolute paths that exist on one machine only, and hosts or options of package registries.
+FOREIGN = re.compile(
+    r"(?<![\w./~-])/(?:work|root|home|Users)/\w"
+    r"|--(?:index-url|extra-index-url|find-links|trusted-host)\b(?!\s*[\"'`),])"
+    r"|https?://[^\s/]*(?:artifactory|nexus|devpi|pypi)[^\s]*"
+)
+
+
+def tracked_files() -> list[Path]:
+    try:
+        listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, timeout=30)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in listing.stdout.decode().split("\0") if name]
+
+
+def test_no_path_of_one_machine_and_no_registry() -> None:
+    found = []
+    for path in tracked_files():
+        if path.is_symlink() or not path.is_file():
+            continue
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+        found += [f"{path.relative_to(ROOT)}: {match.group()}" for match in FOREIGN.finditer(text)]
+    assert not found
+
+
+def test_the_pattern_finds_what_it_should() -> None:
+    assert FOREIGN.search("see /ho" + "me/someone/data")
+    assert FOREIGN.search("#    uv pip compile --index-" + "url x")
+    assert FOREIGN.search("https://py" + "pi.example.org/simple")
+    assert not FOREIGN.search("docs/home/x and ../work/y and /opt/isogal")
+
+
+def test_generated_files_are_not_tracked() -> None:
+    names = [str(path.relative_to(ROOT)) for path in tracked_files()]
+    generated = [n for n in names if re.search(r"(^|/)(__pycache__|out|build|install|log)/|\.(nbi|nbc|pyc)$", n)]
+    assert not generated
+
+
+def test_the_licence_is_apache_2() -> None:
+    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert "Apache License" in text
+    assert "Version 2.0, January 2004" in text
+
+
+def test_the_lock_file_names_its_command_and_every_direct_dependency() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert "make lock" in lock.splitlines()[1]
+    pinned = {line.split("==")[0].lower() for line in lock.splitlines() if re.match(r"[a-z]", line)}
+    wanted = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
+    direct = {re.split(r"[\[<>=]", line, maxsplit=1)[0].lower() for line in wanted if re.match(r"[A-Za-z]", line)}
+    assert direct <= pinned
+
+
+def test_the_readme_starts_with_the_two_commands() -> None:
+    top = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:25]
+    assert any("make demo" in line for line in top)
+    assert any("make test" in line for line in top)
