@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
-"""Exit with 0 when every node named reports on /diagnostics and none of them an error; say what is wrong otherwise.
+"""Exit with 0 when every node named reports on /diagnostics and none of them an error; say what is wrong otherwise."""
 
-Usage: healthcheck.py [NODE ...]     without names: the four nodes of the graph
-"""
-
+import argparse
 import sys
 import time
 
@@ -12,12 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 NODES = ("ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node")
-TIMEOUT = 10.0  # s; every node reports at least once a second
 
 
 def main() -> int:
     """Listen until every node has reported or the time is up."""
-    wanted = set(sys.argv[1:] or NODES)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("nodes", metavar="NODE", nargs="*", default=NODES, help="default: the four nodes of the graph")
+    parser.add_argument("--timeout", type=float, default=10.0, help="s; every node reports at least once a second")
+    options = parser.parse_args()
+    wanted = set(options.nodes)
     silent = set(wanted)
     errors: dict[str, str] = {}
 
@@ -35,13 +36,13 @@ def main() -> int:
     node.create_subscription(
         DiagnosticArray, "/diagnostics", hear, QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
     )
-    end = time.monotonic() + TIMEOUT
+    end = time.monotonic() + options.timeout
     while silent and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.2)
     node.destroy_node()
     rclpy.try_shutdown()
     for name in sorted(silent):
-        print(f"{name}: silent for {TIMEOUT:.0f} s")
+        print(f"{name}: silent for {options.timeout:g} s")
     for name, message in sorted(errors.items()):
         print(f"{name}: {message}")
     return 1 if silent or errors else 0

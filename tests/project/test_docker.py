@@ -5,6 +5,7 @@ import shlex
 import stat
 import subprocess
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -109,32 +110,33 @@ def test_entrypoint_is_valid_shell() -> None:
 def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rclpy = pytest.importorskip("rclpy")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from isogal_ros.domain import claim_domain
 
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.context.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("live", context=context)
-    publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
     statuses = [
         DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),
         DiagnosticStatus(name="ill", level=DiagnosticStatus.ERROR, message="map too small"),
     ]
-    try:
-        checks = {
-            names: subprocess.Popen(
-                [sys.executable, DOCKER / "healthcheck.py", *names.split()], stdout=subprocess.PIPE, text=True
-            )
-            for names in ("live", "live ill", "silent")
-        }
-        while any(check.poll() is None for check in checks.values()):
-            publisher.publish(DiagnosticArray(status=statuses))
-            checks_done = [check for check in checks.values() if check.poll() is not None]
-            if len(checks_done) < len(checks):
-                rclpy.spin_once(node, timeout_sec=0.1, executor=rclpy.executors.SingleThreadedExecutor(context=context))
-        results = {names: (check.wait(), check.communicate()[0]) for names, check in checks.items()}
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-    assert results["live"] == (0, "")
-    assert results["live ill"] == (1, "ill: map too small\n")
-    assert results["silent"] == (1, "silent: silent for 10 s\n")
+    with claim_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        context = rclpy.context.Context()
+        rclpy.init(context=context)
+        node = rclpy.create_node("live", context=context)
+        try:
+            publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+            checks = {
+                arguments: subprocess.Popen(
+                    [sys.executable, DOCKER / "healthcheck.py", *arguments.split()], stdout=subprocess.PIPE, text=True
+                )
+                for arguments in ("--timeout 60 live", "--timeout 60 live ill", "--timeout 2 silent")
+            }
+            while any(check.poll() is None for check in checks.values()):
+                publisher.publish(DiagnosticArray(status=statuses))
+                time.sleep(0.1)
+            results = {arguments: (check.wait(), check.communicate()[0]) for arguments, check in checks.items()}
+        finally:
+            node.destroy_node()
+            context.try_shutdown()
+    assert results["--timeout 60 live"] == (0, "")
+    assert results["--timeout 60 live ill"] == (1, "ill: map too small\n")
+    assert results["--timeout 2 silent"] == (1, "silent: silent for 2 s\n")
