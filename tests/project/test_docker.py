@@ -110,6 +110,7 @@ def test_entrypoint_is_valid_shell() -> None:
 def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rclpy = pytest.importorskip("rclpy")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
     from isogal_ros.domain import claim_domain
 
     statuses = [
