@@ -1,0 +1,1 @@
+"""Simulated gravimeter and its reductions with the navigator's estimate."""

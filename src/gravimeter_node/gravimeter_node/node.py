@@ -1,0 +1,125 @@
+"""The gravimeter: what it feels (simulated, or from another source), and its reductions with the navigator's estimate."""
+
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from isogal.maps.load import map_for_scenario
+from isogal.sensors.gravimeter import GravimeterSimulator, reduce_disturbance, reduce_gravity, reduction_variance
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+from isogal_ros.convert import PLATFORM, fill_accel, read_accel
+from isogal_ros.health import OK, BadMessageError
+from isogal_ros.nav_buffer import NavBuffer, NavSample
+from isogal_ros.node import GraphNode, NodeSettings
+from isogal_ros.spin import run_node
+from isogal_ros.stamps import from_seconds, peek_ns, to_ns, to_seconds
+
+
+class GravimeterSettings(NodeSettings):
+    """Own parameters of gravimeter_node."""
+
+    simulate: bool = Field(
+        True, description="true: feel the map at the true position; false: reduce what comes on gravimeter/data_raw"
+    )
+
+
+class GravimeterNode(GraphNode):
+    """At each scan publishes what the instrument feels, then the two reductions once the navigator's state of that stamp is there."""
+
+    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "gravimeter", "map", "map_error")
+    settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
+    settings: GravimeterSettings
+
+    def setup(self) -> None:
+        """Draw the readings and make publishers and subscriptions."""
+        self.reduced = 0
+        """Readings reduced so far."""
+        self._variance = self.scenario.gravimeter.sigma**2
+        self._waiting: list[tuple[int, float, float]] = []
+        self._newest = -1
+        self._message = topics.FELT.type()
+        self._message.header.frame_id = PLATFORM
+        if self.settings.simulate:
+            self._felt = self._readings()
+            self._raw = self.advertise(topics.FELT)
+            self.listen(topics.TRUTH_FIX, self._feel, raw=True)
+        else:
+            self.listen(topics.FELT, self._take)
+        self._gravity, self._disturbance = self.advertise(topics.GRAVITY), self.advertise(topics.DISTURBANCE)
+        self._nav = NavBuffer(self, self.scenario, self._reduce)
+
+    def _readings(self) -> dict[int, float]:
+        """Return what is felt at each scan, by stamp; the map is not kept."""
+        trajectory = build_trajectory(self.scenario)
+        simulator = GravimeterSimulator(
+            self.scenario, trajectory, map_for_scenario(self.scenario, trajectory), [self.settings.run]
+        )
+        stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]
+        return dict(zip(stamps, simulator.felt[0].tolist(), strict=True))
+
+    def _feel(self, data: bytes) -> None:
+        felt = self._felt.get(ns := peek_ns(data))
+        if felt is None:
+            return
+        fill_accel(self._message, ns, felt, self._variance)
+        self._raw.publish(self._message)
+        self._enqueue(ns, felt, self._variance)
+
+    def _take(self, message: Any) -> None:
+        ns = to_ns(message.header.stamp)
+        self._enqueue(ns, *read_accel(message))
+
+    def _enqueue(self, ns: int, felt: float, variance: float) -> None:
+        if ns <= self._newest:
+            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
+        self._newest = ns
+        self._waiting.append((ns, felt, variance))
+        self._reduce()
+
+    def _reduce(self) -> None:
+        """Reduce the waiting readings as far as the navigator's states reach."""
+        while self._waiting:
+            ns, felt, variance = self._waiting[0]
+            try:
+                nav = self._nav.at(ns)
+            except BadMessageError as error:
+                self.health.drop(topics.NAV_ODOM.name, str(error))
+                nav = None
+            else:
+                if nav is None:
+                    return
+            del self._waiting[0]
+            self._publish(ns, felt, variance, nav)
+
+    def _publish(self, ns: int, felt: float, variance: float, nav: NavSample | None) -> None:
+        """Publish both reductions; NaN where there is nothing to reduce with, so that the scan is known to be without reading."""
+        for quantity, publisher, reduce in (
+            ("gravity", self._gravity, reduce_gravity),
+            ("disturbance", self._disturbance, reduce_disturbance),
+        ):
+            value, total = math.nan, variance
+            if nav is not None:
+                north, east = float(nav.velocity[0]), float(nav.velocity[1])
+                value = float(reduce(felt, nav.latitude, nav.height, north, east))
+                total += float(
+                    reduction_variance(quantity, nav.latitude, north, east, nav.covariance[:4, :4], nav.height_variance)
+                )
+            fill_accel(self._message, ns, value, total)
+            publisher.publish(self._message)
+        self.reduced += 1
+        self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
+        self.health.state(OK, "reducing")
+        self.health.tick(ns)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Entry point of the console script."""
+    sys.exit(run_node(topics.GRAVIMETER, lambda: GravimeterNode(topics.GRAVIMETER)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Simulated vehicle: clock, IMU, ground truth and the unaided INS."""

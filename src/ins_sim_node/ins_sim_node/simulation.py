@@ -1,0 +1,45 @@
+"""Everything that the simulated vehicle publishes, computed before the first step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.inertial.rotations import matrix
+from isogal.inertial.strapdown import propagate
+from isogal.scenario import Scenario
+from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """One run: truth, IMU readings and the unaided INS."""
+
+    trajectory: Trajectory
+    imu: ImuData
+    unaided: Array
+    """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
+    turn_rate: Array
+    """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval before."""
+
+    def __len__(self) -> int:
+        return len(self.trajectory)
+
+
+def simulate(scenario: Scenario, run: int) -> Simulation:
+    """Return one run of a scenario; raises InputError where the route cannot be driven."""
+    trajectory = build_trajectory(scenario)
+    imu = simulate_imu(scenario, trajectory, [run])
+    start = draw_initial_state(scenario, trajectory, [run])
+    _, track = propagate(start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True)
+    unaided = np.concatenate([start.position[:, :2], track[0]])
+    to_body = np.swapaxes(matrix(trajectory.attitude[1:]), 1, 2)
+    c, s = np.cos(trajectory.latitude[1:]), np.sin(trajectory.latitude[1:])
+    earth = np.einsum("kij,kj->ki", to_body, EARTH_RATE * np.stack([c, np.zeros_like(c), -s], axis=-1))
+    rate = trajectory.angular_rate - earth
+    return Simulation(trajectory, imu, unaided, np.concatenate([rate[:1], rate]))

@@ -1,0 +1,19 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "ins_sim_node"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The Isogal developers",
+    description="Simulated vehicle: clock, IMU, ground truth and the unaided INS.",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    entry_points={"console_scripts": ["ins_sim_node = ins_sim_node.node:main"]},
+)

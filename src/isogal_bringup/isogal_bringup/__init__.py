@@ -1,0 +1,1 @@
+"""Launch file, parameters and viewer layouts of the Isogal graph."""

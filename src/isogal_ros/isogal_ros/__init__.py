@@ -1,0 +1,1 @@
+"""What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer, launcher."""

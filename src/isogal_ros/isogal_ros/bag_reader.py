@@ -1,0 +1,129 @@
+"""Reading recordings, whole or cut off, message by message."""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import yaml
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario, validate_scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """One message as recorded."""
+
+    topic: str
+    data: bytes
+    """Serialised."""
+    log_ns: int
+
+
+@dataclass
+class BagReader:
+    """A bag: a folder as ``ros2 bag`` makes it, or one MCAP file.
+
+    Raises
+    ------
+    InputError
+        There is no such bag, it is of another storage format, or not of MCAP.
+    """
+
+    path: Path
+    texts: dict[str, str] = field(default_factory=dict)
+    """What the recorder kept beside the messages; filled while reading."""
+    cut: str | None = None
+    """Why the reading ended early; None = the file is whole. Known after reading."""
+    types: dict[str, str] = field(default_factory=dict)
+    """Message type by topic; filled while reading."""
+
+    def __post_init__(self) -> None:
+        self.path = Path(self.path)
+        self.file = _find_file(self.path)
+        # the scenario stands ahead of the messages
+        for item in self._records(metadata_only=True):
+            raise AssertionError(item)
+
+    def scenario(self) -> Scenario | None:
+        """Return the scenario of the recorded run; None where the bag has none."""
+        if "scenario" not in self.texts:
+            return None
+        return validate_scenario(yaml.safe_load(self.texts["scenario"]), f"{self.path}: scenario")
+
+    def messages(self) -> Iterator[Recorded]:
+        """Yield the messages in the order they were written, up to the end or the cut."""
+        return self._records(metadata_only=False)
+
+    def _records(self, metadata_only: bool) -> Iterator[Recorded]:
+        from mcap.exceptions import McapError
+        from mcap.records import Channel, Chunk, Message, Metadata, Schema
+        from mcap.stream_reader import StreamReader, breakup_chunk
+
+        channels: dict[int, str] = {}
+        schemas: dict[int, str] = {}
+        with self.file.open("rb") as stream:
+            try:
+                for record in StreamReader(stream, emit_chunks=True).records:
+                    if isinstance(record, Metadata):
+                        if record.name == "isogal":
+                            self.texts.update(record.metadata)
+                            if metadata_only:
+                                return
+                        continue
+                    if metadata_only and isinstance(record, Chunk):
+                        return
+                    for inner in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):
+                        if isinstance(inner, Schema):
+                            schemas[inner.id] = inner.name
+                        elif isinstance(inner, Channel):
+                            channels[inner.id] = inner.topic
+                            self.types[inner.topic] = schemas.get(inner.schema_id, "")
+                        elif isinstance(inner, Message):
+                            yield Recorded(channels[inner.channel_id], inner.data, inner.log_time)
+            except (McapError, struct.error, EOFError, KeyError, ValueError, MemoryError, OSError) as error:
+                if _is_empty(stream) or (type(error).__name__ == "InvalidMagic" and not channels):
+                    raise InputError(f"{self.file}: not an MCAP file") from None
+                self.cut = f"the file ends early, at byte {self.file.stat().st_size} ({type(error).__name__})"
+            except Exception as error:
+                if type(error).__name__ != "ZstdError":
+                    raise
+                self.cut = "a chunk is damaged"
+
+
+def _is_empty(stream: BinaryIO) -> bool:
+    stream.seek(0, 2)
+    return stream.tell() < 8
+
+
+def _find_file(path: Path) -> Path:
+    if not path.exists():
+        raise InputError(f"{path}: no such bag")
+    if path.is_file():
+        if path.suffix != ".mcap":
+            raise InputError(f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in .mcap")
+        return path
+    files = sorted(path.glob("*.mcap"))
+    if not files:
+        others = sorted(entry.name for entry in path.glob("*.db3"))
+        hint = f" but {others[0]}; convert it: ros2 bag convert with storage_id mcap" if others else ""
+        raise InputError(f"{path}: no MCAP file in this folder{hint}")
+    if len(files) > 1:
+        raise InputError(
+            f"{path}: {len(files)} MCAP files; give one of them: {', '.join(file.name for file in files[:3])}"
+        )
+    return files[0]
+
+
+def topic_of(recorded: str, name: str) -> bool:
+    """Whether a recorded (absolute) topic is the graph's topic of that name, in whatever namespace."""
+    return recorded == name or recorded.endswith("/" + name.lstrip("/"))
+
+
+def decode(data: bytes, message_type: Any) -> Any:
+    """Return the message."""
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(data, message_type)

@@ -1,0 +1,294 @@
+"""Messages to arrays and back: the only place that knows both conventions.
+
+The library has body axes forward-right-down (FRD), north-east-down and radians; messages have forward-left-up (FLU), east-north-up and
+degrees (REP-103). The frame ``map`` is ENU at the first route point, exact through ECEF (`isogal.earth.frames.LocalFrame`).
+Readers raise `BadMessageError` for what cannot be used.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2, PointField
+
+from isogal.earth.frames import LocalFrame
+from isogal.inertial.rotations import matrix
+from isogal.matching.interfaces import Candidates
+from isogal.scenario import Scenario
+from isogal_ros.health import BadMessageError
+from isogal_ros.stamps import set_stamp
+
+Array = NDArray[np.float64]
+
+MAP, BASE, PLATFORM, GEODETIC = "map", "base_link", "gravimeter_link", "wgs84"
+"""Frame names. The gravimeter's platform is level with z up; candidates are geodetic."""
+
+NOT_MEASURED = 1e6
+"""Variance that stands for a direction that a sensor does not measure."""
+
+_FLIP = np.array([1.0, -1.0, -1.0])  # FRD <-> FLU
+_SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED <-> ENU
+
+
+def map_frame(scenario: Scenario) -> LocalFrame:
+    """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's height."""
+    route = scenario.route
+    first = route.waypoints[0][:2] if route.waypoints is not None else route.start
+    assert first is not None  # the scenario model has checked
+    return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
+
+
+def require_frame(message: Any, frame: str) -> None:
+    """Raise BadMessageError unless the message is in the frame; an empty frame takes any."""
+    if frame and message.header.frame_id != frame:
+        raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'")
+
+
+def fill_imu(message: Any, ns: int, specific_force: Array, angular_rate: Array) -> None:
+    """Write the means over an interval that ends at the stamp (FRD) into an Imu message, which has no orientation (REP-145)."""
+    set_stamp(message.header.stamp, ns)
+    force, rate = message.linear_acceleration, message.angular_velocity
+    force.x, force.y, force.z = (specific_force * _FLIP).tolist()
+    rate.x, rate.y, rate.z = (angular_rate * _FLIP).tolist()
+
+
+def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:
+    """Return (specific force m/s², angular rate rad/s), each (3,) FRD."""
+    require_frame(message, frame)
+    force, rate = message.linear_acceleration, message.angular_velocity
+    values = np.array([[force.x, -force.y, -force.z], [rate.x, -rate.y, -rate.z]])
+    if not np.isfinite(values).all():
+        raise BadMessageError("specific force or angular rate is not finite")
+    if message.linear_acceleration_covariance[0] == -1.0 or message.angular_velocity_covariance[0] == -1.0:
+        raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
+    if min(message.linear_acceleration_covariance[::4]) < 0.0 or min(message.angular_velocity_covariance[::4]) < 0.0:
+        raise BadMessageError("negative variance")
+    return values[0], values[1]
+
+
+def fill_fix(
+    message: NavSatFix,
+    ns: int,
+    latitude: float,
+    longitude: float,
+    height: float,
+    covariance: Array | None = None,
+    status: int = NavSatStatus.STATUS_FIX,
+) -> None:
+    """Write a position (rad, m) and its (3, 3) covariance (NED, m²; None = not known) into a NavSatFix."""
+    set_stamp(message.header.stamp, ns)
+    message.latitude, message.longitude = math.degrees(latitude), math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    message.altitude = float(height)
+    message.status.status = status
+    if covariance is None:
+        message.position_covariance = np.zeros(9)
+        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    else:
+        message.position_covariance = (_SWAP @ covariance @ _SWAP).ravel()
+        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_KNOWN
+
+
+def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
+    """Return (latitude rad, longitude rad, height m)."""
+    require_frame(message, frame)
+    if not (math.isfinite(message.latitude) and math.isfinite(message.longitude) and math.isfinite(message.altitude)):
+        raise BadMessageError("position is not finite")
+    if abs(message.latitude) > 90.0 or abs(message.longitude) > 360.0:
+        raise BadMessageError(f"no such place: latitude {message.latitude:.4f}, longitude {message.longitude:.4f} deg")
+    return math.radians(message.latitude), math.radians(message.longitude), message.altitude
+
+
+def read_covariance(message: NavSatFix) -> Array:
+    """Return the (3, 3) covariance of a NavSatFix, NED, m²."""
+    if message.position_covariance_type == NavSatFix.COVARIANCE_TYPE_UNKNOWN:
+        raise BadMessageError("covariance is not known")
+    covariance = np.asarray(message.position_covariance).reshape(3, 3)
+    _require_variances(covariance)
+    return _SWAP @ covariance @ _SWAP
+
+
+def _require_variances(covariance: Array) -> None:
+    if not np.isfinite(covariance).all():
+        raise BadMessageError("covariance is not finite")
+    if (np.diag(covariance) < 0.0).any():
+        raise BadMessageError("negative variance")
+
+
+def fill_odom(
+    message: Any,
+    ns: int,
+    frame: LocalFrame,
+    position: Array,
+    velocity: Array,
+    attitude: Array,
+    angular_rate: Array,
+    covariance: Array | None = None,
+) -> None:
+    """Write a navigation state into an Odometry of frame ``map`` and child ``base_link``.
+
+    Parameters
+    ----------
+    position : (3,) array
+        Latitude rad, longitude rad, height m.
+    velocity : (3,) array
+        NED, m/s.
+    attitude : (4,) array
+        Quaternion FRD to NED.
+    angular_rate : (3,) array
+        FRD, rad/s, relative to the Earth.
+    covariance : (9+, 9+) array, optional
+        Position, velocity, attitude errors, NED. The twist's covariance is that of the NED velocity turned into body axes, so that turning
+        it back with the message's orientation gives it unchanged.
+    """
+    set_stamp(message.header.stamp, ns)
+    to_map = frame.rotation_from(position[0], position[1]) @ _SWAP
+    to_body = matrix(attitude).T * _FLIP[:, None]  # FLU from NED
+    point, orientation = message.pose.pose.position, message.pose.pose.orientation
+    point.x, point.y, point.z = frame.from_geodetic(position[0], position[1], position[2]).tolist()
+    orientation.w, orientation.x, orientation.y, orientation.z = quaternion(to_map @ to_body.T)
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    linear.x, linear.y, linear.z = (to_body @ velocity).tolist()
+    angular.x, angular.y, angular.z = (angular_rate * _FLIP).tolist()
+    if covariance is not None:
+        pose = np.empty((6, 6))
+        pose[:3, :3] = to_map @ covariance[:3, :3] @ to_map.T
+        pose[:3, 3:] = to_map @ covariance[:3, 6:9] @ to_map.T
+        pose[3:, :3] = pose[:3, 3:].T
+        pose[3:, 3:] = to_map @ covariance[6:9, 6:9] @ to_map.T
+        message.pose.covariance = pose.ravel()
+        twist = np.zeros((6, 6))
+        twist[:3, :3] = to_body @ covariance[3:6, 3:6] @ to_body.T
+        message.twist.covariance = twist.ravel()
+
+
+def read_velocity(message: Any, frame: LocalFrame, latitude: float, longitude: float) -> tuple[Array, Array, Array]:
+    """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry, NED at a point (rad)."""
+    require_frame(message, MAP)
+    if message.child_frame_id != BASE:
+        raise BadMessageError(f"child_frame_id must be '{BASE}', is '{message.child_frame_id}'")
+    q, linear = message.pose.pose.orientation, message.twist.twist.linear
+    values = np.array([q.w, q.x, q.y, q.z, linear.x, linear.y, linear.z])
+    covariance = np.asarray(message.twist.covariance).reshape(6, 6)[:3, :3]
+    if not np.isfinite(values).all():
+        raise BadMessageError("orientation or velocity is not finite")
+    if abs(values[:4] @ values[:4] - 1.0) > 1e-3:
+        raise BadMessageError("orientation is not a unit quaternion")
+    _require_variances(covariance)
+    to_ned = (frame.rotation_from(latitude, longitude) @ _SWAP).T @ matrix(values[:4])
+    return to_ned @ values[4:], to_ned @ covariance @ to_ned.T, to_ned * _FLIP
+
+
+def fill_accel(message: Any, ns: int, value: float, variance: float) -> None:
+    """Write a gravimeter's value (m/s², z up) and variance into an AccelWithCovarianceStamped; x and y are not measured."""
+    set_stamp(message.header.stamp, ns)
+    message.accel.accel.linear.z = float(value)
+    covariance = np.diag([NOT_MEASURED] * 6)
+    covariance[2, 2] = variance
+    message.accel.covariance = covariance.ravel()
+
+
+def read_accel(message: Any, frame: str = PLATFORM) -> tuple[float, float]:
+    """Return (value m/s², variance m²/s⁴) of a gravimeter's message."""
+    require_frame(message, frame)
+    value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
+    if not math.isfinite(value) or not math.isfinite(variance):
+        raise BadMessageError("reading is not finite")
+    if variance < 0.0:
+        raise BadMessageError("negative variance")
+    return value, variance
+
+
+def fill_numbers(message: Any, ns: int, *arrays: Array) -> None:
+    """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray, which has no header."""
+    seconds, rest = divmod(ns, 1_000_000_000)
+    data = [float(seconds), float(rest)]
+    for array in arrays:
+        data += array.ravel().tolist()
+    message.data = data
+
+
+def read_nav_covariance(message: Any) -> Array:
+    """Return the covariance of `isogal.matching.batching`'s error states: (7, 7), or (4, 4) without the attitude."""
+    values = np.array(message.data)
+    size = math.isqrt(max(len(values) - 2, 0))
+    if size not in (4, 7) or len(values) != size * size + 2:
+        raise BadMessageError(f"must hold a stamp and a 7 x 7 or 4 x 4 covariance, holds {len(values)} numbers")
+    covariance = values[2:].reshape(size, size)
+    _require_variances(covariance)
+    return covariance
+
+
+def read_information(message: Any) -> tuple[Array, Array] | None:
+    """Return (vector (4,), matrix (4, 4)) of ``pmht_mm/information``; None where the fix says all there is."""
+    values = np.array(message.data)
+    if len(values) == 2:
+        return None
+    if len(values) != 22:
+        raise BadMessageError(f"must hold a stamp, a vector of 4 and a 4 x 4 matrix, holds {len(values)} numbers")
+    if not np.isfinite(values).all():
+        raise BadMessageError("information is not finite")
+    return values[2:6], values[6:].reshape(4, 4)
+
+
+_CANDIDATE = np.dtype([("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")])
+
+
+def candidates_cloud(ns: int, candidates: Candidates | None) -> PointCloud2:
+    """Return candidates as points with the fields latitude, longitude (deg), weight and scan."""
+    kinds = {"<f8": PointField.FLOAT64, "<u4": PointField.UINT32}
+    count = 0 if candidates is None else len(candidates.latitude)
+    points = np.zeros(count, dtype=_CANDIDATE)
+    if candidates is not None:
+        points["latitude"], points["longitude"] = np.degrees(candidates.latitude), np.degrees(candidates.longitude)
+        points["weight"], points["scan"] = candidates.weight, candidates.scan
+    cloud = PointCloud2(
+        height=1,
+        width=count,
+        is_bigendian=False,
+        point_step=_CANDIDATE.itemsize,
+        row_step=count * _CANDIDATE.itemsize,
+        is_dense=True,
+    )
+    set_stamp(cloud.header.stamp, ns)
+    cloud.header.frame_id = GEODETIC
+    cloud.fields = [
+        PointField(
+            name=name, offset=_CANDIDATE.fields[name][1], datatype=kinds[_CANDIDATE.fields[name][0].str], count=1
+        )
+        for name in _CANDIDATE.names or ()
+    ]
+    cloud.data = points.tobytes()
+    return cloud
+
+
+def read_candidates(cloud: PointCloud2) -> Candidates:
+    """Return the candidates of a cloud that `candidates_cloud` made."""
+    if cloud.point_step != _CANDIDATE.itemsize or [field.name for field in cloud.fields] != list(
+        _CANDIDATE.names or ()
+    ):
+        raise BadMessageError("fields must be latitude, longitude, weight, scan")
+    points = np.frombuffer(bytes(cloud.data), dtype=_CANDIDATE)
+    return Candidates(
+        np.radians(points["latitude"]),
+        np.radians(points["longitude"]),
+        points["weight"].copy(),
+        points["scan"].astype(np.int64),
+    )
+
+
+def quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    """Return (w, x, y, z) of a rotation matrix, from its largest component (Shepperd 1978)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    squares = (a + e + i, a - e - i, e - a - i, i - a - e)
+    largest = max(range(4), key=squares.__getitem__)
+    s = math.sqrt(1.0 + squares[largest]) * 2.0
+    if largest == 0:
+        q = (s / 4.0, (h - f) / s, (c - g) / s, (d - b) / s)
+    elif largest == 1:
+        q = ((h - f) / s, s / 4.0, (b + d) / s, (c + g) / s)
+    elif largest == 2:
+        q = ((c - g) / s, (b + d) / s, s / 4.0, (f + h) / s)
+    else:
+        q = ((d - b) / s, (c + g) / s, (f + h) / s, s / 4.0)
+    return q

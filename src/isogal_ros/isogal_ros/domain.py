@@ -1,0 +1,99 @@
+"""A ROS domain that nobody else on this machine uses, and the traces that Fast DDS leaves behind."""
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from isogal.errors import InputError
+
+DOMAIN, RANGE = "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_HIGHEST = 101
+"""Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula, section 9.6.2.3)."""
+_MEMORY = Path("/dev/shm")
+
+
+@contextmanager
+def claim_domain() -> Iterator[int]:
+    """Yield a domain for one graph: the user's ``ROS_DOMAIN_ID`` where it is set, else a free one, held until the end.
+
+    A domain counts as free where nobody listens on the first participants' ports and no other run holds it.
+
+    Raises
+    ------
+    InputError
+        ``ROS_DOMAIN_ID`` is no domain.
+    """
+    given = os.environ.get(DOMAIN, "")
+    if given:
+        if not given.isdigit() or int(given) > 232:
+            raise InputError(f"{DOMAIN}: must be a number from 0 to 232, not {given!r}")
+        yield int(given)
+        return
+    with ExitStack() as stack:
+        start = os.getpid()
+        for offset in range(_HIGHEST):
+            domain = 1 + (start + offset) % _HIGHEST
+            if _claim(domain, stack) and not _in_use(domain):
+                yield domain
+                return
+        raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
+
+
+def _claim(domain: int, stack: ExitStack) -> bool:
+    """Hold a name that only one process can hold: an abstract socket, gone with the process."""
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        holder.bind(f"\0isogal-ros-domain-{domain}")
+    except OSError:
+        holder.close()
+        return False
+    stack.callback(holder.close)
+    return True
+
+
+def _in_use(domain: int) -> bool:
+    """Whether a participant listens: unicast discovery ports are 7410 + 250 domain + 2 participant."""
+    for participant in range(4):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * domain + 2 * participant))
+            except OSError:
+                return True
+    return False
+
+
+def shared_memory() -> set[str]:
+    """List Fast DDS's shared memory files."""
+    if not _MEMORY.is_dir():
+        return set()
+    return {entry.name for entry in _MEMORY.iterdir() if "fastrtps_" in entry.name or "fastdds_" in entry.name}
+
+
+def sweep_shared_memory(before: set[str]) -> None:
+    """Delete the files that came since and that no process has open: a killed process leaves its own behind."""
+    left = shared_memory() - before
+    if not left:
+        return
+    used = _open_files()
+    for name in left:
+        path = _MEMORY / name
+        if str(path) not in used:
+            try:
+                path.unlink()
+            except OSError:
+                continue  # somebody else's
+
+
+def _open_files() -> set[str]:
+    """List the shared memory files that any process has mapped or open, as far as this user may see."""
+    found: set[str] = set()
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            lines = (process / "maps").read_text(errors="replace").splitlines()
+            found.update(line[line.index(str(_MEMORY)) :] for line in lines if str(_MEMORY) in line)
+            found.update(str(entry.readlink()) for entry in (process / "fd").iterdir())
+        except OSError:
+            continue
+    return found

@@ -1,0 +1,1 @@
+"""Gravity map matching: batches of reduced readings to position fixes."""

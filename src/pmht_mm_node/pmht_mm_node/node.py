@@ -1,0 +1,185 @@
+"""Map matching: batches of reduced readings in, position fixes out."""
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import NavSatStatus
+
+from isogal.maps.load import map_for_scenario
+from isogal.matching.batching import BatchBuilder
+from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.registry import build_matcher
+from isogal_ros import params, topics
+from isogal_ros.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_numbers, read_accel
+from isogal_ros.health import OK, BadMessageError, status
+from isogal_ros.nav_buffer import NavBuffer, NavSample
+from isogal_ros.node import GraphNode
+from isogal_ros.spin import run_node
+from isogal_ros.stamps import from_seconds, to_ns, to_seconds
+
+Array = NDArray[np.float64]
+MOST_MISSING = 1000
+"""Longest run of missing scans that is filled in, scans."""
+
+
+class PmhtMmNode(GraphNode):
+    """Collects scans with the navigator's state at their stamps; at the end of a batch publishes a fix, or says why there is none."""
+
+    sections: ClassVar[Sequence[str]] = ("route", "imu", "gravimeter", "map", "matcher")
+    mutable: ClassVar[Sequence[str]] = (
+        "matcher.map_sigma",
+        "matcher.map_correlation_length",
+        "matcher.bias_sigma",
+        "matcher.options",
+    )
+
+    def setup(self) -> None:
+        """Load the map and make publishers and subscriptions."""
+        self.handled = 0
+        """Readings dealt with."""
+        self.published = 0
+        """Messages on pmht_mm/fix published."""
+        self._fixes = self._declined = self._missing = 0
+        self._matcher, self._memory = build_matcher(self.scenario.matcher), None
+        self._map = map_for_scenario(self.scenario)
+        settings = self.scenario.gravimeter
+        self._builder = BatchBuilder(self.scenario.matcher, settings.quantity, self._matcher.context)
+        self._interval = from_seconds(settings.interval)
+        self._waiting: list[tuple[int, float]] = []
+        self._newest, self._last = -1, -1
+        self._message = topics.FIX.type()
+        self._message.header.frame_id = BASE
+        self._m_information = topics.INFORMATION.type()
+        self._candidates, self._fix = self.advertise(topics.CANDIDATES), self.advertise(topics.FIX)
+        self._information = self.advertise(topics.INFORMATION)
+        self._nav = NavBuffer(self, self.scenario, self._process)
+        self._topic = topics.readings(settings.quantity)
+        self.listen(self._topic, self._take)
+
+    def changed(self, values: dict[str, Any]) -> None:
+        """Take new matcher settings from the next batch on; raises InputError where they cannot be used."""
+        document = self.scenario.model_dump()
+        for name, value in values.items():
+            section, _, key = name.partition(".")
+            document[section][key] = value
+        scenario = params.scenario_from(document, self.get_name())
+        if scenario.matcher != self.scenario.matcher:
+            self._matcher, self._memory = build_matcher(scenario.matcher), None
+            self.scenario = scenario
+
+    def _take(self, message: Any) -> None:
+        ns = to_ns(message.header.stamp)
+        if ns <= self._newest:
+            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
+        self._newest = ns
+        try:
+            reading, _ = read_accel(message)
+        except BadMessageError as error:
+            self.health.drop(self._topic.name, str(error))
+            reading = math.nan  # the scan took place; that it gave nothing is known to the batch
+        self._waiting.append((ns, reading))
+        self._process()
+
+    def _process(self) -> None:
+        """Deal with the waiting readings as far as the navigator's states reach."""
+        while self._waiting:
+            ns, reading = self._waiting[0]
+            try:
+                nav = self._nav.at(ns)
+            except BadMessageError as error:
+                self.health.drop(topics.NAV_ODOM.name, str(error))
+            else:
+                if nav is None:
+                    return
+                self._fill_missing(ns)
+                self._scan(nav, reading)
+            del self._waiting[0]
+            self.handled += 1
+            self.health.tick(ns)
+
+    def _fill_missing(self, ns: int) -> None:
+        """Add scans without reading where messages are missing, so that batches keep their length in time."""
+        if self._last < 0:
+            return
+        expected = [self._last + i * self._interval for i in range(1, MOST_MISSING)]
+        for stamp in expected:
+            if stamp > ns - self._interval // 2:
+                break
+            self._missing += 1
+            self.health.figures["scans missing"] = self._missing
+            try:
+                nav = self._nav.at(stamp)
+            except BadMessageError:
+                continue
+            if nav is not None:
+                self._scan(nav, math.nan)
+
+    def _scan(self, nav: NavSample, reading: float) -> None:
+        for jump in self._nav.take_jumps(nav.ns):
+            self._builder.correct(to_seconds(jump.ns), jump.change)
+        sigma = self.scenario.gravimeter.sigma
+        self._builder.add_scan(to_seconds(nav.ns), nav.latitude, nav.longitude, nav.velocity[:2], reading, sigma)
+        self._last = nav.ns
+        if self._builder.ready:
+            self._match(nav)
+
+    def _match(self, nav: NavSample) -> None:
+        batch = self._builder.build(nav.covariance)
+        begun = time.perf_counter()
+        try:
+            fix, self._memory = self._matcher.match(batch, self._map, self._memory)
+        except Exception as error:
+            self.get_logger().error(f"the matcher failed: {type(error).__name__}: {error}")
+            fix, self._memory = declined(batch, f"the matcher failed: {type(error).__name__}: {error}"), None
+        seconds = time.perf_counter() - begun
+        self._fixes += fix.published
+        self._declined += not fix.published
+        self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
+        self._say(nav.ns, fix, seconds)
+        self._candidates.publish(candidates_cloud(nav.ns, fix.candidates))
+        if fix.published and fix.scan_position is not None and fix.scan_covariance is not None:
+            # a fix for each scan of the batch; the last one is that of the batch end
+            for stamp, position, covariance in zip(batch.time, fix.scan_position, fix.scan_covariance, strict=True):
+                self._publish(from_seconds(stamp), (*position, nav.height), covariance)
+        else:
+            position = fix.latitude, fix.longitude, nav.height
+            self._publish(nav.ns, position, fix.covariance if fix.published else None, fix.information)
+
+    def _say(self, ns: int, fix: Fix, seconds: float) -> None:
+        """Publish what became of a batch, with the matcher's own figures."""
+        self.health.state(OK, "matching")
+        figures = {"stamp": f"{to_seconds(ns):.9f}", "published": fix.published, "seconds": seconds, **fix.diagnostics}
+        self.health.publish(status(f"{self.health.name}: batch", OK, fix.reason or "fix published", figures))
+
+    def _publish(
+        self,
+        ns: int,
+        position: tuple[float, float, float],
+        covariance: Array | None,
+        information: Information | None = None,
+    ) -> None:
+        """Publish a fix, or that there is none, after what belongs to it."""
+        status_code, full = NavSatStatus.STATUS_NO_FIX, None
+        if covariance is not None:
+            status_code, full = NavSatStatus.STATUS_FIX, np.diag([0.0, 0.0, NOT_MEASURED])
+            full[:2, :2] = covariance
+        parts = () if information is None else (information.vector, information.matrix)
+        fill_numbers(self._m_information, ns, *parts)
+        self._information.publish(self._m_information)
+        fill_fix(self._message, ns, *position, full, status_code)
+        self._fix.publish(self._message)
+        self.published += 1
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Entry point of the console script."""
+    sys.exit(run_node(topics.PMHT_MM, lambda: PmhtMmNode(topics.PMHT_MM)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,19 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "ukf_fusion_node"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The Isogal developers",
+    description="Unscented Kalman filter that fuses inertial data with map matching fixes.",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    entry_points={"console_scripts": ["ukf_fusion_node = ukf_fusion_node.node:main"]},
+)

@@ -1,0 +1,1 @@
+"""Unscented Kalman filter that fuses inertial data with map matching fixes."""
