@@ -1,0 +1,129 @@
+"""FieldMap: validation, metres, windows."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+
+
+def wave_map(lat_deg=(-38.0, -36.0), lon_deg=(144.0, 147.0), n=201, m=301, **more):
+    lat, lon = np.radians(np.linspace(*lat_deg, n)), np.radians(np.linspace(*lon_deg, m))
+    values = 1e-4 * np.sin(200 * lat)[:, None] * np.cos(150 * lon)[None, :]
+    return FieldMap(lat, lon, values, "m/s²", "disturbance", **more)
+
+
+def test_gradient_is_per_metre_to_north_and_east():
+    field_map = wave_map()
+    lat, lon = np.radians(-37.1234), np.radians(145.4321)
+    north, east = metres_per_radian(lat)
+    _, g_north, g_east = field_map.value_and_gradient(lat, lon)
+    assert g_north == pytest.approx(1e-4 * 200 * math.cos(200 * lat) * math.cos(150 * lon) / north, rel=1e-3)
+    assert g_east == pytest.approx(-1e-4 * 150 * math.sin(200 * lat) * math.sin(150 * lon) / east, rel=1e-3)
+
+
+def test_shapes_broadcast():
+    field_map = wave_map()
+    lat, lon = np.radians([[-37.0], [-36.5]]), np.radians([145.0, 145.5, 146.0])
+    assert field_map.value(lat, lon).shape == (2, 3)
+    assert all(x.shape == (2, 3) for x in field_map.value_and_gradient(lat, lon))
+    assert field_map.sigma_at(lat, lon).shape == (2, 3)
+    assert np.ndim(field_map.value(-0.65, 2.53)) == 0
+    assert field_map.covers(lat, lon).all() and not field_map.covers(np.radians(-39.0), np.radians(145.0))
+
+
+def test_sigma_of_a_grid_is_interpolated():
+    base = wave_map()
+    sigma = np.broadcast_to(np.linspace(1e-5, 2e-5, 201)[:, None], (201, 301))
+    field_map = wave_map(sigma=sigma)
+    assert field_map.sigma_at(np.radians(-37.0), np.radians(145.0)) == pytest.approx(1.5e-5)
+    assert base.sigma_at(0.0, 0.0) == 0.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(-37.9, -36.2),
+    st.floats(144.1, 146.8),
+    st.floats(0.01, 0.5),
+    st.floats(0.01, 0.5),
+    st.sampled_from([-360.0, 0.0, 360.0]),
+)
+def test_a_window_has_the_same_values(south, west, height, width, turn):
+    field_map = wave_map()
+    north, east = min(south + height, -36.1), min(west + width, 146.9)
+    part = field_map.window(*np.radians([south, north, west + turn, east + turn]))
+    lat, lon = np.radians(np.linspace(south, north, 5)), np.radians(np.linspace(west, east, 5))
+    whole = field_map.value(lat, lon)
+    np.testing.assert_allclose(part.value(lat, lon), whole, rtol=0, atol=1e-16)
+    assert np.isfinite(whole).all() and part.values.size <= field_map.values.size
+
+
+def test_a_window_across_the_seam_of_a_global_map():
+    lat, lon = np.radians(np.linspace(-89.5, 89.5, 180)), np.radians(np.arange(0.0, 360.0))
+    values = 1e-4 * np.cos(lat)[:, None] * np.cos(lon)[None, :]
+    field_map = FieldMap(lat, lon, values, "m/s²", "disturbance")
+    part = field_map.window(*np.radians([-5.0, 5.0, -4.0, 4.0]))
+    assert part.values.shape[1] < 20
+    for degrees in (-3.9, 0.0, 3.9, 356.5):
+        assert part.value(0.01, np.radians(degrees)) == pytest.approx(
+            field_map.value(0.01, np.radians(degrees)), abs=1e-16
+        )
+    assert np.isnan(part.value(0.01, np.radians(20.0)))
+    across = field_map.window(*np.radians([-5.0, 5.0, 175.0, -175.0]))
+    assert across.value(0.01, np.radians(-179.9)) == pytest.approx(field_map.value(0.01, np.radians(180.1)), abs=1e-16)
+
+
+def test_a_repeated_meridian_is_dropped():
+    lat, lon = np.radians(np.linspace(-10.0, 10.0, 21)), np.radians(np.arange(-180.0, 181.0))
+    field_map = FieldMap(lat, lon, 1e-4 * np.broadcast_to(np.cos(lon), (21, 361)), "m/s²", "disturbance")
+    assert field_map.longitude.size == 360
+    assert field_map.value(0.0, math.pi) == pytest.approx(-1e-4, abs=1e-7)
+
+
+def test_cell_size():
+    north, east = wave_map().cell_size_m(np.radians(-37.0))
+    assert north == pytest.approx(1110, rel=0.01) and east == pytest.approx(890, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "change,words",
+    [
+        ({"latitude": np.radians([0.0, 1.0, 2.5, 3.0, 4.0])}, "regularly spaced"),
+        ({"latitude": np.radians([4.0, 3.0, 2.0, 1.0, 0.0])}, "increase"),
+        ({"latitude": np.array([0.0, 1.0, 2.0, 3.0, 4.0])}, "-90 to 90"),
+        ({"latitude": np.radians([0.0, 1.0, np.nan, 3.0, 4.0])}, "missing coordinates"),
+        ({"longitude": np.radians([0.0, 1.0, 2.0])}, "at least 4"),
+        ({"longitude": np.linspace(0.0, 12.0, 6)}, "more than once"),
+        ({"values": np.zeros((6, 5))}, "shape"),
+        ({"values": np.full((5, 6), np.nan)}, "all missing"),
+        ({"sigma": -1.0}, "sigma"),
+        ({"sigma": np.zeros((2, 2))}, "sigma has shape"),
+        ({"sigma": np.full((5, 6), -1.0)}, "sigma"),
+        ({"correlation_length": 0.0}, "correlation_length"),
+        ({"quantisation": math.nan}, "quantisation"),
+    ],
+)
+def test_bad_maps_are_refused_in_one_line(change, words):
+    good = {
+        "latitude": np.radians(np.arange(5.0)),
+        "longitude": np.radians(np.arange(6.0)),
+        "values": np.zeros((5, 6)),
+        "unit": "m",
+        "quantity": "height",
+    }
+    FieldMap(**good)
+    with pytest.raises(InputError, match=words) as error:
+        FieldMap(**{**good, **change})
+    assert "\n" not in str(error.value)
+
+
+def test_windows_that_miss_the_map_are_refused():
+    with pytest.raises(InputError, match="has nothing at"):
+        wave_map().window(*np.radians([10.0, 11.0, 145.0, 146.0]))
+    with pytest.raises(InputError, match="has nothing at"):
+        wave_map().window(*np.radians([-37.0, -36.5, 20.0, 21.0]))

@@ -1,0 +1,70 @@
+"""Map feature variability (paper eq. CV)."""
+
+import numpy as np
+import pytest
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+from isogal.maps.variability import feature_variability, normalised_variability, template
+
+LAT, LON = np.radians(-37.0), np.radians(145.0)
+
+
+def plane(slope_north, slope_east, missing=None):
+    """Map whose value changes by so much per metre (nearly: metres are taken at one latitude)."""
+    lat, lon = LAT + np.radians(0.01) * np.arange(-40, 41), LON + np.radians(0.01) * np.arange(-40, 41)
+    north, east = metres_per_radian(LAT)
+    values = slope_north * north * (lat - LAT)[:, None] + slope_east * east * (lon - LON)[None, :]
+    if missing is not None:
+        values[missing] = np.nan
+    return FieldMap(lat, lon, values, "m", "height")
+
+
+def test_by_hand_on_a_plane():
+    """Slope a to the north: the mean of (a·north)² over the template."""
+    a = 1e-2
+    north, east = template(1000.0, 5)
+    expected = np.mean((a * north) ** 2)
+    assert north.size == east.size == 24
+    assert expected == pytest.approx(a**2 * 1000.0**2 * (2 * 5 * (1.0 + 0.25)) / 24)
+    assert feature_variability(plane(a, 0.0), LAT, LON, 1000.0, 5) == pytest.approx(expected, rel=1e-6)
+    assert feature_variability(plane(0.0, a), LAT, LON, 1000.0, 5) == pytest.approx(expected, rel=1e-6)
+    assert feature_variability(plane(0.0, 0.0), LAT, LON) == 0.0
+
+
+def test_the_template_is_fixed_in_metres():
+    """The same hill has the same variability whatever the grid's spacing in longitude means in metres."""
+    one, other = (feature_variability(plane(*slopes), LAT, LON) for slopes in ((1e-2, 0.0), (0.0, 1e-2)))
+    assert one == pytest.approx(other, rel=1e-6)
+
+
+def test_missing_values():
+    hole = np.s_[38:, :]  # rows north of 0.02 deg south of the place
+    assert np.isnan(feature_variability(plane(1e-2, 0.0, hole), LAT, LON))
+    far = np.s_[43:, :]  # only the north edge of a wide template
+    assert np.isfinite(feature_variability(plane(1e-2, 0.0, far), LAT, LON, 1500.0))
+    assert np.isnan(feature_variability(plane(1e-2, 0.0), LAT + 0.5, LON))
+
+
+def test_shape():
+    assert feature_variability(plane(1e-2, 0.0), np.full((2, 3), LAT), LON).shape == (2, 3)
+
+
+def test_normalisation_over_a_fixed_number_of_samples():
+    c = np.array([1.0, 3.0, 2.0, np.nan, 4.0, 0.0])
+    np.testing.assert_allclose(normalised_variability(c, 2), [1.0, 1.5, 0.8, np.nan, 1.0, 0.0])
+    np.testing.assert_allclose(
+        normalised_variability(np.stack([c, 2 * c]), 2), normalised_variability(c, 2)[None].repeat(2, 0)
+    )
+    np.testing.assert_allclose(normalised_variability(c, reference=2.0), c / 2.0)
+    np.testing.assert_allclose(normalised_variability(np.zeros(3)), np.zeros(3))
+    np.testing.assert_allclose(normalised_variability(c, 100)[:3], [1.0, 1.5, 1.0])
+
+
+def test_bad_settings():
+    for call in (lambda: template(1000.0, 4), lambda: template(-1.0, 3), lambda: normalised_variability([1.0], 0)):
+        with pytest.raises(InputError):
+            call()
+    with pytest.raises(InputError):
+        normalised_variability([1.0], reference=0.0)
