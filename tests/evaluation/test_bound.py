@@ -325,7 +325,9 @@ def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, ex
 
 def test_effective_noise():
     assert effective_noise_variance(Gravimeter(sigma=2e-5)) == pytest.approx(4e-10, rel=1e-9, abs=0)
-    assert effective_noise_variance(Gravimeter(sigma=1e-6), 1e-6) == pytest.approx(1e-12 * (1 + 1 / 12), rel=1e-9, abs=0)
+    assert effective_noise_variance(Gravimeter(sigma=1e-6), 1e-6) == pytest.approx(
+        1e-12 * (1 + 1 / 12), rel=1e-9, abs=0
+    )
     hit = effective_noise_variance(Gravimeter(sigma=1e-5, outlier_fraction=0.05))
     assert hit == pytest.approx(1e-10 / (0.95 + 0.05 / 2501.0), rel=1e-9, abs=0)
 

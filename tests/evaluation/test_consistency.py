@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from isogal.evaluation.consistency import (
     chi_square_interval,
@@ -40,6 +41,13 @@ def test_what_is_not_known_is_nan_and_impossible_certainty_infinite():
     error = np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 2.0], [1.0, 2.0], [1.0, 0.0]])
     covariance = np.array([np.eye(2), np.eye(2), np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.zeros((2, 2))])
     np.testing.assert_array_equal(nees_per_axis(error, covariance), [2.5, np.nan, np.nan, np.inf, np.inf])
+
+
+def test_the_interval_is_the_chi_square_one():
+    for samples, axes, confidence in [(1, 2, 0.95), (43, 2, 0.99), (100, 1, 0.9), (2.5, 2, 0.95)]:
+        low, high = chi_square_interval(samples, axes, confidence)
+        expected = chi2.interval(confidence, samples * axes) / np.float64(samples * axes)
+        np.testing.assert_allclose((low, high), expected, rtol=1e-10)
 
 
 def test_the_interval_covers_as_often_as_it_says():

@@ -71,14 +71,16 @@ def chi_square_interval(
     tuple of float
         Lower and upper end, around 1.
     """
-    from scipy.stats import chi2  # slow to import, and node processes never need it
+    from scipy.special import gammaincinv  # scipy.stats would take seconds to import
 
     count = samples if independent is None else independent
     if not count > 0 or axes < 1 or not 0 < confidence < 1:
         raise ValueError(f"needs samples > 0, axes >= 1, 0 < confidence < 1, not {count}, {axes}, {confidence}")
     freedom = count * axes
     tail = (1.0 - confidence) / 2.0
-    return float(chi2.ppf(tail, freedom) / freedom), float(chi2.ppf(1.0 - tail, freedom) / freedom)
+    # chi-square is a gamma distribution of shape freedom / 2 and scale 2
+    low, high = (2.0 * float(gammaincinv(freedom / 2.0, p)) / freedom for p in (tail, 1.0 - tail))
+    return low, high
 
 
 def effective_samples(values: ArrayLike) -> float:

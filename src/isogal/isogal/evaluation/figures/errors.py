@@ -1,0 +1,104 @@
+"""Errors of one run over time, and whether the navigator knew them."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.evaluation.consistency import chi_square_interval, mean_nees
+from isogal.evaluation.figures import style
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import posterior_nees
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@style.journal
+def error_figure(runs: Runs, run: int = 0) -> "Figure":
+    """North and east error of one run with its 3-sigma band and the fixes; left against the unaided INS, right enlarged."""
+    figure = style.new_figure(4.6)
+    axes = figure.subplots(2, 2, sharex=True)
+    time = style.hours(runs.elapsed)
+    fix_time = style.hours(runs.fix_time - runs.time[0])
+    deviation = 3.0 * np.sqrt(np.diagonal(runs.covariance[run], axis1=1, axis2=2))
+    close = _enlarged_limit(runs.error[run], deviation, runs.elapsed)
+    for axis, name in enumerate(("North", "East")):
+        for column in range(2):
+            panel = axes[axis, column]
+            panel.axhline(0.0, color="0.5", linewidth=0.6)
+            panel.fill_between(
+                *(time, -deviation[:, axis], deviation[:, axis]),
+                color=style.SKY,
+                alpha=0.35,
+                linewidth=0,
+                label=r"$\pm3\sigma$ of the navigator",
+            )
+            panel.plot(time, runs.unaided_error[run, :, axis], **style.UNAIDED.options(), label="unaided INS")
+            panel.plot(time, runs.error[run, :, axis], **style.AIDED.options(), label="aided")
+            if column == 1:
+                _fix_marks(panel, fix_time, runs, run, axis)
+                panel.set_ylim(-close, close)
+        axes[axis, 0].set_ylabel(f"{name} error (m)")
+    axes[0, 0].set_title("against the unaided INS", loc="left")
+    axes[0, 1].set_title("enlarged, with the fixes", loc="left")
+    for panel in axes[1]:
+        style.time_axis(panel, float(time[-1]))
+    style.legend_below(figure)
+    return figure
+
+
+def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, run: int, axis: int) -> None:
+    error = runs.fix_error[run, :, axis]
+    sigma = np.sqrt(runs.fix_covariance[run, :, axis, axis])
+    panel.errorbar(
+        *(fix_time, error, sigma),
+        fmt="o",
+        markersize=2.6,
+        color=style.VERMILION,
+        ecolor="0.45",
+        elinewidth=0.7,
+        label=r"fixes $\pm1\sigma$",
+        markeredgewidth=0.0,
+    )
+
+
+def _enlarged_limit(error: Array, deviation: Array, elapsed: Array) -> float:
+    """Half height of the enlarged panels: what band and error reach in the second half, once the aiding has settled."""
+    settled = elapsed >= 0.5 * elapsed[-1]
+    reach = np.maximum(np.abs(error), deviation)[settled]
+    return style.nice_limit(1.2 * float(np.nanpercentile(reach, 99.0)))
+
+
+@style.journal
+def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
+    """NEES per axis right after each published fix: of the one run, or averaged over runs, with its chi-square interval."""
+    figure = style.new_figure(2.7)
+    panel = figure.subplots()
+    time = style.hours(runs.fix_time - runs.time[0])
+    values = posterior_nees(runs)
+    counts = np.sum(~np.isnan(values), axis=0)
+    known = counts > 0
+    total = np.where(np.isnan(values), 0.0, values).sum(axis=0)
+    mean = np.divide(total, counts, out=np.full(counts.shape, np.nan), where=known)
+    if known.any():
+        band = np.array([chi_square_interval(float(n), 2, confidence) for n in counts[known]])
+        label = f"{confidence:.0%} of consistent navigators"
+        panel.fill_between(time[known], band[:, 0], band[:, 1], color=style.SKY, alpha=0.35, linewidth=0, label=label)
+    who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
+    panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
+    panel.axhline(1.0, **style.BOUND.options(), label="1: right")
+    overall = mean_nees(values, confidence=confidence)
+    if np.isfinite(overall.mean):
+        low, high = overall.interval
+        panel.set_title(f"mean {overall.mean:.2f}; {confidence:.0%} interval {low:.2f} to {high:.2f}", loc="left")
+    style.logarithmic(panel)
+    low, high = panel.get_ylim()
+    panel.set_ylim(max(min(low, 0.1), 1e-2), max(high, 10.0))
+    panel.set_ylabel("NEES per axis (1)")
+    style.time_axis(panel, float(style.hours(runs.elapsed[-1:])[0]))
+    style.legend_below(figure)
+    return figure

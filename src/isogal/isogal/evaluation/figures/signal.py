@@ -1,0 +1,110 @@
+"""What the sensor read along the track, and how much the map has to say there."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isogal.evaluation.figures import style
+from isogal.evaluation.records import RunDetail, Runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from isogal.maps.field_map import FieldMap
+
+
+@style.journal
+def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None) -> "Figure":
+    """Measured values against the map's at the true and at the navigated position, and their differences below.
+
+    Parameters
+    ----------
+    runs : Runs
+        With a detail.
+    field_map : FieldMap
+        Gives unit and name of the field.
+    sigma : float, optional
+        1-sigma of a reading's white noise, drawn as a band.
+    """
+    detail = _detail(runs)
+    scale = style.field_scale(field_map)
+    figure = style.new_figure(4.2)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    time = style.hours(detail.scan_time - runs.time[0])
+    top.plot(time, scale(detail.reading), ".", markersize=2.0, color=style.VERMILION, label="measured")
+    top.plot(time, scale(detail.map_value), **style.TRUTH.options(), label="map, true position")
+    top.plot(time, scale(detail.map_value_navigator), **style.SERIES[2].options(), label="map, navigator")
+    top.set_ylabel(scale.two_lines)
+
+    if sigma is not None:
+        band = 3.0 * sigma / scale.unit
+        bottom.axhspan(-band, band, color=style.SKY, alpha=0.35, linewidth=0, label=r"$\pm3\sigma$ of the noise")
+    difference = (detail.reading - detail.map_value) / scale.unit
+    bottom.plot(time, difference, ".", markersize=2.0, color=style.VERMILION, label="measured − map, true position")
+    bottom.plot(
+        time,
+        (detail.reading - detail.map_value_navigator) / scale.unit,
+        **style.Line(style.GREEN, "-", 0.8).options(),
+        label="measured − map, navigator",
+    )
+    bottom.set_ylabel("difference\n" + scale.unit_label)
+    style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
+    style.legend_below(figure, columns=3)
+    return figure
+
+
+@style.journal
+def variability_figure(runs: Runs, field_map: "FieldMap", threshold: float | None = None) -> "Figure":
+    """Noiseless signal and map feature variability along the track (paper fig-60), with the batches that gave no fix.
+
+    Parameters
+    ----------
+    runs : Runs
+        With a detail.
+    field_map : FieldMap
+        Gives unit and name of the field.
+    threshold : float, optional
+        Variability below which the aiding stops.
+    """
+    detail = _detail(runs)
+    scale = style.field_scale(field_map)
+    figure = style.new_figure(3.8)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    time = style.hours(detail.scan_time - runs.time[0])
+    top.plot(time, scale(detail.map_value), **style.TRUTH.options(), label="noiseless signal")
+    top.set_ylabel(scale.two_lines)
+    known = np.isfinite(detail.feature_variability)
+    marker = "o" if known.sum() < 0.5 * known.size else None  # matchers give it once a batch
+    bottom.plot(
+        time[known],
+        detail.feature_variability[known],
+        **style.AIDED.options(),
+        marker=marker,
+        markersize=3,
+        label="map feature variability",
+    )
+    if threshold is not None:
+        bottom.axhline(threshold, **style.BOUND.options(), label="aiding stops below")
+    if threshold is not None and np.nanmin(detail.feature_variability, initial=np.inf) > 0.0:
+        style.logarithmic(bottom)  # thresholds lie far below the usual
+    else:
+        bottom.set_ylim(bottom=0.0)
+    declined = style.hours(runs.fix_time[~runs.published[0]] - runs.time[0])
+    if declined.size:
+        bottom.plot(
+            *(declined, np.full(declined.size, 0.03), "x"),
+            transform=bottom.get_xaxis_transform(),
+            color=style.VERMILION,
+            markersize=5,
+            label="batch without fix",
+        )
+    bottom.set_ylabel("map feature\nvariability (1)")
+    style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
+    style.legend_below(figure, columns=3)
+    return figure
+
+
+def _detail(runs: Runs) -> RunDetail:
+    if runs.detail is None:
+        raise ValueError("this figure needs a record with detail (a single run)")
+    return runs.detail

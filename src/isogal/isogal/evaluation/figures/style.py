@@ -1,0 +1,213 @@
+"""The look all figures share: palette, line styles, sizes, axes of time and of map values."""
+
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from isogal.maps.field_map import FieldMap
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+WIDTH = 7.1
+"""in, a full page's width; figures are this wide."""
+DPI = 150
+MGAL = 1e-5
+"""m/s²."""
+
+# Okabe and Ito, "Color universal design", 2008: eight colours that people with any colour vision tell apart.
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+
+FIELD_COLOURS = "cividis"
+"""Colour map of fields: even in lightness, the same to all colour vision, rising grey in print."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Colour, dashes and width, so that two lines differ in more than colour."""
+
+    colour: str
+    dashes: Any
+    width: float = 1.3
+
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of Axes.plot."""
+        return {"color": self.colour, "linestyle": self.dashes, "linewidth": self.width}
+
+
+AIDED = Line(BLUE, "-", 1.5)
+UNAIDED = Line(VERMILION, (0, (5, 2)))
+BOUND = Line(BLACK, (0, (1, 1.2)))
+TRUTH = Line(BLACK, "-", 1.0)
+SERIES = (
+    Line(BLUE, "-", 1.5),
+    Line(VERMILION, (0, (5, 2))),
+    Line(GREEN, (0, (5, 1.5, 1, 1.5))),
+    Line(PURPLE, (0, (2.5, 1.2))),
+    Line(ORANGE, (0, (8, 2))),
+    Line(SKY, (0, (5, 1.5, 1, 1.5, 1, 1.5))),
+)
+"""Lines for curves that stand side by side, in order."""
+
+_JOURNAL: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so a figure looks the same everywhere
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.facecolor": "white",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "grid.color": "0.88",
+    "grid.linewidth": 0.5,
+    "lines.solid_capstyle": "round",
+    "legend.fontsize": 8,
+    "legend.frameon": True,
+    "legend.framealpha": 0.9,
+    "legend.edgecolor": "none",
+    "legend.handlelength": 2.6,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "mathtext.fontset": "dejavusans",
+    "text.usetex": False,
+    "path.simplify": True,
+    "contour.negative_linestyle": "solid",
+}
+
+
+def journal(draw: Callable[P, T]) -> Callable[P, T]:
+    """Run a drawing function with the journal's settings; the caller's matplotlib settings are untouched."""
+
+    @wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> T:
+        import matplotlib as mpl
+
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update(_JOURNAL)
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def new_figure(height: float, width: float = WIDTH) -> "Figure":
+    """Return an empty figure (in) with constrained layout, attached to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+@journal
+def png(figure: "Figure", dpi: int | None = None) -> bytes:
+    """Render a figure, at `DPI` dots per inch unless told; equal figures give equal bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi or DPI, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def hours(seconds: Array) -> Array:
+    """Seconds as hours."""
+    return seconds / 3600.0
+
+
+def time_axis(axes: "Axes", end: float, label: bool = True) -> None:
+    """Label a time axis in hours or, for records under 20 minutes, minutes; the data are in hours. `end` in hours."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+
+    axes.set_xlim(0.0, end)
+    if end < 1.0 / 3.0:
+        axes.xaxis.set_major_locator(MultipleLocator(max(1, round(end * 60 / 8)) / 60))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * 60:g}"))
+        unit = "min"
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
+        unit = "h"
+    if label:
+        axes.set_xlabel(f"time since start ({unit})")
+
+
+@dataclass(frozen=True, slots=True)
+class FieldScale:
+    """How numbers of a map are written on an axis: (value - offset) / unit, with a label."""
+
+    offset: float
+    unit: float
+    label: str
+
+    @property
+    def unit_label(self) -> str:
+        """The unit alone, in brackets."""
+        return "(" + self.label.rsplit("(", 1)[1]
+
+    @property
+    def two_lines(self) -> str:
+        """The label with its unit on a second line, for low panels."""
+        return self.label.removesuffix(self.unit_label).rstrip() + "\n" + self.unit_label
+
+    def __call__(self, values: Any) -> Array:
+        """Scale values of the map."""
+        return (np.asarray(values, dtype=np.float64) - self.offset) / self.unit
+
+
+_NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity disturbance"}
+
+
+def field_scale(field_map: "FieldMap") -> FieldScale:
+    """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle, others as they are."""
+    name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
+    if field_map.unit != "m/s²":
+        return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
+    middle = float(np.nanmedian(field_map.values))
+    if abs(middle) < 0.1:
+        return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
+    offset = round(middle, 2)
+    return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s² ($10^{{-5}}$ m/s²)")
+
+
+def logarithmic(axis: "Axes") -> None:
+    """Give a panel a logarithmic value axis with plain numbers and a fine grid."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axis.set_yscale("log")
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.grid(True, which="minor", axis="y", linewidth=0.25)
+
+
+def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" = None) -> None:
+    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared label comes once."""
+    entries: dict[str, Any] = {}
+    for panel in panels or figure.axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(
+            list(entries.values()), list(entries), loc="outside lower center", ncols=min(columns, len(entries))
+        )
+
+
+def nice_limit(value: float) -> float:
+    """Round a positive number up to 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
+    if not (math.isfinite(value) and value > 0.0):
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(m * power for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-12))

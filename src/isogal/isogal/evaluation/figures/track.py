@@ -1,0 +1,251 @@
+"""The track on the map: the whole route, and close-ups of single batches with candidates and fix."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.figures import style
+from isogal.evaluation.records import Runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from isogal.maps.field_map import FieldMap
+
+Array = NDArray[np.float64]
+
+CLOSE_UPS = 3
+_MAP_WIDTH, _LEGEND = 5.2, 0.6
+"""in, of the overview without axes and colour bar, and of the legend."""
+_LATTICE = 90
+"""Points along each side of a close-up's picture of the map."""
+
+
+@style.journal
+def track_figure(runs: Runs, field_map: "FieldMap", run: int = 0) -> "Figure":
+    """One run on the map: above the whole route, below close-ups of batches early, half-way and at the end.
+
+    Candidates are drawn for run 0 where the record has them.
+    """
+    chosen = _close_up_batches(runs)
+    part = _around(field_map, runs)
+    stretch = 1.0 / math.cos(float(np.mean(runs.latitude)))  # a degree of latitude over one of longitude
+    shape = float(np.ptp(part.latitude)) * stretch / float(np.ptp(part.longitude))
+    height = min(max(_MAP_WIDTH * shape, 1.6), 4.6) + 0.5
+    if not chosen:
+        figure = style.new_figure(height + _LEGEND)
+        _overview(figure.add_subplot(), runs, part, run, chosen, stretch)
+    else:
+        figure = style.new_figure(height + 2.4 + _LEGEND)
+        halves = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, 2.4 + _LEGEND))[:, 0]
+        _overview(halves[0].add_subplot(), runs, part, run, chosen, stretch)
+        for panel, batch in zip(halves[1].subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
+            _close_up(panel, runs, field_map, run, batch, batch == chosen[0])
+    style.legend_below(halves[1] if chosen else figure, columns=4, panels=figure.axes)
+    return figure
+
+
+def _close_up_batches(runs: Runs) -> list[int]:
+    count = runs.fix_time.size
+    return sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
+
+
+def _overview(panel: "Axes", runs: Runs, part: "FieldMap", run: int, chosen: list[int], stretch: float) -> None:
+    latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
+    scale = style.field_scale(part)
+    rows, columns = (max(1, size // 900) for size in part.values.shape)  # finer than the picture's dots is in vain
+    values = scale(part.values[::rows, ::columns])
+    # a map may count its longitudes from another turn than the route
+    turn = (
+        2.0 * math.pi * round((math.radians(float(longitude.mean())) - float(part.longitude.mean())) / (2.0 * math.pi))
+    )
+    south, north, west, east = (
+        math.degrees(x)
+        for x in (part.latitude[0], part.latitude[-1], part.longitude[0] + turn, part.longitude[-1] + turn)
+    )
+    low, high = np.nanpercentile(values, [1.0, 99.0])
+    figure: Any = panel.get_figure(root=False)
+    image = panel.imshow(
+        values,
+        extent=(west, east, south, north),
+        origin="lower",
+        cmap=style.FIELD_COLOURS,
+        vmin=low,
+        vmax=high,
+        interpolation="bilinear",
+        aspect=stretch,
+    )
+    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
+    panel.grid(False)
+    # a white edge keeps lines visible on dark and on light ground
+    panel.plot(longitude, latitude, color="white", linewidth=3.2)
+    panel.plot(longitude, latitude, **style.TRUTH.options(), label="true track")
+    metres_north, metres_east = metres_per_radian(runs.latitude)
+    panel.plot(
+        longitude + np.degrees(runs.unaided_error[run, :, 1] / metres_east),
+        latitude + np.degrees(runs.unaided_error[run, :, 0] / metres_north),
+        **style.UNAIDED.options(),
+        label="unaided INS",
+    )
+    truth_at_fix = np.interp(runs.fix_time, runs.time, latitude), np.interp(runs.fix_time, runs.time, longitude)
+    metres = metres_per_radian(np.radians(truth_at_fix[0]))
+    fix_latitude, fix_longitude = (
+        truth_at_fix[axis] + np.degrees(runs.fix_error[run, :, axis] / metres[axis]) for axis in range(2)
+    )
+    panel.plot(
+        *(fix_longitude, fix_latitude, "o"),
+        color=style.SKY,
+        markeredgecolor="black",
+        markeredgewidth=0.5,
+        markersize=3.5,
+        label="fix",
+    )
+    for number, batch in enumerate(chosen):
+        panel.annotate(
+            "abc"[number],
+            (truth_at_fix[1][batch], truth_at_fix[0][batch]),
+            xytext=(5, -11),
+            textcoords="offset points",
+            fontweight="bold",
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+        )
+    panel.set_xlabel("longitude (deg)")
+    panel.set_ylabel("latitude (deg)")
+
+
+def _around(field_map: "FieldMap", runs: Runs) -> "FieldMap":
+    """Cut the map to the route with a margin of a tenth of its length, at least 5 km."""
+    metres_north, metres_east = metres_per_radian(runs.latitude)
+    longitude = np.unwrap(runs.longitude)
+    length = math.hypot(
+        float(np.ptp(runs.latitude) * metres_north.mean()), float(np.ptp(longitude) * metres_east.mean())
+    )
+    margin = max(0.1 * length, 5e3)
+    north, east = margin / float(metres_north.min()), margin / float(metres_east.min())
+    return field_map.window(
+        *(float(runs.latitude.min()) - north, float(runs.latitude.max()) + north),
+        *(float(longitude.min()) - east, float(longitude.max()) + east),
+    )
+
+
+def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch: int, name_axes: bool) -> None:
+    """One batch end in kilometres from the truth there."""
+    time = float(runs.fix_time[batch])
+    latitude = float(np.interp(time, runs.time, runs.latitude))
+    longitude = float(np.interp(time, runs.time, np.unwrap(runs.longitude)))
+    metres = np.array([float(m) for m in metres_per_radian(latitude)])
+    candidates, weights = _candidates(runs, run, batch, np.array([latitude, longitude]), metres)
+    half = _half_width(runs, run, batch, candidates)
+    lattice = np.linspace(-half, half, _LATTICE)
+    north, east = np.meshgrid(lattice, lattice, indexing="ij")
+    values = style.field_scale(field_map)(field_map.value(latitude + north / metres[0], longitude + east / metres[1]))
+    km = half / 1e3
+    panel.imshow(
+        values,
+        extent=(-km, km, -km, km),
+        origin="lower",
+        cmap=style.FIELD_COLOURS,
+        interpolation="bilinear",
+        alpha=0.55,
+    )
+    if np.isfinite(values).sum() > 4:
+        panel.contour(lattice / 1e3, lattice / 1e3, values, levels=10, colors="0.45", linewidths=0.4)
+    if candidates.size:
+        panel.scatter(
+            candidates[:, 1] / 1e3,
+            candidates[:, 0] / 1e3,
+            s=4.0 + 26.0 * weights / max(float(weights.max()), 1e-300),
+            marker="+",
+            color=style.BLUE,
+            linewidths=0.8,
+            label="candidates (last scan)",
+        )
+    _line(panel, _relative_track(runs, time, np.zeros_like(runs.error[run]), latitude, longitude, metres), style.TRUTH)
+    unaided = _relative_track(runs, time, runs.unaided_error[run], latitude, longitude, metres)
+    _line(panel, unaided, style.UNAIDED)
+    aided = _relative_track(runs, time, runs.error[run], latitude, longitude, metres)
+    _line(panel, aided, style.Line(style.AIDED.colour, "-", 0.8))
+    navigator = runs.posterior_error[run, batch]
+    _ellipse(panel, navigator, runs.posterior_covariance[run, batch], style.AIDED, r"navigator, $3\sigma$")
+    if runs.fix_reason[run][batch] is None:
+        error = runs.fix_error[run, batch]
+        _ellipse(
+            panel, error, runs.fix_covariance[run, batch], style.Line("black", (0, (3, 1.5)), 1.0), r"fix, $3\sigma$"
+        )
+        panel.plot(
+            *(error[1] / 1e3, error[0] / 1e3, "o"),
+            color=style.SKY,
+            markeredgecolor="black",
+            markeredgewidth=0.5,
+            markersize=3.5,
+        )
+    panel.plot(0.0, 0.0, "x", color="black", markersize=5, label="truth (batch end)")
+    panel.set_xlim(-km, km)
+    panel.set_ylim(-km, km)
+    panel.set_aspect("equal")
+    panel.grid(False)
+    letter = "abc"[_close_up_batches(runs).index(batch)]
+    status = "" if runs.fix_reason[run][batch] is None else ", no fix"
+    panel.set_title(f"{letter}  {(time - runs.time[0]) / 60:.0f} min{status}", loc="left")
+    panel.set_xlabel("east (km)")
+    if name_axes:
+        panel.set_ylabel("north (km)")
+
+
+def _candidates(runs: Runs, run: int, batch: int, centre: Array, metres: Array) -> tuple[Array, Array]:
+    """Return (N, 2) north and east of the centre (m) and (N,) weights of the last scan's candidates."""
+    detail = runs.detail
+    if detail is None or run != 0:
+        return np.empty((0, 2)), np.empty(0)
+    mine = detail.candidate_batch == batch
+    if mine.any():
+        mine &= detail.candidate_scan == detail.candidate_scan[mine].max()
+    position = np.stack([detail.candidate_latitude[mine], detail.candidate_longitude[mine]], axis=1)
+    offset = position - centre
+    offset[:, 1] = np.remainder(offset[:, 1] + math.pi, 2.0 * math.pi) - math.pi
+    return offset * metres, detail.candidate_weight[mine]
+
+
+def _half_width(runs: Runs, run: int, batch: int, candidates: Array) -> float:
+    """m from the centre to the close-up's edge: what the batch and the navigator claim, and where they err to, fits in."""
+    covariances = [runs.posterior_covariance[run, batch], runs.fix_covariance[run, batch]]
+    errors = [runs.posterior_error[run, batch], runs.fix_error[run, batch]]
+    reaches = [200.0]
+    for error, covariance in zip(errors, covariances, strict=True):
+        reach = float(np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1])))
+        if math.isfinite(reach):
+            reaches.append(reach)
+    if candidates.size:
+        reaches.append(1.05 * float(np.percentile(np.abs(candidates), 95.0)))
+    return style.nice_limit(min(max(reaches), 2e4))
+
+
+def _relative_track(
+    runs: Runs, time: float, error: Array, latitude: float, longitude: float, metres: Array
+) -> tuple[Array, Array]:
+    """North and east (m) from the centre of truth plus error, ten minutes round the batch end."""
+    near = np.abs(runs.time - time) <= 600.0
+    north = (runs.latitude[near] - latitude) * metres[0] + error[near, 0]
+    east = (np.unwrap(runs.longitude)[near] - longitude) * metres[1] + error[near, 1]
+    return north, east
+
+
+def _line(panel: "Axes", track: tuple[Array, Array], line: style.Line) -> None:
+    panel.plot(track[1] / 1e3, track[0] / 1e3, **line.options())
+
+
+def _ellipse(panel: "Axes", centre: Array, covariance: Array, line: style.Line, label: str) -> None:
+    """Draw the 3-sigma ellipse of a north-east covariance (m²)."""
+    if not (np.isfinite(centre).all() and np.isfinite(covariance).all()):
+        return
+    values, vectors = np.linalg.eigh(covariance)
+    if values[0] < 0.0:
+        return
+    angle = np.linspace(0.0, 2.0 * math.pi, 90)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edge = centre + 3.0 * (circle * np.sqrt(values)) @ vectors.T
+    panel.plot(edge[:, 1] / 1e3, edge[:, 0] / 1e3, **line.options(), label=label)

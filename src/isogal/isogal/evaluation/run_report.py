@@ -1,0 +1,202 @@
+"""The report of `isogal run` and of `isogal montecarlo`: what a record of runs shows, drawn and tabulated."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from isogal.evaluation.bound import BoundResult
+from isogal.evaluation.figures.ensemble import ensemble_figure
+from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.signal import signal_figure, variability_figure
+from isogal.evaluation.figures.track import track_figure
+from isogal.evaluation.records import Runs
+from isogal.evaluation.report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.summary import summarise
+from isogal.scenario import Scenario
+
+if TYPE_CHECKING:
+    from isogal.maps.field_map import FieldMap
+
+
+def run_report(
+    runs: Runs,
+    scenario: Scenario,
+    field_map: "FieldMap",
+    bound: BoundResult,
+    out_dir: str | Path,
+    summary: dict[str, Any] | None = None,
+) -> Path:
+    """Write `report.html` and its PNG figures for one run or many.
+
+    Parameters
+    ----------
+    runs : Runs
+        One run is shown in detail; of many, the ensemble and, where it has a detail, the first run.
+    scenario : Scenario
+        What they were runs of.
+    field_map : FieldMap
+        The map they were matched against.
+    bound : BoundResult
+        `posterior_cramer_rao` of the scenario.
+    out_dir : path
+        Folder to write into.
+    summary : dict, optional
+        `summarise` of the runs, where it is there already.
+
+    Returns
+    -------
+    Path
+        Of the page.
+    """
+    bound_rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
+    summary = summary or summarise(runs, scenario, bound_rms)
+    many = len(runs) > 1
+    sections = [_accuracy(runs, bound_rms, many), *_single(runs, scenario, field_map, many), _batches(runs, many)]
+    listing = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    sections.append(
+        Section(
+            "Scenario",
+            [f"Map: {field_map.provenance or field_map.quantity}."],
+            listing=listing,
+            listing_title="All settings",
+        )
+    )
+    what = f"{len(runs)} runs" if many else "Run"
+    subtitle = (
+        f"Matcher {scenario.matcher.name}, batches of {scenario.matcher.batch_length} scans, "
+        f"{scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed}, "
+        f"{runs.elapsed[-1] / 3600:.2f} h"
+    )
+    sigma = f"{scenario.gravimeter.sigma:g}".replace("e-0", "e-")
+    title = f"{what}: {scenario.gravimeter.quantity} matching, sigma {sigma} m/s²"
+    return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
+
+
+def _key_figures(summary: dict[str, Any]) -> Table:
+    error, bound = summary["position_error"], summary["bound"]
+    nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
+    interval = " to ".join(number(end) for end in nees["interval"])
+    ratio = _ratio(error["rms_after_1h"], bound["rms_after_1h"])
+    rows = [
+        ("Mean position error (m)", number(error["mean"]), number(error["mean_after_1h"])),
+        ("RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
+        ("Posterior Cramér–Rao bound, RMS (m)", number(bound["rms"]), number(bound["rms_after_1h"])),
+        ("RMS error over bound", _ratio(error["rms"], bound["rms"]), ratio),
+        ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
+        ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
+        ("Diverged runs", f"{summary['diverged']} of {summary['runs']}", ""),
+        (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
+        ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
+        ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
+        ("Wall time (s)", number(time["wall_s"]), ""),
+    ]
+    return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
+
+
+def _ratio(value: float | None, reference: float | None) -> str:
+    return "–" if not value or not reference else number(value / reference)
+
+
+def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
+    whose = "RMS over the runs" if many else "Of one run"
+    pictures = [
+        Illustration(
+            "position_error",
+            ensemble_figure(runs, bound_rms),
+            f"{whose}: horizontal position error of the aided and of the unaided navigator, and the posterior Cramér–Rao "
+            "bound, which is an RMS over many runs"
+            + ("." if many else ": a single run may lie below it at times, and does where its error changes sign."),
+        )
+    ]
+    if runs.published.any():
+        pictures.append(
+            Illustration(
+                "nees",
+                nees_figure(runs),
+                "Normalised estimation error squared of the navigator right after each fix. Values above the band say that "
+                "the navigator believes itself better than it is.",
+            )
+        )
+    return Section("Accuracy and consistency", illustrations=pictures)
+
+
+def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -> list[Section]:
+    pictures = [
+        Illustration(
+            "track",
+            track_figure(runs, field_map),
+            "The track on the map. Below: surroundings of three batch ends, in kilometres from the truth, with lines of equal "
+            "map value, the map positions compatible with the last reading, the fix and the navigator after it.",
+        ),
+        Illustration(
+            "north_east_error",
+            error_figure(runs),
+            "North and east error with the 3-sigma band that the navigator claims. Fixes are shown with 1-sigma bars of the "
+            "measurements alone.",
+        ),
+    ]
+    sections = [Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)]
+    if runs.detail is not None:
+        signals = [
+            Illustration(
+                "measured",
+                signal_figure(runs, field_map, scenario.gravimeter.sigma),
+                "Reduced readings and the map's values. Slow differences to the map at the true position come from the "
+                "reduction with the navigator's wrong velocity, and from the map's error where it has one.",
+            )
+        ]
+        if np.isfinite(runs.detail.feature_variability).any():
+            signals.append(
+                Illustration(
+                    "feature_variability",
+                    variability_figure(runs, field_map),
+                    "Noiseless signal along the track and map feature variability: where it is small, a reading says "
+                    "little about the position.",
+                )
+            )
+        sections.append(Section("What the sensor saw", illustrations=signals))
+    return sections
+
+
+def _batches(runs: Runs, many: bool) -> Section:
+    if many:
+        return _declined(runs)
+    rows = []
+    for batch, time in enumerate(runs.fix_time):
+        reason = runs.fix_reason[0][batch]
+        sigma = np.sqrt(np.diagonal(runs.fix_covariance[0, batch]))
+        rows.append(
+            (
+                f"{(time - runs.time[0]) / 60:.1f}",
+                number(_length(runs.fix_error[0, batch])),
+                number(float(sigma[0])),
+                number(float(sigma[1])),
+                number(_length(runs.posterior_error[0, batch])),
+                number(1e3 * float(runs.fix_seconds[0, batch])),
+                reason or "published",
+            )
+        )
+    header = (
+        *("time (min)", "fix error (m)", "sigma north (m)", "sigma east (m)"),
+        *("navigator after it (m)", "computed in (ms)", "outcome"),
+    )
+    return Section("Fixes", tables=[Table("Every batch of the run.", header, rows, folded=True)])
+
+
+def _declined(runs: Runs) -> Section:
+    counts: dict[str, int] = {}
+    for reasons in runs.fix_reason:
+        for reason in reasons:
+            if reason is not None:
+                counts[reason] = counts.get(reason, 0) + 1
+    if not counts:
+        return Section("Fixes", ["Every batch of every run gave a fix."])
+    rows = [(reason, str(n)) for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
+    return Section("Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)])
+
+
+def _length(vector: Any) -> float:
+    return math.hypot(float(vector[0]), float(vector[1]))

@@ -1,0 +1,195 @@
+"""Figures: what they show, how they look in grey, and that they leave no trace."""
+
+import io
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from isogal.evaluation.figures import style
+from isogal.evaluation.figures.ensemble import Curve, aided_curve, ensemble_figure, rms_figure, unaided_curve
+from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.signal import signal_figure, variability_figure
+from isogal.evaluation.figures.track import track_figure
+from isogal.evaluation.records import Runs
+from isogal.maps.field_map import FieldMap
+
+
+def field(unit: str = "m/s²", quantity: str = "gravity", level: float = 9.8, turn: float = 0.0) -> FieldMap:
+    latitude, longitude = np.radians(np.arange(-38.5, -36.5, 0.02)), np.radians(np.arange(144.0, 146.6, 0.02) + turn)
+    values = level + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
+    return FieldMap(latitude, longitude, values, unit, quantity)
+
+
+def declining(runs: Runs) -> Runs:
+    count = runs.fix_time.size
+    reasons = tuple(tuple("flat" if b % 3 == 0 else None for b in range(count)) for _ in range(len(runs)))
+    gone = np.array([r is not None for r in reasons[0]])
+    error, covariance = runs.fix_error.copy(), runs.fix_covariance.copy()
+    error[:, gone], covariance[:, gone] = np.nan, np.nan
+    return replace(runs, fix_reason=reasons, fix_error=error, fix_covariance=covariance)
+
+
+def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
+    figures = {
+        "track": track_figure(runs, field_map),
+        "errors": error_figure(runs),
+        "nees": nees_figure(runs),
+        "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
+    }
+    if runs.detail is not None:
+        figures["signal"] = signal_figure(runs, field_map, 2e-5)
+        figures["variability"] = variability_figure(runs, field_map, 0.2)
+    return figures
+
+
+def labels(figure: Any) -> set[str]:
+    return {label for panel in figure.axes for label in (panel.get_xlabel(), panel.get_ylabel()) if label}
+
+
+def test_every_axis_names_its_unit_and_every_curve_is_in_a_legend(make_runs):
+    for name, figure in all_figures(declining(make_runs(runs=1, detail=True)), field()).items():
+        assert labels(figure), name
+        assert all(label.rstrip().endswith(")") for label in labels(figure)), (name, labels(figure))
+        named = {text.get_text() for legend in figure.findobj(mpl.legend.Legend) for text in legend.get_texts()}
+        drawn = {label for panel in figure.axes for label in panel.get_legend_handles_labels()[1]}
+        assert drawn == named, name
+
+
+def test_nothing_is_cut_off(make_runs):
+    """All four edges of each picture are blank."""
+    for name, figure in all_figures(make_runs(runs=1, detail=True), field()).items():
+        picture = np.asarray(Image.open(io.BytesIO(style.png(figure))).convert("L"))
+        assert picture.shape[1] == round(style.WIDTH * style.DPI), name
+        for edge in (picture[0], picture[-1], picture[:, 0], picture[:, -1]):
+            assert edge.min() == 255, name
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"runs": 1, "batches": 0},
+        {"runs": 1, "batches": 1, "detail": True},
+        {"runs": 4, "detail": True},
+        {"runs": 1, "states": 31, "step": 10.0, "batches": 2, "detail": True},
+    ],
+    ids=["no batch", "one batch", "many runs", "five minutes"],
+)
+def test_odd_records_are_drawn_without_complaint(make_runs, changes):
+    with np.errstate(all="raise"):
+        for figure in all_figures(make_runs(**changes), field()).values():
+            assert len(style.png(figure, dpi=50)) > 1000
+
+
+def test_nothing_published(make_runs):
+    runs = make_runs(runs=2)
+    runs = replace(
+        runs,
+        fix_reason=(("flat",) * 24,) * 2,
+        fix_error=np.full((2, 24, 2), np.nan),
+        fix_covariance=np.full((2, 24, 2, 2), np.nan),
+    )
+    for figure in all_figures(runs, field()).values():
+        style.png(figure, dpi=50)
+
+
+def test_a_map_that_counts_longitudes_from_another_turn(make_runs):
+    runs = make_runs(runs=1, detail=True)
+    panels = [track_figure(runs, field(turn=turn)).axes[0] for turn in (0.0, -360.0)]
+    np.testing.assert_allclose(*(panel.images[0].get_extent() for panel in panels), atol=1e-6)
+
+
+def test_equal_runs_give_equal_bytes(make_runs):
+    first, second = (all_figures(make_runs(runs=1, detail=True), field()) for _ in range(2))
+    for name, figure in first.items():
+        assert style.png(figure, dpi=60) == style.png(second[name], dpi=60), name
+
+
+def test_the_callers_settings_stay(make_runs):
+    mpl.rcParams["font.size"] = 23.0
+    before = dict(mpl.rcParams)
+    try:
+        style.png(error_figure(make_runs(runs=1)), dpi=50)
+        assert dict(mpl.rcParams) == before
+        import matplotlib.pyplot as plt
+
+        assert plt.get_fignums() == []
+    finally:
+        mpl.rcdefaults()
+
+
+def test_the_callers_settings_do_not_change_the_figure(make_runs):
+    plain = style.png(error_figure(make_runs(runs=1)), dpi=60)
+    with mpl.rc_context({"font.size": 23.0, "axes.facecolor": "black", "lines.linewidth": 9.0}):
+        assert style.png(error_figure(make_runs(runs=1)), dpi=60) == plain
+
+
+def test_series_differ_in_dashes_and_colour_and_adjacent_ones_in_grey():
+    def luminance(colour: str) -> float:
+        red, green, blue = mpl.colors.to_rgb(colour)
+        return 0.299 * red + 0.587 * green + 0.114 * blue
+
+    assert len({str(line.dashes) for line in style.SERIES}) == len(style.SERIES)
+    assert len({line.colour for line in style.SERIES}) == len(style.SERIES)
+    assert len({str(line.dashes) for line in (style.AIDED, style.UNAIDED, style.BOUND)}) == 3
+    greys = [luminance(line.colour) for line in (style.AIDED, style.UNAIDED, style.BOUND)]
+    assert min(abs(a - b) for i, a in enumerate(greys) for b in greys[:i]) > 0.05
+
+
+def test_the_ensemble_shows_the_rms_over_runs(make_runs):
+    runs = make_runs(runs=5)
+    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
+    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
+    np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
+    np.testing.assert_allclose(drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0)))
+    np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
+    np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
+
+
+def test_studies_side_by_side(make_runs):
+    curves = [aided_curve(make_runs(seed=seed), f"T = {seed}") for seed in range(8)] + [unaided_curve(make_runs())]
+    figure = rms_figure(curves, logarithmic=False, title="both batch lengths")
+    assert len(figure.axes[0].lines) == 9
+    assert figure.axes[0].get_ylim()[0] == 0.0
+    style.png(figure, dpi=50)
+    short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5))])
+    assert short.axes[0].get_xlabel().endswith("(min)")
+
+
+def test_errors_and_band_are_those_of_the_record(make_runs):
+    runs = make_runs(runs=2)
+    north = error_figure(runs, run=1).axes[0]
+    drawn = {line.get_label(): line.get_ydata() for line in north.lines}
+    np.testing.assert_allclose(drawn["aided"], runs.error[1, :, 0])
+    np.testing.assert_allclose(drawn["unaided INS"], runs.unaided_error[1, :, 0])
+    top = north.collections[0].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx(150.0)
+
+
+def test_scales_of_fields():
+    gravity = style.field_scale(field())
+    np.testing.assert_allclose(gravity([9.8, 9.8 + 2e-5]), [0.0, 2.0], atol=1e-6)
+    assert "9.80 m/s²" in gravity.label
+    assert style.field_scale(field(quantity="disturbance", level=0.0))([3e-5]) == pytest.approx(3.0)
+    magnetic = style.field_scale(field("nT", "magnetic_anomaly", 0.0))
+    assert magnetic([40.0]) == 40.0 and magnetic.two_lines == "Magnetic anomaly\n(nT)"
+
+
+def test_nice_limits():
+    assert [style.nice_limit(x) for x in (0.9, 1.0, 130.0, 5.5e4, np.nan)] == pytest.approx([1.0, 1.0, 150.0, 6e4, 1.0])
+
+
+def test_signal_needs_a_detail(make_runs):
+    with pytest.raises(ValueError, match="detail"):
+        signal_figure(make_runs(), field())
+
+
+def test_importing_the_reports_does_not_import_matplotlib():
+    code = "import sys, isogal.evaluation.run_report; print([m for m in ('matplotlib', 'jinja2', 'scipy.stats') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
