@@ -149,6 +149,46 @@ def propagate(
         raise FilterDivergenceError(f"covariance of run(s) {failed.tolist()} is not positive definite")
 
 
+def update_information(state: FilterState, run: int, vector: Array, matrix: Array) -> tuple[Array, float]:
+    """Update one run with the likelihood of its horizontal error in information form, in place.
+
+    Parameters
+    ----------
+    vector, matrix : (4,), (4, 4) arrays
+        log p = vector' xi - xi' matrix xi / 2 of xi = (north m, east m, v_north, v_east m/s), estimate minus truth.
+
+    Returns
+    -------
+    correction : (4,) array
+        Change of the estimate.
+    nis : float
+        Normalised innovation squared of the part of xi that the matrix informs on.
+
+    Raises
+    ------
+    ValueError
+        Not finite, or the matrix is not positive semidefinite; the state is as it was.
+    """
+    if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
+        raise ValueError("information is not finite")
+    P = state.covariance[run]
+    scale = np.sqrt(np.diag(P)[ukf.HORIZONTAL])
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) * scale[:, None] * scale)  # unit-free: m and m/s alike
+    if values[0] < -1e-9 * max(values[-1], 1.0):
+        raise ValueError("information matrix is not positive semidefinite")
+    keep = values > 1e-12 * max(values[-1], 1e-300)
+    # square root form: pseudo-measurements H xi = z with unit noise, H' H = matrix
+    H = (vectors[:, keep] * np.sqrt(values[keep])).T / scale
+    z = (vectors[:, keep] / np.sqrt(values[keep])).T @ (vector * scale)
+    gain = P[:, ukf.HORIZONTAL] @ H.T
+    solved = np.linalg.solve(H @ gain[ukf.HORIZONTAL] + np.eye(len(z)), np.column_stack([z, gain.T]))
+    error = -gain @ solved[:, 0]  # xi is estimate minus truth, the correction its negative
+    reduced = P - gain @ solved[:, 1:]
+    state.covariance[run] = 0.5 * (reduced + reduced.T)
+    ukf.move(*(array[run] for array in state.arrays()[:5]), error)
+    return error[ukf.HORIZONTAL], float(z @ solved[:, 0])
+
+
 def update_position(
     state: FilterState, run: int, latitude: float, longitude: float, covariance: Array
 ) -> tuple[Array, float]:

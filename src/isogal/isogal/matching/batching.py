@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian, radii
@@ -144,22 +145,28 @@ def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
     IMU noise between scan and `end` is left out: 0.3 m in 300 s for the precision grade.
     """
     meridian, normal = radii(latitude)
-    count = len(times)
-    step = np.diff(np.append(times, end))
-    force = np.zeros((count, 3))
-    if count > 1:
+    force = np.zeros((len(times), 3))
+    if len(times) > 1:
         force[:, :2] = np.gradient(velocity, times, axis=0)
     force[:, 2] = -normal_gravity(latitude)
     geometry = np.stack([latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1)
-    result = np.empty((count, ERROR_STATES, ERROR_STATES))
-    following = np.eye(ERROR_STATES)
+    return _chain(geometry, force, np.diff(np.append(times, end)))
+
+
+@njit(cache=True, nogil=True)
+def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
+    """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
+    count = step.shape[0]
+    n = ERROR_STATES
+    result = np.empty((count, n, n))
+    following = np.eye(n)
     dynamics = np.zeros((STATES, STATES))
     no_rotation = np.eye(3)  # biases are not among the seven states
     for i in range(count - 1, -1, -1):
         fill_dynamics(dynamics, geometry[i], force[i], no_rotation)
-        generator = -step[i] * dynamics[:ERROR_STATES, :ERROR_STATES]
-        square = generator @ generator
-        following = (np.eye(ERROR_STATES) + generator + square / 2.0 + square @ generator / 6.0) @ following
+        back = np.ascontiguousarray(-step[i] * dynamics[:n, :n])
+        square = back @ back
+        following = (np.eye(n) + back + square / 2.0 + square @ back / 6.0) @ following
         result[i] = following
     return result
 

@@ -101,6 +101,8 @@ class Fix:
     """Named figures: feature_variability, consistency p-value, evidence, iterations, ..."""
     information: "Information | None" = None
     """All that the batch says about position and velocity together; None = about the position only, by `covariance`."""
+    reset: bool = False
+    """Whether the matcher found the navigator lost: its own position covariance must be given up before the fix is used."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
     scan_covariance: Array | None = None

@@ -4,10 +4,14 @@ With xi the navigator's error at the batch end, the residual of scan t is
 
     r_t(xi) = reading_t - offset_t - reading_jacobian_t xi - map(p_t - transition_t xi)
 
-and r ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) + sigma_bias² (SCIENCE 3): white noise of sensor and map
-quantisation q, map error with an exponential covariance, an unknown constant. With R = L L' the whitened residual is w = L⁻¹ r.
-Rows that an earlier batch has used come first; the likelihood of the new rows given them is that of the last components of w alone, so
-nothing is counted twice while the map error they reveal is carried over.
+and r = e + G d: e ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) + sigma_bias² (SCIENCE 3), that is white
+noise of sensor and map quantisation q, map error with an exponential covariance, an unknown constant; and d ~ N(0, 1) the navigator's drift
+within the batch that xi does not explain, through the map's gradient and the reduction.
+
+Rows that an earlier batch has used come first (context). By the chain rule the new rows count given the old: with R = L L' and w = L⁻¹ r,
+the last components of w are the innovations of the new readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new what
+the drift does to them; the navigator's prior of d already knows the old readings. So log p = -½ (|w|² - |C⁻¹ D' w|²), C C' = 1 + D' D
+(Woodbury), and no reading counts twice.
 """
 
 import math
@@ -19,7 +23,7 @@ from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
-from isogal.maps.field_map import FieldMap
+from isogal.maps.field_map import FieldMap, Grid
 from isogal.maps.interpolation import value_and_gradient, values_and_gradients
 from isogal.matching.interfaces import Batch
 
@@ -39,7 +43,7 @@ class NoiseModel:
 class BatchLikelihood:
     """A batch and a map as arrays for the kernel. T rows that have a reading."""
 
-    grid: tuple[Array, float, float, float, float]
+    grid: Grid
     latitude: Array
     """(T,) rad."""
     longitude: Array
@@ -56,12 +60,12 @@ class BatchLikelihood:
     """(T, 2, M)."""
     drift_reading: Array
     """(T, M)."""
-    noise: Array
-    """(T, T) covariance of sensor, map and bias."""
     covariance: Array
-    """(T, T) of the residuals: noise, and the navigator's drift through the map's gradient."""
+    """(T, T) R: covariance of sensor, map and bias."""
     factor: Array
-    """(T, T) lower Cholesky factor of it."""
+    """(T, T) lower Cholesky factor L of it."""
+    projection: Array
+    """(new, M) D C'⁻¹, what the drift explains of the whitened residuals."""
     first_new: int
     """Row of the first reading that no earlier batch has used."""
     rows: NDArray[np.int64]
@@ -91,7 +95,7 @@ class BatchLikelihood:
             noise.bias_sigma,
         )
         north, east = metres_per_radian(latitude)
-        return cls(
+        likelihood = cls(
             grid=field_map.grid,
             latitude=latitude,
             longitude=longitude,
@@ -101,18 +105,19 @@ class BatchLikelihood:
             jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
             drift_position=batch.drift_position[rows],
             drift_reading=batch.drift_reading[rows],
-            noise=covariance,
             covariance=covariance,
-            factor=np.linalg.cholesky(covariance),
+            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
+            projection=np.empty((0, 0)),
             first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
             rows=rows,
         )
+        return likelihood.with_drift_at(np.zeros(4))
 
     def log(self, xi: Array) -> Array:
         """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S, 4); -inf off the map."""
         return _log_likelihood(
             *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, self.factor,
-            self.first_new, np.ascontiguousarray(xi),
+            self.projection, self.first_new, np.ascontiguousarray(xi),
         )  # fmt: skip
 
     def residual(self, xi: Array) -> Array:
@@ -125,39 +130,44 @@ class BatchLikelihood:
             *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
         )
 
-    def with_extra_variance(self, variance: Array) -> "BatchLikelihood":
-        """Return a likelihood with more white variance (T,) on its rows."""
-        extra = np.diag(variance)
-        covariance = self.covariance + extra
-        return replace(self, noise=self.noise + extra, covariance=covariance, factor=np.linalg.cholesky(covariance))
-
-    def with_drift_at(self, xi: Array) -> "BatchLikelihood":
-        """Return a likelihood that carries the navigator's drift, with the map's gradient at the error xi (4,).
-
-        The drift (tilt and heading that xi does not explain) is Gaussian and moves the path by metres only, so it is integrated out to
-        first order: R gains G G' with G = gradient drift_position - drift_reading.
-        """
-        if self.drift_reading.shape[1] == 0:
-            return self
+    def drift_at(self, xi: Array) -> Array:
+        """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the map has no gradient."""
         position = xi @ self.transition.transpose(0, 2, 1)
         _, by_lat, by_lon = values_and_gradients(
             *self.grid,
             self.latitude - position[:, 0] * self.radian[:, 0],
             self.longitude - position[:, 1] * self.radian[:, 1],
         )
-        gradient = np.stack([by_lat, by_lon], axis=-1) * self.radian
-        if not np.isfinite(gradient).all():
-            return self
-        drift = np.einsum("ti,tij->tj", gradient, self.drift_position) - self.drift_reading
-        covariance = self.noise + drift @ drift.T
-        return replace(self, covariance=covariance, factor=np.linalg.cholesky(covariance))
+        gradient = np.nan_to_num(np.stack([by_lat, by_lon], axis=-1) * self.radian)
+        return np.einsum("ti,tij->tj", gradient, self.drift_position) - self.drift_reading
+
+    def with_drift_at(self, xi: Array) -> "BatchLikelihood":
+        """Return the likelihood with the map's gradient for the drift taken at the error xi (4,)."""
+        drift = np.linalg.solve(self.factor, self.drift_at(xi))[self.first_new :]
+        inner = np.linalg.cholesky(np.eye(drift.shape[1]) + drift.T @ drift)
+        return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, drift.T).T))
+
+    def scaled(self, variance: float) -> "BatchLikelihood":
+        """Return the likelihood with R times a factor."""
+        likelihood = replace(self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance))
+        return likelihood.with_drift_at(np.zeros(4))
+
+    def misfit(self, xi: Array) -> float:
+        """Return the chi-square of the new readings at xi (4,): -2 `log`."""
+        return -2.0 * float(self.log(xi[None])[0])
+
+    @property
+    def new_count(self) -> int:
+        """How many new readings there are."""
+        return len(self.level) - self.first_new
 
     @property
     def log_normaliser(self) -> float:
         """Log of the constant that `log` leaves out, for comparing noise models."""
-        return -float(np.log(np.diag(self.factor)[self.first_new :]).sum()) - 0.5 * math.log(2.0 * math.pi) * (
-            len(self.level) - self.first_new
-        )
+        white = float(np.log(np.diag(self.factor)[self.first_new :]).sum())
+        # det(1 + D D') = 1 / det(1 - projection' projection)
+        drift = np.linalg.slogdet(np.eye(self.projection.shape[1]) - self.projection.T @ self.projection)[1]
+        return -white + 0.5 * float(drift) - 0.5 * math.log(2.0 * math.pi) * self.new_count
 
 
 def residual_covariance(
@@ -179,9 +189,23 @@ def residual_covariance(
 
 
 @njit(cache=True, nogil=True)
-def _log_likelihood(
-    values, lat0, dlat, lon0, dlon, latitude, longitude, radian, level, transition, jacobian, factor, first_new, xi
-):  # type: ignore[no-untyped-def]
+def _log_likelihood(  # type: ignore[no-untyped-def]
+    values,
+    lat0,
+    dlat,
+    lon0,
+    dlon,
+    latitude,
+    longitude,
+    radian,
+    level,
+    transition,
+    jacobian,
+    factor,
+    projection,
+    first_new,
+    xi,
+):
     samples, rows = xi.shape[0], latitude.shape[0]
     out = np.empty(samples)
     whitened = np.empty(rows)
@@ -211,7 +235,12 @@ def _log_likelihood(
             whitened[t] = r
             if t >= first_new:
                 total += r * r
-        out[s] = -0.5 * total if total == total else -np.inf
+        for m in range(projection.shape[1]):
+            explained = 0.0
+            for t in range(first_new, rows):
+                explained += projection[t - first_new, m] * whitened[t]
+            total -= explained * explained
+        out[s] = -0.5 * total if math.isfinite(total) else -np.inf
     return out
 
 

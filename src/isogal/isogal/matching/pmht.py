@@ -1,0 +1,357 @@
+"""`pmht`: probabilistic multi-hypothesis map matching with an exact batch likelihood; the default matcher.
+
+It keeps the paper's idea, a batch of scans matched at once by probabilities over many hypotheses under the kinematic constraint, and
+replaces what made it inexact:
+
+- the kinematic constraint is the navigator's own track: the unknown is its error at the batch end (position and velocity), and what
+  tilt and heading add within the batch is integrated out (`batching`, `likelihood`);
+- the likelihood carries the map's error with its correlation along the track, an unknown bias and the map's rounding (`likelihood`);
+- the posterior's moments come from annealed importance sampling, so they are right where it is not Gaussian (`sampler`);
+- separate hypotheses stay separate: an ambiguous batch publishes nothing, its hypotheses go on to the next batch and are dropped by
+  evidence (`mixture`);
+- readings that stick out are left out, and a batch that does not agree with the map gives no fix (`screening`);
+- a navigator that is lost is searched for over tens of km (`Settings.search_radius_m`) and told so (`Fix.reset`);
+- what is published is the information of the measurements alone (`information`).
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.field_map import FieldMap
+from isogal.matching.contours import contour_candidates
+from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.mixture import Mixture
+from isogal.matching.noise_estimation import NoiseEstimate
+from isogal.matching.registry import check_options
+from isogal.matching.sampler import Posterior, Sampling, sample
+from isogal.matching.screening import outliers, smooth_misfit
+from isogal.scenario import Matcher as MatcherSettings
+
+Array = NDArray[np.float64]
+
+
+class Settings(BaseModel):
+    """Options of `pmht` (`matcher.options` of a scenario)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    context: int | None = Field(
+        None, ge=0, description="older scans whose residuals predict the map error; null = batch_length"
+    )
+    samples: int = Field(1024, ge=64, le=65536, description="points per round of the sampler")
+    confidence: float = Field(
+        0.999, gt=0.5, lt=1.0, description="probability a hypothesis needs before it is published"
+    )
+    outlier_gate: float = Field(4.5, gt=0.0, description="1-sigma beyond which a reading is left out")
+    significance: float = Field(1e-4, gt=0.0, lt=0.5, description="p-value under which a batch counts as inconsistent")
+    tolerance: float = Field(2.0, ge=1.0, description="misfit per degree of freedom that is never called inconsistent")
+    largest_misfit: float = Field(
+        9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
+    )
+    search_radius_m: tuple[float, ...] = Field(
+        (6000.0, 12000.0, 24000.0), description="1-sigma of the searches for a lost navigator, m"
+    )
+    search_samples: int = Field(16384, ge=256, le=65536, description="points per round while searching")
+    carry: int = Field(64, ge=1, description="hypotheses carried while searching")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What one run's matcher knows from its earlier batches."""
+
+    time: float
+    prior: Array
+    """(4, 4) the navigator's covariance at that time, after the fix if one was published."""
+    belief: Mixture | None
+    """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all there is."""
+    suspicion: int = 0
+    """Inconsistent batches in a row."""
+    lost: bool = False
+    """Whether the navigator's own covariance has been given up."""
+    excluded: frozenset[float] = frozenset()
+    """Stamps of readings left out."""
+    noise: NoiseEstimate | None = None
+    """Running estimate of the map's error, where it is not given."""
+
+
+@dataclass(frozen=True)
+class Pmht:
+    """The default matcher. See the module; settings in `Settings`."""
+
+    noise: NoiseModel
+    adaptive: bool
+    settings: Settings = field(default_factory=Settings)
+    context: int = 30
+    name: str = "pmht"
+
+    @classmethod
+    def from_settings(cls, matcher: MatcherSettings) -> "Pmht":
+        """Build it from a scenario's matcher section; raises InputError on an unknown or bad option."""
+        settings: Settings = check_options("pmht", matcher.options, Settings)
+        adaptive = matcher.map_sigma == "auto"
+        noise = NoiseModel(
+            map_sigma=0.0 if matcher.map_sigma == "auto" else float(matcher.map_sigma),
+            correlation_length=matcher.map_correlation_length,
+            bias_sigma=matcher.bias_sigma,
+        )
+        context = matcher.batch_length if settings.context is None else settings.context
+        return cls(noise, adaptive, settings, context)
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Memory | None) -> tuple[Fix, Memory]:
+        """Match one batch; see `interfaces.Matcher`."""
+        excluded = memory.excluded if memory else frozenset()
+        batch = _without(batch, excluded)
+        estimate = (
+            (memory.noise if memory and memory.noise else NoiseEstimate.start(batch, field_map))
+            if self.adaptive
+            else None
+        )
+        noise = self.noise if estimate is None else estimate.model(self.noise)
+        prior, lost = self._prior(batch, memory)
+        if np.isfinite(batch.reading[-batch.new :]).sum() < 3:
+            return self._decline(batch, "fewer than three readings in the batch", memory, prior, lost)
+
+        every = BatchLikelihood.of(batch, field_map, noise)
+        bad = _spikes(every, prior, self.settings.outlier_gate + 2.0)
+        posterior, likelihood = self._sample(_keep(every, bad, batch, field_map, noise), prior, lost)
+        if posterior is None:
+            return self._decline(batch, "the search area lies outside the map", memory, prior, lost)
+        misfits = _misfits(
+            every, posterior, self.settings.outlier_gate
+        )  # with everybody in, now that the place is known
+        if not np.array_equal(bad, misfits):
+            again, kept = self._sample(_keep(every, misfits, batch, field_map, noise), prior, lost, posterior.mixture)
+            if again is not None:
+                posterior, likelihood = again, kept
+        excluded = frozenset(t for t in excluded | _stamps(batch, every, misfits) if t >= batch.time[0])
+        if estimate is not None:
+            updated = estimate.update(batch, likelihood, field_map, posterior.mixture.mean[0], self.noise.bias_sigma)
+            if estimate.differs(updated):
+                kept = BatchLikelihood.of(_without(batch, excluded), field_map, updated.model(self.noise))
+                again, kept = self._sample(kept, prior, lost, posterior.mixture)
+                if again is not None:
+                    posterior, likelihood = again, kept
+            estimate = updated
+        return self._decide(batch, field_map, likelihood, prior, posterior, memory, lost, excluded, estimate)
+
+    def _prior(self, batch: Batch, memory: Memory | None) -> tuple[Mixture, bool]:
+        """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or the navigator's own prior."""
+        if memory is None or memory.belief is None:
+            return Mixture.gaussian(np.zeros(4), batch.prior), False
+        dt = float(batch.time[-1]) - memory.time
+        transition = np.eye(4)
+        transition[:2, 2:] = dt * np.eye(2)
+        # What the navigator's covariance has grown by beyond that transition is process noise of any hypothesis about its error
+        growth = batch.prior - transition @ memory.prior @ transition.T
+        values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
+        noise = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
+        return memory.belief.moved(np.zeros(4), transition, noise), memory.lost
+
+    def _sample(
+        self, likelihood: BatchLikelihood, prior: Mixture, lost: bool, proposal: Mixture | None = None
+    ) -> tuple[Posterior | None, BatchLikelihood]:
+        """Sample the posterior, with more points where the prior is wide."""
+        _, covariance = prior.moments()
+        wide = lost or math.sqrt(max(covariance[0, 0], covariance[1, 1])) > 1000.0
+        sampling = Sampling(samples=self.settings.samples)
+        if wide:
+            sampling = replace(
+                sampling, samples=self.settings.search_samples, hypotheses=self.settings.carry, accept=0.1
+            )
+        return sample(likelihood, prior, sampling, proposal)
+
+    def _decide(
+        self,
+        batch: Batch,
+        field_map: FieldMap,
+        likelihood: BatchLikelihood,
+        prior: Mixture,
+        posterior: Posterior,
+        memory: Memory | None,
+        lost: bool,
+        excluded: frozenset[float],
+        estimate: NoiseEstimate | None,
+    ) -> tuple[Fix, Memory]:
+        """Publish, or say why not."""
+        best = posterior.mixture
+        mean, covariance = best.mean[0], best.covariance[0]
+        misfit, freedom, p_value = _consistency(likelihood, posterior, batch.prior)
+        figures = {
+            "hypotheses": float(len(best)),
+            "probability": float(best.weight[0]),
+            "effective_samples": posterior.effective,
+            "rounds": float(posterior.rounds),
+            "misfit": misfit / freedom,
+            "p_value": p_value,
+            "readings_left_out": float(len(excluded)),
+            "feature_variability": field_map_variability(batch, field_map),
+        }
+        if estimate is not None:
+            figures |= estimate.figures()
+        keep = Memory(
+            time=float(batch.time[-1]),
+            prior=batch.prior,
+            belief=best,
+            lost=lost,
+            excluded=excluded,
+            noise=estimate,
+        )
+        inconsistent = p_value < self.settings.significance and misfit > self.settings.tolerance * freedom
+        if inconsistent:
+            return self._inconsistent(batch, likelihood, prior, memory, keep, figures, misfit / freedom)
+        if posterior.beta < 1.0 or posterior.effective * len(posterior.weight) < 20.0:
+            return declined(batch, "the posterior could not be resolved", **figures), replace(keep, belief=prior)
+        if best.weight[0] < self.settings.confidence:
+            reason = f"ambiguous: {len(best)} places fit, the best with probability {best.weight[0]:.3f}"
+            return declined(batch, reason, **figures), keep
+        return self._publish(batch, field_map, mean, covariance, lost, figures, keep)
+
+    def _publish(
+        self,
+        batch: Batch,
+        field_map: FieldMap,
+        mean: Array,
+        covariance: Array,
+        lost: bool,
+        figures: dict[str, float],
+        keep: Memory,
+    ) -> tuple[Fix, Memory]:
+        # A lost navigator's covariance is void: what it is told must be judged against a prior as wide as the search was.
+        reference = (
+            batch.prior + np.diag([s**2 for s in (max(self.settings.search_radius_m),) * 2] + [0.0, 0.0])
+            if lost
+            else batch.prior
+        )
+        information = likelihood_information(mean, covariance, reference)
+        position = measurement_only(mean, covariance, reference)
+        if not information.matrix.any():
+            return declined(batch, "the batch tells nothing that the navigator does not know", **figures), replace(
+                keep, belief=None
+            )
+        north, east = metres_per_radian(batch.latitude[-1])
+        scans = slice(len(batch) - batch.new, None)
+        moved = np.full((len(batch), 2), np.nan)
+        moved[scans] = batch.transition[scans] @ mean
+        scan_north, scan_east = metres_per_radian(batch.latitude)
+        scan_covariance = np.full((len(batch), 2, 2), np.nan)
+        scan_covariance[scans] = position[1] * batch.new
+        fix = Fix(
+            time=float(batch.time[-1]),
+            latitude=float(batch.latitude[-1] - position[0][0] / north),
+            longitude=float(batch.longitude[-1] - position[0][1] / east),
+            covariance=position[1],
+            candidates=contour_candidates(batch, field_map, mean, covariance),
+            diagnostics=figures,
+            information=information,
+            scan_position=np.stack(
+                [batch.latitude - moved[:, 0] / scan_north, batch.longitude - moved[:, 1] / scan_east], axis=-1
+            ),
+            scan_covariance=scan_covariance,
+            reset=lost,
+        )
+        return fix, replace(keep, belief=None, lost=False, suspicion=0)
+
+    def _inconsistent(
+        self,
+        batch: Batch,
+        likelihood: BatchLikelihood,
+        prior: Mixture,
+        memory: Memory | None,
+        keep: Memory,
+        figures: dict[str, float],
+        misfit: float,
+    ) -> tuple[Fix, Memory]:
+        """Decline, and from the second inconsistent batch in a row on look for the navigator elsewhere, wider each time."""
+        suspicion = (memory.suspicion if memory else 0) + 1
+        reason = f"readings and map do not agree (misfit {misfit:.1f} per degree of freedom)"
+        if suspicion < 2:
+            return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
+        radius = self.settings.search_radius_m[min(suspicion - 2, len(self.settings.search_radius_m) - 1)]
+        wide = Mixture.gaussian(np.zeros(4), batch.prior + np.diag([radius**2, radius**2, 0.0, 0.0]))
+        found, _ = self._sample(likelihood, wide, True)
+        reason += f"; searching within {radius / 1000.0:.0f} km (1-sigma)"
+        figures |= {"search_radius_m": radius}
+        belief = wide if found is None else found.mixture
+        return declined(batch, reason, **figures), replace(keep, belief=belief, lost=True, suspicion=suspicion)
+
+    @staticmethod
+    def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture, lost: bool) -> tuple[Fix, Memory]:
+        carried = prior if memory is not None and memory.belief is not None else None
+        keep = Memory(
+            time=float(batch.time[-1]),
+            prior=batch.prior,
+            belief=carried,
+            lost=lost,
+            suspicion=memory.suspicion if memory else 0,
+            excluded=memory.excluded if memory else frozenset(),
+            noise=memory.noise if memory else None,
+        )
+        return declined(batch, reason), keep
+
+
+def field_map_variability(batch: Batch, field_map: FieldMap) -> float:
+    """Return the map feature variability (paper eq. CV) at the batch end, in units of the map's value squared."""
+    from isogal.maps.variability import feature_variability
+
+    return float(feature_variability(field_map, batch.latitude[-1:], batch.longitude[-1:])[0])
+
+
+def _without(batch: Batch, stamps: frozenset[float]) -> Batch:
+    """Return the batch with the readings of the given stamps removed."""
+    if not stamps:
+        return batch
+    drop = np.isin(batch.time, list(stamps))
+    return replace(batch, reading=np.where(drop, np.nan, batch.reading))
+
+
+def _keep(
+    every: BatchLikelihood, bad: NDArray[np.bool_], batch: Batch, field_map: FieldMap, noise: NoiseModel
+) -> BatchLikelihood:
+    """Return the likelihood without its bad rows."""
+    return BatchLikelihood.of(_without(batch, _stamps(batch, every, bad)), field_map, noise) if bad.any() else every
+
+
+def _stamps(batch: Batch, likelihood: BatchLikelihood, bad: NDArray[np.bool_]) -> frozenset[float]:
+    return frozenset(float(t) for t in batch.time[likelihood.rows[bad]])
+
+
+def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray[np.bool_]:
+    """Find spikes before the place is known: what a wrong place does to the residuals is smooth along the track."""
+    mean, covariance = prior.moments()
+    residual, slope = likelihood.linearise(mean)
+    if not np.isfinite(residual).all():
+        return np.zeros(len(residual), dtype=np.bool_)
+    reach = slope @ covariance @ slope.T
+    smooth = smooth_misfit(likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0)
+    drift = likelihood.drift_at(mean)
+    return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
+
+
+def _misfits(likelihood: BatchLikelihood, posterior: Posterior, gate: float) -> NDArray[np.bool_]:
+    """Find readings that stick out at the best hypothesis."""
+    mean, covariance = posterior.mixture.mean[0], posterior.mixture.covariance[0]
+    residual, slope = likelihood.linearise(mean)
+    if not np.isfinite(residual).all():
+        return np.zeros(len(residual), dtype=np.bool_)
+    drift = likelihood.drift_at(mean)
+    return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)
+
+
+def _consistency(likelihood: BatchLikelihood, posterior: Posterior, prior: Array) -> tuple[float, float, float]:
+    """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
+
+    The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
+    """
+    from scipy.stats import chi2
+
+    misfit = likelihood.misfit(posterior.mixture.mean[0])
+    absorbed = float(np.trace(np.eye(4) - np.linalg.solve(prior, posterior.mixture.covariance[0])))
+    freedom = max(likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
+    return misfit, freedom, float(chi2.sf(misfit, freedom))
