@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
@@ -13,7 +14,8 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState
-from isogal.inertial.rotations import matrix
+from isogal.inertial.rotations import rotate
+from isogal.matching.interfaces import LOST_SIGMA
 from isogal_ros import topics
 from isogal_ros.convert import (
     BASE,
@@ -33,6 +35,7 @@ from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_ns, from_seconds, peek_numbers_ns, to_ns, to_seconds
 from ukf_fusion_node.start import initial_state
 
+Array = NDArray[np.float64]
 KEPT = 4096
 """Pieces of information kept for fixes that are still to come."""
 PATIENCE_NS = 30_000_000_000
@@ -104,10 +107,10 @@ class UkfFusionNode(GraphNode):
         force, rate = read_imu(message, self.settings.imu_frame)
         if self._navigator is None:
             # the first sample's interval begins where the start is known
-            start = to_seconds(ns) - self._model.dt
-            self._navigator = BufferedNavigator(
-                self._model, FilterState.start(self._start, self._model), start, self.settings.horizon
-            )
+            self._ns = ns - from_seconds(self._model.dt)
+            state = FilterState.start(self._start, self._model)
+            self._navigator = BufferedNavigator(self._model, state, to_seconds(self._ns), self.settings.horizon)
+            self._publish()
         elif ns <= self._ns:
             raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._ns):.3f} s")
         else:
@@ -159,6 +162,9 @@ class UkfFusionNode(GraphNode):
                 self._apply(message, self._information.pop(ns, None))
             except BadMessageError as error:
                 self.health.drop(topics.FIX.name, str(error))
+            except Exception as error:
+                self.health.drop(topics.FIX.name, f"{type(error).__name__}: {error}")
+                self.get_logger().error(f"{topics.FIX.name}: {type(error).__name__}: {error}")
             self.answered += 1
             if self._navigator is not None:
                 self._publish()
@@ -173,10 +179,14 @@ class UkfFusionNode(GraphNode):
             return
         if self._navigator is None:
             raise BadMessageError("came before the first IMU sample")
-        latitude, longitude, _ = read_position(message)
-        result = self._navigator.update(
-            to_seconds(to_ns(message.header.stamp)), latitude, longitude, read_covariance(message)[:2, :2]
-        )
+        stamp = to_seconds(to_ns(message.header.stamp))
+        lost, likelihood = information or (False, None)
+        if likelihood is not None:
+            widen = LOST_SIGMA if lost else 0.0
+            result = self._navigator.update_information(stamp, likelihood.vector, likelihood.matrix, widen)
+        else:
+            latitude, longitude, _ = read_position(message)
+            result = self._navigator.update(stamp, latitude, longitude, read_covariance(message)[:2, :2])
         self._accepted += result.accepted
         self._refused += not result.accepted
         self.health.figures |= {
@@ -193,30 +203,22 @@ class UkfFusionNode(GraphNode):
     def _publish(self) -> None:
         assert self._navigator is not None
         state = self._navigator.state
-        position, velocity, attitude, covariance = (
-            state.position[0],
-            state.velocity[0],
-            state.attitude[0],
-            state.covariance[0],
-        )
-        c, s = math.cos(position[0]), math.sin(position[0])
-        earth = matrix(attitude).T @ np.array([EARTH_RATE * c, 0.0, -EARTH_RATE * s])
+        covariance = state.covariance[0]
+        nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])
         fill_numbers(self._m_covariance, self._ns, state.batch_prior[0])
-        fill_fix(self._m_fix, self._ns, *position.tolist(), covariance[:3, :3])
-        fill_odom(
-            self._m_odom,
-            self._ns,
-            self._frame,
-            position,
-            velocity,
-            attitude,
-            self._rate - state.gyroscope_bias[0] - earth,
-            covariance,
-        )
+        fill_fix(self._m_fix, self._ns, *state.position[0].tolist(), covariance[:3, :3])
+        fill_odom(self._m_odom, self._ns, self._frame, nav, self._turn_rate(state), covariance)
         self._covariance.publish(self._m_covariance)
         self._fix.publish(self._m_fix)
         self._odom.publish(self._m_odom)
         self._extend_path()
+
+    def _turn_rate(self, state: FilterState) -> Array:
+        """Return the angular rate relative to the Earth (3,) FRD: the gyroscopes' without their biases and the Earth's rotation."""
+        latitude = state.position[0, 0]
+        w, x, y, z = state.attitude[0]
+        earth = rotate(w, -x, -y, -z, EARTH_RATE * math.cos(latitude), 0.0, -EARTH_RATE * math.sin(latitude))
+        return self._rate - state.gyroscope_bias[0] - np.array(earth)
 
     def _extend_path(self) -> None:
         poses = self._m_path.poses

@@ -4,14 +4,23 @@ The state at the fix's stamp is taken from the buffer, updated, and propagated a
 came after: the result is exactly that of a fix that had come on time.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState, propagate, update_position
+from isogal.fusion.navigator import (
+    FilterDivergenceError,
+    FilterModel,
+    FilterState,
+    give_up_position,
+    propagate,
+    update_information,
+    update_position,
+)
 
 Array = NDArray[np.float64]
 
@@ -31,6 +40,10 @@ class UpdateResult:
     """s, age of the fix when it came."""
 
 
+Update = Callable[[FilterState], tuple[Array, float]]
+"""Changes a state of one run in place; returns (innovation, normalised innovation squared); raises ValueError where it cannot be used."""
+
+
 @dataclass(slots=True, eq=False)
 class _Step:
     time: float
@@ -38,7 +51,7 @@ class _Step:
     rate: Array
     height: float
     state: FilterState
-    fixes: "list[tuple[float, float, Array]]"
+    fixes: list[Update]
 
 
 class BufferedNavigator:
@@ -105,36 +118,56 @@ class BufferedNavigator:
             self._steps.popleft()
 
     def update(self, time: float, latitude: float, longitude: float, covariance: Array) -> UpdateResult:
-        """Apply a fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
+        """Apply a position fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
 
         A stamp between two IMU samples counts at the sample nearest to it if that is within half an interval.
         """
+        covariance = np.array(covariance, float)
+        return self._update(time, lambda state: update_position(state, 0, latitude, longitude, covariance))
+
+    def update_information(self, time: float, vector: Array, matrix: Array, widen: float = 0.0) -> UpdateResult:
+        """Apply what measurements say about position and velocity together (`fusion.navigator.update_information`), of any stamp.
+
+        Parameters
+        ----------
+        vector, matrix : (4,), (4, 4) arrays
+            Relative to the navigator's estimate at the stamp.
+        widen : float
+            1-sigma (m) to add to the position first, for a navigator that was found lost.
+        """
+
+        def apply(state: FilterState) -> tuple[Array, float]:
+            give_up_position(state, 0, widen)
+            correction, nis = update_information(state, 0, vector, matrix)
+            return correction[:2], nis
+
+        return self._update(time, apply)
+
+    def _update(self, time: float, update: Update) -> UpdateResult:
         times = [step.time for step in self._steps]
-        index = bisect_left(times, time - 0.5 * self.model.dt)
         late = self.time - time
         refused = np.full(2, np.nan)
-        if not np.isfinite(time) or time < times[0] - 1e-9:
+        if not np.isfinite(time) or time < times[0] - 0.5 * self.model.dt:
             return UpdateResult(
                 False, f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)", refused, np.nan, late
             )
-        if bisect_right(times, time + 0.5 * self.model.dt) == 0 or index >= len(times):
+        index = bisect_left(times, time - 0.5 * self.model.dt)
+        if index == len(times):
             return UpdateResult(
                 False, f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", refused, np.nan, late
             )
         target = self._steps[index]
         before = target.state.copy()
         try:
-            innovation, nis = update_position(target.state, 0, latitude, longitude, covariance)
-        except ValueError as error:
-            return UpdateResult(False, str(error), refused, np.nan, late)
-        target.fixes.append((latitude, longitude, np.array(covariance, float)))
-        try:
+            innovation, nis = update(target.state)
+            target.fixes.append(update)
             self._replay(index)
-        except FilterDivergenceError as error:
-            target.fixes.pop()
+        except (ValueError, FilterDivergenceError) as error:
+            if target.fixes and target.fixes[-1] is update:
+                target.fixes.pop()
             target.state = before
             self._replay(index)
-            return UpdateResult(False, str(error), innovation, nis, late)
+            return UpdateResult(False, str(error), refused, np.nan, late)
         return UpdateResult(True, None, innovation, nis, late)
 
     def _replay(self, index: int) -> None:
@@ -142,16 +175,10 @@ class BufferedNavigator:
             current = self._steps[i]
             current.state = self._steps[i - 1].state.copy()
             self._apply(current, self._steps[i - 1].time)
-            for latitude, longitude, covariance in current.fixes:
-                update_position(current.state, 0, latitude, longitude, covariance)
+            for update in current.fixes:
+                update(current.state)
 
     def _apply(self, step: _Step, start: float) -> None:
         interval = step.time - start
-        model = self.model if abs(interval - self.model.dt) < 1e-6 else _with_interval(self.model, interval)
+        model = self.model if abs(interval - self.model.dt) < 1e-6 else replace(self.model, dt=interval)
         propagate(step.state, model, step.force[None, None], step.rate[None, None], np.array([step.height]))
-
-
-def _with_interval(model: FilterModel, dt: float) -> FilterModel:
-    from dataclasses import replace
-
-    return replace(model, dt=dt)

@@ -226,6 +226,12 @@ def update_position(
     return np.array([north, east]), nis
 
 
+def give_up_position(state: FilterState, run: int, sigma: float) -> None:
+    """Add a 1-sigma (m) to one run's north and east, in place: the navigator has been found lost."""
+    state.covariance[run, 0, 0] += sigma * sigma
+    state.covariance[run, 1, 1] += sigma * sigma
+
+
 def jump_between(before: FilterState, after: FilterState, run: int) -> Array:
     """Return (7,) how far one run's estimate moved: north, east m, v_north, v_east m/s, attitude about north, east, down rad."""
     shift = horizontal_difference(

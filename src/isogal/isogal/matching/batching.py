@@ -103,7 +103,8 @@ class BatchBuilder:
         Parameters
         ----------
         prior : (7, 7) or (4, 4) array
-            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, velocity errors are taken as constant over the batch.
+            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, velocity errors are taken as constant over
+            the batch.
         """
         scans = list(self._scans)
         latitude, longitude, velocity, times = _arrays(scans)
@@ -174,8 +175,8 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
 def _condition(backward: Array, prior: Array) -> tuple[Array, Array]:
     """Split the error at the scans (T, 4, 7) into what xi = (position, velocity) at the batch end explains and the rest.
 
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, 4, 4), the error per unit of xi, and (T, 4, 3), the
-    error per unit-variance component of e.
+    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, 4, 4), the error per unit of xi, and (T, 4, 3),
+    the error per unit-variance component of e.
     """
     if prior.shape[0] == 4:
         flat = np.zeros((backward.shape[0], 4, 4))

@@ -17,6 +17,9 @@ from isogal.maps.field_map import FieldMap
 
 Array = NDArray[np.float64]
 
+LOST_SIGMA = 30e3
+"""m, 1-sigma that a lost navigator's north and east position get on top of its own covariance."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
@@ -102,7 +105,7 @@ class Fix:
     information: "Information | None" = None
     """All that the batch says about position and velocity together; None = about the position only, by `covariance`."""
     reset: bool = False
-    """Whether the matcher found the navigator lost: its own position covariance must be given up before the fix is used."""
+    """Whether the matcher found the navigator lost: the navigator's position variance must grow by LOST_SIGMA² before the fix is used."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
     scan_covariance: Array | None = None

@@ -25,7 +25,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.matching.contours import contour_candidates
 from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise_estimation import NoiseEstimate
@@ -223,12 +223,8 @@ class Pmht:
         figures: dict[str, float],
         keep: Memory,
     ) -> tuple[Fix, Memory]:
-        # A lost navigator's covariance is void: what it is told must be judged against a prior as wide as the search was.
-        reference = (
-            batch.prior + np.diag([s**2 for s in (max(self.settings.search_radius_m),) * 2] + [0.0, 0.0])
-            if lost
-            else batch.prior
-        )
+        # A lost navigator's covariance is void: what it is told must be judged against what it will have then.
+        reference = batch.prior + np.diag([LOST_SIGMA**2, LOST_SIGMA**2, 0.0, 0.0]) if lost else batch.prior
         information = likelihood_information(mean, covariance, reference)
         position = measurement_only(mean, covariance, reference)
         if not information.matrix.any():

@@ -16,6 +16,7 @@ from isogal.evaluation.records import RunDetail, Runs
 from isogal.fusion.navigator import (
     FilterModel,
     FilterState,
+    give_up_position,
     jump_between,
     propagate,
     update_information,
@@ -25,7 +26,7 @@ from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import map_for_scenario
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.interfaces import Candidates, Fix, Matcher
+from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
 from isogal.sensors.gravimeter import GravimeterSimulator, reduce_disturbance, reduce_gravity
@@ -188,10 +189,16 @@ class _ClosedLoop:
 
     def _aid(self, fixes: list[Fix], scan: int) -> None:
         retrodict = self.scenario.matcher.mode == "retrodiction"
-        late = [run for run, fix in enumerate(fixes) if fix.published and retrodict and fix.scan_position is not None]
+        late = [
+            run
+            for run, fix in enumerate(fixes)
+            if fix.published and retrodict and not fix.reset and fix.scan_position is not None
+        ]
         for run, fix in enumerate(fixes):
             if not fix.published or run in late:
                 continue
+            if fix.reset:
+                give_up_position(self.state, run, LOST_SIGMA)
             if fix.information is not None:
                 update_information(self.state, run, fix.information.vector, fix.information.matrix)
             else:
