@@ -2,6 +2,7 @@ import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,6 @@ from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
 
 VOID = {"meta", "img", "br", "link"}
-
-
-@pytest.fixture(autouse=True)
-def coarse_pictures(monkeypatch):
-    """Pictures of a quarter of the size, for speed; test_figures looks at full ones."""
-    monkeypatch.setattr(style, "DPI", 40)
 
 
 class Page(HTMLParser):
@@ -50,6 +45,21 @@ class Page(HTMLParser):
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.found if name == tag]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_pictures():
+    """Pictures of a quarter of the size, for speed; test_figures looks at full ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "DPI", 40)
+        yield
+
+
+@pytest.fixture(scope="module")
+def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    run_report(make_runs(runs=1, detail=True), Scenario(), field(), bound(), folder)
+    return folder
 
 
 def field() -> FieldMap:
@@ -96,13 +106,15 @@ def test_numbers_are_flush_right_and_words_are_not():
     assert Table("", ("a",), []).numeric == frozenset()
 
 
-def test_equal_runs_give_equal_reports_whenever_they_started(make_runs, tmp_path):
-    runs = make_runs(runs=1)
-    later = replace(runs, time=runs.time + 2.0**20, fix_time=runs.fix_time + 2.0**20)
-    for name, record in (("a", runs), ("b", later)):
-        run_report(record, Scenario(), field(), bound(), tmp_path / name)
-    for file in (tmp_path / "a").iterdir():
-        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name
+def test_equal_runs_give_equal_reports_whenever_they_started(report_of_a_run, make_runs, tmp_path):
+    runs = make_runs(runs=1, detail=True)
+    shift = 2.0**20
+    detail = replace(runs.detail, scan_time=runs.detail.scan_time + shift)
+    later = replace(runs, time=runs.time + shift, fix_time=runs.fix_time + shift, detail=detail)
+    run_report(later, Scenario(), field(), bound(), tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in report_of_a_run.iterdir()}
+    for file in tmp_path.iterdir():
+        assert file.read_bytes() == (report_of_a_run / file.name).read_bytes(), file.name
 
 
 def test_two_figures_of_one_name_are_refused(make_runs, tmp_path):
@@ -112,10 +124,10 @@ def test_two_figures_of_one_name_are_refused(make_runs, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_report_of_a_run(make_runs, tmp_path):
+def test_the_report_of_a_run(make_runs, report_of_a_run):
     runs = make_runs(runs=1, detail=True)
-    page = Page(run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8"))
-    names = {p.stem for p in tmp_path.glob("*.png")}
+    page = Page((report_of_a_run / "report.html").read_text(encoding="utf-8"))
+    names = {p.stem for p in report_of_a_run.glob("*.png")}
     assert names == {"track", "north_east_error", "nees", "position_error", "measured", "feature_variability"}
     assert len(page.all("img")) == len(names)
     rms = np.sqrt(np.mean(runs.horizontal_error**2))
