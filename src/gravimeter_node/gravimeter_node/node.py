@@ -49,7 +49,11 @@ class GravimeterNode(GraphNode):
             self.listen(topics.TRUTH_FIX, self._feel, raw=True)
         else:
             self.listen(topics.FELT, self._take)
-        self._gravity, self._disturbance = self.advertise(topics.GRAVITY), self.advertise(topics.DISTURBANCE)
+        matched = topics.readings(self.scenario.gravimeter.quantity)
+        self._gravity, self._disturbance = (
+            self.advertise(topic, (topics.PMHT_MM, topics.INS_SIM) if topic is matched else ())
+            for topic in (topics.GRAVITY, topics.DISTURBANCE)
+        )
         self._nav = NavBuffer(self, self.scenario, self._reduce)
 
     def _readings(self) -> dict[int, float]:

@@ -21,6 +21,8 @@ class Simulation:
     """One run: truth, IMU readings and the unaided INS."""
 
     trajectory: Trajectory
+    states: Array
+    """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD to NED."""
     imu: ImuData
     unaided: Array
     """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
@@ -42,4 +44,7 @@ def simulate(scenario: Scenario, run: int) -> Simulation:
     c, s = np.cos(trajectory.latitude[1:]), np.sin(trajectory.latitude[1:])
     earth = np.einsum("kij,kj->ki", to_body, EARTH_RATE * np.stack([c, np.zeros_like(c), -s], axis=-1))
     rate = trajectory.angular_rate - earth
-    return Simulation(trajectory, imu, unaided, np.concatenate([rate[:1], rate]))
+    states = np.column_stack(
+        [trajectory.latitude, trajectory.longitude, trajectory.height, trajectory.velocity, trajectory.attitude]
+    )
+    return Simulation(trajectory, states, imu, unaided, np.concatenate([rate[:1], rate]))

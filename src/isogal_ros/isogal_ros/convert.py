@@ -14,9 +14,10 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2, PointField
 
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
-from isogal.matching.interfaces import Candidates
+from isogal.matching.interfaces import Candidates, Information
 from isogal.scenario import Scenario
 from isogal_ros.health import BadMessageError
+from isogal_ros.kernels import odometry
 from isogal_ros.stamps import set_stamp
 
 Array = NDArray[np.float64]
@@ -26,6 +27,9 @@ MAP, BASE, PLATFORM, GEODETIC = "map", "base_link", "gravimeter_link", "wgs84"
 
 NOT_MEASURED = 1e6
 """Variance that stands for a direction that a sensor does not measure."""
+
+LARGEST_FORCE, LARGEST_RATE = 1000.0, 100.0
+"""m/s² and rad/s: no vehicle of this kind gets there, a broken sensor does."""
 
 _FLIP = np.array([1.0, -1.0, -1.0])  # FRD <-> FLU
 _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED <-> ENU
@@ -60,6 +64,10 @@ def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:
     values = np.array([[force.x, -force.y, -force.z], [rate.x, -rate.y, -rate.z]])
     if not np.isfinite(values).all():
         raise BadMessageError("specific force or angular rate is not finite")
+    if np.abs(values[0]).max() > LARGEST_FORCE or np.abs(values[1]).max() > LARGEST_RATE:
+        raise BadMessageError(
+            f"specific force above {LARGEST_FORCE:g} m/s² or angular rate above {LARGEST_RATE:g} rad/s"
+        )
     if message.linear_acceleration_covariance[0] == -1.0 or message.angular_velocity_covariance[0] == -1.0:
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(message.linear_acceleration_covariance[::4]) < 0.0 or min(message.angular_velocity_covariance[::4]) < 0.0:
@@ -115,51 +123,35 @@ def _require_variances(covariance: Array) -> None:
         raise BadMessageError("negative variance")
 
 
+_NO_COVARIANCE = np.zeros((0, 0))
+
+
 def fill_odom(
-    message: Any,
-    ns: int,
-    frame: LocalFrame,
-    position: Array,
-    velocity: Array,
-    attitude: Array,
-    angular_rate: Array,
-    covariance: Array | None = None,
+    message: Any, ns: int, frame: LocalFrame, state: Array, angular_rate: Array, covariance: Array = _NO_COVARIANCE
 ) -> None:
     """Write a navigation state into an Odometry of frame ``map`` and child ``base_link``.
 
     Parameters
     ----------
-    position : (3,) array
-        Latitude rad, longitude rad, height m.
-    velocity : (3,) array
-        NED, m/s.
-    attitude : (4,) array
-        Quaternion FRD to NED.
+    state : (10,) array
+        Latitude rad, longitude rad, height m; velocity NED, m/s; quaternion FRD to NED.
     angular_rate : (3,) array
         FRD, rad/s, relative to the Earth.
-    covariance : (9+, 9+) array, optional
-        Position, velocity, attitude errors, NED. The twist's covariance is that of the NED velocity turned into body axes, so that turning
-        it back with the message's orientation gives it unchanged.
+    covariance : (9+, 9+) array
+        Position, velocity, attitude errors, NED; (0, 0) = the message's stays as it is. The twist's covariance is that of the NED velocity
+        turned into body axes, so that turning it back with the message's orientation gives it unchanged.
     """
     set_stamp(message.header.stamp, ns)
-    to_map = frame.rotation_from(position[0], position[1]) @ _SWAP
-    to_body = matrix(attitude).T * _FLIP[:, None]  # FLU from NED
+    pose, twist = np.empty((6, 6)), np.zeros((6, 6))
+    values = odometry(state, covariance, frame.axes, frame.origin, pose, twist).tolist()
     point, orientation = message.pose.pose.position, message.pose.pose.orientation
-    point.x, point.y, point.z = frame.from_geodetic(position[0], position[1], position[2]).tolist()
-    orientation.w, orientation.x, orientation.y, orientation.z = quaternion(to_map @ to_body.T)
+    point.x, point.y, point.z = values[:3]
+    orientation.w, orientation.x, orientation.y, orientation.z = values[3:7]
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    linear.x, linear.y, linear.z = (to_body @ velocity).tolist()
+    linear.x, linear.y, linear.z = values[7:]
     angular.x, angular.y, angular.z = (angular_rate * _FLIP).tolist()
-    if covariance is not None:
-        pose = np.empty((6, 6))
-        pose[:3, :3] = to_map @ covariance[:3, :3] @ to_map.T
-        pose[:3, 3:] = to_map @ covariance[:3, 6:9] @ to_map.T
-        pose[3:, :3] = pose[:3, 3:].T
-        pose[3:, 3:] = to_map @ covariance[6:9, 6:9] @ to_map.T
-        message.pose.covariance = pose.ravel()
-        twist = np.zeros((6, 6))
-        twist[:3, :3] = to_body @ covariance[3:6, 3:6] @ to_body.T
-        message.twist.covariance = twist.ravel()
+    if covariance.shape[0]:
+        message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
 
 
 def read_velocity(message: Any, frame: LocalFrame, latitude: float, longitude: float) -> tuple[Array, Array, Array]:
@@ -219,16 +211,22 @@ def read_nav_covariance(message: Any) -> Array:
     return covariance
 
 
-def read_information(message: Any) -> tuple[Array, Array] | None:
-    """Return (vector (4,), matrix (4, 4)) of ``pmht_mm/information``; None where the fix says all there is."""
+def fill_information(message: Any, ns: int, reset: bool, information: Information | None) -> None:
+    """Write what belongs to a fix into ``pmht_mm/information``: stamp, whether the navigator is lost, then vector and matrix if any."""
+    parts = () if information is None else (information.vector, information.matrix)
+    fill_numbers(message, ns, np.array([float(reset)]), *parts)
+
+
+def read_information(message: Any) -> tuple[bool, Information | None]:
+    """Return (whether the navigator is lost, information); None where the fix itself says all there is."""
     values = np.array(message.data)
-    if len(values) == 2:
-        return None
-    if len(values) != 22:
-        raise BadMessageError(f"must hold a stamp, a vector of 4 and a 4 x 4 matrix, holds {len(values)} numbers")
+    if len(values) not in (3, 23):
+        raise BadMessageError(
+            f"must hold a stamp, a flag, and a vector of 4 and a 4 x 4 matrix if any, holds {len(values)} numbers"
+        )
     if not np.isfinite(values).all():
         raise BadMessageError("information is not finite")
-    return values[2:6], values[6:].reshape(4, 4)
+    return bool(values[2]), Information(values[3:7], values[7:].reshape(4, 4)) if len(values) == 23 else None
 
 
 _CANDIDATE = np.dtype([("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")])
@@ -275,20 +273,3 @@ def read_candidates(cloud: PointCloud2) -> Candidates:
         points["weight"].copy(),
         points["scan"].astype(np.int64),
     )
-
-
-def quaternion(rotation: Array) -> tuple[float, float, float, float]:
-    """Return (w, x, y, z) of a rotation matrix, from its largest component (Shepperd 1978)."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    squares = (a + e + i, a - e - i, e - a - i, i - a - e)
-    largest = max(range(4), key=squares.__getitem__)
-    s = math.sqrt(1.0 + squares[largest]) * 2.0
-    if largest == 0:
-        q = (s / 4.0, (h - f) / s, (c - g) / s, (d - b) / s)
-    elif largest == 1:
-        q = ((h - f) / s, s / 4.0, (b + d) / s, (c + g) / s)
-    elif largest == 2:
-        q = ((c - g) / s, (b + d) / s, s / 4.0, (f + h) / s)
-    else:
-        q = ((d - b) / s, (c + g) / s, (f + h) / s, s / 4.0)
-    return q

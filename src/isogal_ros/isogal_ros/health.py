@@ -4,7 +4,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from isogal_ros.stamps import from_ns
+from isogal_ros.stamps import set_stamp
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -32,6 +32,8 @@ class Health:
         self._stamp = 0
         self._last: int | None = None
         self._published = 0
+        self._array = DiagnosticArray(status=[DiagnosticStatus(name=name, hardware_id="isogal")])
+        self._pairs: dict[str, KeyValue] = {}
 
     @property
     def publications(self) -> int:
@@ -71,25 +73,39 @@ class Health:
         if self._reasons:
             level = max(level, WARN)
             message += "; dropped " + ", ".join(f"{topic}: {reason}" for topic, reason in self._reasons.items())
-        figures = {**self.figures, **{f"dropped {topic}": count for topic, count in self.dropped.items()}}
-        array = DiagnosticArray(status=[status(self.name, level, message, figures), *more])
-        array.header.stamp = from_ns(self._stamp)
-        self._publisher.publish(array)
+        own = self._array.status[0]
+        own.level, own.message = level, message
+        self._write(self.figures)
+        if self.dropped:
+            self._write({f"dropped {topic}": count for topic, count in self.dropped.items()})
+        set_stamp(self._array.header.stamp, self._stamp)
+        self._array.status[1:] = more
+        self._publisher.publish(self._array)
         self._published += 1
+
+    def _write(self, figures: dict[str, Any]) -> None:
+        """Bring the pairs of the message up to date; they are kept from one publication to the next."""
+        for key, value in figures.items():
+            pair = self._pairs.get(key)
+            if pair is None:
+                pair = self._pairs[key] = KeyValue(key=key)
+                self._array.status[0].values.append(pair)
+            pair.value = _text(value)
 
 
 def status(name: str, level: bytes, message: str, figures: dict[str, Any]) -> DiagnosticStatus:
     """Return one diagnostic status."""
-    values = [
-        KeyValue(key=key, value=f"{value:.9g}" if isinstance(value, float) else str(value))
-        for key, value in figures.items()
-    ]
+    values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
     return DiagnosticStatus(level=level, name=name, message=message, hardware_id="isogal", values=values)
 
 
 def figures_of(item: DiagnosticStatus) -> dict[str, str]:
     """Return the key-value pairs of a status."""
     return {pair.key: pair.value for pair in item.values}
+
+
+def _text(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def _shape(reason: str) -> str:

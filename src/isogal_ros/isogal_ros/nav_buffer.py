@@ -12,8 +12,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.rotations import to_rotation_vector
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.convert import map_frame, quaternion, read_covariance, read_nav_covariance, read_position, read_velocity
+from isogal_ros.convert import map_frame, read_covariance, read_nav_covariance, read_position, read_velocity
 from isogal_ros.health import BadMessageError
+from isogal_ros.kernels import quaternion
 from isogal_ros.node import GraphNode
 from isogal_ros.stamps import from_seconds, peek_ns, peek_numbers_ns, to_seconds
 

@@ -28,6 +28,9 @@ class NodeSettings(BaseModel):
 
     run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
     recorders: int = Field(0, ge=0, le=100, description="recorders that must listen before the node is ready")
+    peers: tuple[str, ...] = Field(
+        topics.NODES, description="nodes of the graph that must listen before the node is ready"
+    )
     diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
 
 
@@ -104,11 +107,12 @@ class GraphNode(Node):
     def changed(self, values: dict[str, Any]) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
 
-    def advertise(self, topic: Topic) -> Any:
-        """Return a publisher of one of the graph's topics."""
+    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
+        """Return a publisher of one of the graph's topics; `consumers` replaces those of the topic."""
         publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        listeners = len([name for name in topic.consumers if name != self.get_name()])
-        self._expected[publisher] = (topic.name, listeners)
+        wanted = topic.consumers if consumers is None else consumers
+        listeners = [name for name in wanted if name in self.settings.peers and name != self.get_name()]
+        self._expected[publisher] = (topic.name, len(listeners))
         return publisher
 
     def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Any:
@@ -164,7 +168,8 @@ class GraphNode(Node):
             self.health.figures["waiting for listeners"] = ", ".join(missing)
             return
         self._ready = True
-        self.health.figures.pop("waiting for listeners", None)
+        if "waiting for listeners" in self.health.figures:
+            self.health.figures["waiting for listeners"] = "none"
         self.destroy_timer(self._readiness)
         self.health.state(OK, "ready")
 

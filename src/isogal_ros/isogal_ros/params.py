@@ -38,7 +38,7 @@ class ParameterSpec:
     default: Any
     descriptor: ParameterDescriptor
     kind: str
-    """number, nullable, text, nullable_text, array, either or yaml."""
+    """number, nullable, text, nullable_text, array, texts, either or yaml."""
     empty: Any = None
     """What an empty string of YAML stands for."""
 
@@ -48,7 +48,7 @@ class ParameterSpec:
             return None if value == 0 else value
         if self.kind == "nullable_text":
             return value or None
-        if self.kind == "array":
+        if self.kind in ("array", "texts"):
             return list(value)
         if self.kind == "yaml":
             try:
@@ -156,6 +156,9 @@ def _spec(
         if inner is not str:
             descriptor.additional_constraints = "one of: " + ", ".join(typing.get_args(inner))
         return ParameterSpec(name, default or "", descriptor, "nullable_text" if nullable else "text")
+    if typing.get_origin(inner) is tuple and typing.get_args(inner)[0] is str:
+        descriptor.type = ParameterType.PARAMETER_STRING_ARRAY
+        return ParameterSpec(name, list(default), descriptor, "texts")
     if (
         typing.get_origin(inner) is tuple
         and default is not None

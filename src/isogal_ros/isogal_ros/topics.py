@@ -56,8 +56,8 @@ GRAVITY = Topic("gravimeter/gravity", AccelWithCovarianceStamped)
 DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
-"""Beside each fix: stamp (s, ns), then vector (4) and matrix (4 x 4) of the likelihood of (north, east, v_north, v_east) error, or
-nothing more where the fix says all. Relative to ``nav/*`` of that stamp before the fix."""
+"""Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector (4) and matrix (4 x 4) of the likelihood
+of the (north, east, v_north, v_east) error, or nothing more where the fix says all. Relative to ``nav/*`` of that stamp before the fix."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))

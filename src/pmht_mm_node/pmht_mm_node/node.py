@@ -15,12 +15,13 @@ from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, Information, declined
 from isogal.matching.registry import build_matcher
 from isogal_ros import params, topics
-from isogal_ros.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_numbers, read_accel
+from isogal_ros.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_information, read_accel
 from isogal_ros.health import OK, BadMessageError, status
 from isogal_ros.nav_buffer import NavBuffer, NavSample
 from isogal_ros.node import GraphNode
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, to_ns, to_seconds
+from pmht_mm_node.warm_up import warm_up
 
 Array = NDArray[np.float64]
 MOST_MISSING = 1000
@@ -40,17 +41,19 @@ class PmhtMmNode(GraphNode):
 
     def setup(self) -> None:
         """Load the map and make publishers and subscriptions."""
-        self.handled = 0
-        """Readings dealt with."""
+        self.taken = 0
+        """Readings received, whatever became of them."""
         self.published = 0
         """Messages on pmht_mm/fix published."""
         self._fixes = self._declined = self._missing = 0
         self._matcher, self._memory = build_matcher(self.scenario.matcher), None
         self._map = map_for_scenario(self.scenario)
+        warm_up(self._matcher, self._map, self.scenario)
         settings = self.scenario.gravimeter
         self._builder = BatchBuilder(self.scenario.matcher, settings.quantity, self._matcher.context)
         self._interval = from_seconds(settings.interval)
-        self._waiting: list[tuple[int, float]] = []
+        self.waiting: list[tuple[int, float]] = []
+        """Readings (stamp, value) for which the navigator's state is still to come."""
         self._newest, self._last = -1, -1
         self._message = topics.FIX.type()
         self._message.header.frame_id = BASE
@@ -73,6 +76,7 @@ class PmhtMmNode(GraphNode):
             self.scenario = scenario
 
     def _take(self, message: Any) -> None:
+        self.taken += 1
         ns = to_ns(message.header.stamp)
         if ns <= self._newest:
             raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
@@ -82,13 +86,13 @@ class PmhtMmNode(GraphNode):
         except BadMessageError as error:
             self.health.drop(self._topic.name, str(error))
             reading = math.nan  # the scan took place; that it gave nothing is known to the batch
-        self._waiting.append((ns, reading))
+        self.waiting.append((ns, reading))
         self._process()
 
     def _process(self) -> None:
         """Deal with the waiting readings as far as the navigator's states reach."""
-        while self._waiting:
-            ns, reading = self._waiting[0]
+        while self.waiting:
+            ns, reading = self.waiting[0]
             try:
                 nav = self._nav.at(ns)
             except BadMessageError as error:
@@ -98,8 +102,7 @@ class PmhtMmNode(GraphNode):
                     return
                 self._fill_missing(ns)
                 self._scan(nav, reading)
-            del self._waiting[0]
-            self.handled += 1
+            del self.waiting[0]
             self.health.tick(ns)
 
     def _fill_missing(self, ns: int) -> None:
@@ -142,13 +145,15 @@ class PmhtMmNode(GraphNode):
         self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
         self._say(nav.ns, fix, seconds)
         self._candidates.publish(candidates_cloud(nav.ns, fix.candidates))
-        if fix.published and fix.scan_position is not None and fix.scan_covariance is not None:
-            # a fix for each scan of the batch; the last one is that of the batch end
+        retrodict = self.scenario.matcher.mode == "retrodiction"
+        if fix.published and retrodict and fix.scan_position is not None and fix.scan_covariance is not None:
+            # a fix for each scan that no earlier batch has used; the last one is that of the batch end
             for stamp, position, covariance in zip(batch.time, fix.scan_position, fix.scan_covariance, strict=True):
-                self._publish(from_seconds(stamp), (*position, nav.height), covariance)
+                if np.isfinite(covariance).all():
+                    self._publish(from_seconds(stamp), (*position, nav.height), covariance)
         else:
             position = fix.latitude, fix.longitude, nav.height
-            self._publish(nav.ns, position, fix.covariance if fix.published else None, fix.information)
+            self._publish(nav.ns, position, fix.covariance if fix.published else None, fix.information, fix.reset)
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""
@@ -162,16 +167,16 @@ class PmhtMmNode(GraphNode):
         position: tuple[float, float, float],
         covariance: Array | None,
         information: Information | None = None,
+        reset: bool = False,
     ) -> None:
         """Publish a fix, or that there is none, after what belongs to it."""
-        status_code, full = NavSatStatus.STATUS_NO_FIX, None
+        code, full = NavSatStatus.STATUS_NO_FIX, None
         if covariance is not None:
-            status_code, full = NavSatStatus.STATUS_FIX, np.diag([0.0, 0.0, NOT_MEASURED])
+            code, full = NavSatStatus.STATUS_FIX, np.diag([0.0, 0.0, NOT_MEASURED])
             full[:2, :2] = covariance
-        parts = () if information is None else (information.vector, information.matrix)
-        fill_numbers(self._m_information, ns, *parts)
+        fill_information(self._m_information, ns, reset, information)
         self._information.publish(self._m_information)
-        fill_fix(self._message, ns, *position, full, status_code)
+        fill_fix(self._message, ns, *position, full, code)
         self._fix.publish(self._message)
         self.published += 1
 

@@ -72,6 +72,8 @@ class UkfFusionNode(GraphNode):
 
     def setup(self) -> None:
         """Start the filter and make publishers and subscriptions."""
+        self.samples = 0
+        """IMU samples received, whatever became of them."""
         self.answered = 0
         """Messages on pmht_mm/fix dealt with."""
         self._accepted = self._refused = self._gaps = 0
@@ -103,6 +105,7 @@ class UkfFusionNode(GraphNode):
         navigator.update(self._model.dt, latitude, longitude, np.eye(2) * 1e6)
 
     def _take_imu(self, message: Any) -> None:
+        self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
         if self._navigator is None:
