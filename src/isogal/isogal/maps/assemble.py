@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.quantities import QUANTITIES, check_plausible, check_quantity, unit_factor
+from isogal.maps.quantities import QUANTITIES, check_plausible, check_quantity, unit_factor, value_range
 
 MOST_CELLS = 150_000_000
 """Cells that a reader takes into memory at once (1.2 GB); a larger map needs a window."""
@@ -25,6 +25,27 @@ def check_size(cells: int, where: str) -> None:
         raise InputError(
             f"{where}: {cells:,} cells are too many to read at once (at most {MOST_CELLS:,}); give a window or a route"
         )
+
+
+def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
+    """Return quantity, unit and the factor to the unit inside, provided that both were said and fit each other.
+
+    Raises
+    ------
+    InputError
+        Not said, unknown, or not fitting.
+    """
+    if quantity is None:
+        raise InputError(f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}")
+    known = check_quantity(quantity, where)
+    if unit is None:
+        raise InputError(
+            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or one that converts to it)"
+        )
+    inside, factor = unit_factor(unit, where)
+    if inside != known.unit:
+        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
+    return quantity, unit, factor
 
 
 def assemble(
@@ -60,25 +81,16 @@ def assemble(
     InputError
         Quantity or unit unknown or not given, numbers that the quantity cannot have, and what `FieldMap` raises.
     """
-    if quantity is None:
-        raise InputError(f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}")
-    known = check_quantity(quantity, where)
-    if unit is None:
-        raise InputError(
-            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or a unit that converts to it)"
-        )
-    inside, factor = unit_factor(unit, where)
-    if inside != known.unit:
-        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
+    quantity, unit, factor = said(quantity, unit, where)
+    check_plausible(value_range(values), quantity, factor, where)
     if factor != 1.0:
         values = np.asarray(values) * values.dtype.type(factor) if values.dtype == np.float32 else values * factor
-    check_plausible(values, quantity, where)
     attributes["quantisation"] = attributes.get("quantisation", 0.0) * factor
     return FieldMap(
         latitude,
         longitude,
         values,
-        unit=inside,
+        unit=QUANTITIES[quantity].unit,
         quantity=quantity,
         sigma=np.asarray(sigma, dtype=np.float64) * factor if np.ndim(sigma) else float(sigma) * factor,
         provenance=where,

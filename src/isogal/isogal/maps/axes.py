@@ -16,6 +16,17 @@ MARGIN = 3
 """Nodes kept beyond a window on each side, so that every point of the window can be interpolated."""
 
 
+class Track(NamedTuple):
+    """The part of a window that is really needed: everything within a margin of a route."""
+
+    latitude: Array
+    """(K,) rad."""
+    longitude: Array
+    """(K,) rad, continuous (no jumps of whole circles)."""
+    margin: float
+    """m."""
+
+
 class Window(NamedTuple):
     """Part of the Earth, rad; west may exceed east by whole circles, and both may be given in any range."""
 
@@ -23,6 +34,8 @@ class Window(NamedTuple):
     north: float
     west: float
     east: float
+    track: Track | None = None
+    """A reader may leave out (NaN) what lies off the track, where the whole window would need much memory."""
 
     def grown(self, metres: float) -> "Window":
         """Return the window with a margin (m) on all sides."""
@@ -33,7 +46,7 @@ class Window(NamedTuple):
 
     def text(self) -> str:
         """Return the extent in degrees, for messages."""
-        return "latitude {:.4f} to {:.4f}, longitude {:.4f} to {:.4f} deg".format(*np.degrees(self))
+        return "latitude {:.4f} to {:.4f}, longitude {:.4f} to {:.4f} deg".format(*np.degrees(self[:4]))
 
 
 def regular_axis(axis: Array, name: str, where: str) -> Array:

@@ -88,8 +88,6 @@ class FieldMap:
             longitude, values = longitude[:-1], np.ascontiguousarray(values[:, :-1])
         if not any(np.isfinite(row).any() for row in values):
             raise InputError(f"{where}: has no value at all (all missing)")
-        if any(np.isinf(row).any() for row in values):
-            values = np.where(np.isinf(values), np.nan, values)
         object.__setattr__(self, "latitude", latitude)
         object.__setattr__(self, "longitude", longitude)
         object.__setattr__(self, "values", values)
@@ -130,7 +128,8 @@ class FieldMap:
     @property
     def extent(self) -> Window:
         """South, north, west and east node, rad."""
-        return Window(*(float(x) for x in (self.latitude[0], self.latitude[-1], self.longitude[0], self.longitude[-1])))
+        lat, lon = self.latitude, self.longitude
+        return Window(float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1]))
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Interpolate at points (rad, any shapes that broadcast); NaN where the map says nothing."""

@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.errors import InputError
-from isogal.maps.axes import Window
+from isogal.maps.axes import Track, Window
 from isogal.maps.field_map import FieldMap
+from isogal.maps.gdf import read_gdf
+from isogal.maps.geotiff import read_geotiff
+from isogal.maps.ggmplus import is_ggmplus, read_ggmplus
 from isogal.maps.netcdf import read_netcdf
+from isogal.maps.xyz import read_xyz
 from isogal.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -57,7 +61,14 @@ def _suffix(*suffixes: str) -> Callable[[Path], bool]:
     return lambda path: path.suffix.casefold() in suffixes
 
 
-FORMATS: tuple[Format, ...] = (Format("netcdf", _suffix(".nc", ".nc4", ".grd", ".cdf"), read_netcdf),)
+FORMATS: tuple[Format, ...] = (
+    Format("netcdf", _suffix(".nc", ".nc4", ".grd", ".cdf"), read_netcdf),
+    Format("ggmplus", is_ggmplus, read_ggmplus),
+    Format("geotiff", _suffix(".tif", ".tiff", ".gtiff"), read_geotiff),
+    Format("gdf", _suffix(".gdf"), read_gdf),
+    Format("xyz", _suffix(".xyz", ".txt", ".csv", ".dat"), read_xyz),
+)
+"""Known formats; to add one, write its reader and its line here."""
 
 
 def load_map(
@@ -67,6 +78,7 @@ def load_map(
     window: Window | None = None,
     *,
     unit: str | None = None,
+    crs: str | None = None,
     format_name: str | None = None,
 ) -> FieldMap:
     """Read a map from a file or folder.
@@ -81,6 +93,8 @@ def load_map(
         What the numbers are, where the source does not say.
     window : Window, optional
         Only this part.
+    crs : str, optional
+        Coordinate reference system of a GeoTIFF that does not say.
     format_name : str, optional
         One of `FORMATS`; None = by suffix or content of the folder.
 
@@ -101,13 +115,18 @@ def load_map(
         chosen = [f for f in FORMATS if f.matches(path)]
         if not chosen:
             raise InputError(f"{path}: not a known map format by its name; known: {names}")
+    if crs is not None:
+        if chosen[0].read is not read_geotiff:
+            raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen[0].name}")
+        return read_geotiff(path, variable, window, quantity=quantity, unit=unit, crs=crs)
     return chosen[0].read(path, variable, window, quantity=quantity, unit=unit)
 
 
 def route_window(latitude: Array, longitude: Array, margin: float = CORRIDOR_MARGIN) -> Window:
     """Return the window around route points (rad) with a margin (m); routes may cross the date line."""
     turned = np.unwrap(longitude)
-    return Window(latitude.min(), latitude.max(), turned.min(), turned.max()).grown(margin)
+    around = Window(latitude.min(), latitude.max(), turned.min(), turned.max()).grown(margin)
+    return around._replace(track=Track(latitude, turned, margin))
 
 
 def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin: float = CORRIDOR_MARGIN) -> FieldMap:

@@ -135,6 +135,10 @@ def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) ->
         return fitting[0]
     if not fitting and len(grids) == 1 and (quantity is None or known[grids[0]] is None):
         return grids[0]
+    if not grids and "x_range" in dataset.variables:
+        raise InputError(
+            f"{where}: is a grid of GMT 3 (values in one dimension); convert it with 'gmt grdconvert' first"
+        )
     asked = f"for {quantity}" if quantity else "to use"
     raise InputError(
         f"{where}: does not say which variable {asked}; give variable= one of {', '.join(grids) or '(it has no grid)'}"
@@ -284,11 +288,18 @@ def write_netcdf(field_map: FieldMap, path: str | Path, variable: str | None = N
     InputError
         The file cannot be written.
     """
+    try:
+        with written_whole(path) as temporary:
+            _write(field_map, temporary, variable or field_map.quantity)
+    except RuntimeError as error:  # what the C library raises, for example where the disk is full
+        raise InputError(f"{path}: cannot be written: {error}") from None
+
+
+def _write(field_map: FieldMap, path: Path, name: str) -> None:
     import netCDF4
 
-    name = variable or field_map.quantity
     unit = _CF_UNITS.get(field_map.unit, field_map.unit)
-    with written_whole(path) as temporary, netCDF4.Dataset(str(temporary), "w") as dataset:
+    with netCDF4.Dataset(str(path), "w") as dataset:
         dataset.Conventions = "CF-1.8"
         dataset.title = f"{field_map.quantity} map"
         dataset.source = field_map.provenance

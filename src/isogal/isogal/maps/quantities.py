@@ -3,7 +3,9 @@
 Every reader ends here: a unit is converted once, and numbers that cannot be what the file says are refused with a hint.
 """
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,28 +65,31 @@ class Quantity:
     lowest: float
     """Lowest value possible on Earth, with room to spare."""
     highest: float
+    smallest: float = 0.0
+    """Least size that the largest value of a map can have; below it, the unit must be wrong. Maps of zeros only are let pass."""
     names: tuple[str, ...] = ()
     """Variable names and words that mean it in files."""
 
 
+_FIELD = (
+    -1.0e-2,
+    1.0e-2,
+    1.0e-7,
+)  # m/s²: anomalies on land and sea stay within 1000 mGal; 0.01 mGal is below any noise
 QUANTITIES: dict[str, Quantity] = {
-    "gravity": Quantity(
-        "m/s²", 9.70, 9.90, ("ga", "gravity", "gravity_earth", "gravity_acceleration", "observed_gravity")
-    ),
-    "disturbance": Quantity(
-        "m/s²", -1.0e-2, 1.0e-2, ("dg", "disturbance", "gravity_disturbance", "gravity_disturbance_sa")
-    ),
-    "bouguer_disturbance": Quantity("m/s²", -1.0e-2, 1.0e-2),
-    "gravity_anomaly": Quantity("m/s²", -1.0e-2, 1.0e-2, ("gravity_anomaly_sa", "free_air_anomaly", "faa")),
-    "bouguer_anomaly": Quantity("m/s²", -1.0e-2, 1.0e-2, ("gravity_anomaly_bg", "cba")),
-    "magnetic_anomaly": Quantity("nT", -4.0e4, 4.0e4, ("magnetic_anomaly", "tmi_anomaly", "emag2", "mag_anomaly")),
-    "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, ("magnetic_field", "total_field", "tmi")),
-    "height": Quantity("m", -1.2e4, 9.5e3, ("height", "elevation", "topography", "ha", "hsl", "dem", "topo")),
-    "geoid": Quantity("m", -130.0, 110.0, ("geoid", "geoid_height", "height_anomaly", "quasigeoid")),
-    "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, ("xi", "deflection_north")),
-    "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, ("eta", "deflection_east")),
+    "gravity": Quantity("m/s²", 9.70, 9.90, names=("ga", "gravity_earth", "gravity_acceleration", "observed_gravity")),
+    "disturbance": Quantity("m/s²", *_FIELD, names=("dg", "gravity_disturbance", "gravity_disturbance_sa")),
+    "bouguer_disturbance": Quantity("m/s²", *_FIELD),
+    "gravity_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_sa", "free_air_anomaly", "faa")),
+    "bouguer_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_bg", "cba")),
+    "magnetic_anomaly": Quantity("nT", -4.0e4, 4.0e4, 1e-2, ("tmi_anomaly", "emag2", "mag_anomaly")),
+    "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, names=("total_field", "tmi")),
+    "height": Quantity("m", -1.2e4, 9.5e3, names=("elevation", "topography", "hsl", "dem", "topo")),
+    "geoid": Quantity("m", -130.0, 110.0, names=("ha", "geoid_height", "height_anomaly", "quasigeoid")),
+    "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("xi",)),
+    "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("eta",)),
     "gradient": Quantity(
-        "1/s²", -2.0e-6, 2.0e-6, ("gradient", "gravity_gradient", "gxx", "gyy", "gzz", "gxy", "gxz", "gyz")
+        "1/s²", -2.0e-6, 2.0e-6, 1.0e-13, ("gravity_gradient", "gxx", "gyy", "gzz", "gxy", "gxz", "gyz")
     ),
 }
 """Known quantities; `lowest` and `highest` leave room beyond the extremes on Earth."""
@@ -123,13 +128,29 @@ def check_quantity(name: str, where: str) -> Quantity:
     return QUANTITIES[name]
 
 
-def check_plausible(values: NDArray[np.floating], quantity: str, where: str) -> None:
+def value_range(values: NDArray[Any]) -> tuple[float, float]:
+    """Return the lowest and highest value; NaN where there is none. Row by row, to need no memory."""
+    low, high = math.inf, -math.inf
+    for row in values:
+        known = row[~np.isnan(row)]
+        if known.size:
+            low, high = min(low, float(known.min())), max(high, float(known.max()))
+    return (low, high) if low <= high else (math.nan, math.nan)
+
+
+def check_plausible(found: tuple[float, float], quantity: str, factor: float, where: str, fixed: bool = False) -> None:
     """Refuse numbers that the quantity cannot have.
 
     Parameters
     ----------
-    values : array
-        In the quantity's unit inside; NaN is skipped.
+    found : lowest, highest
+        As they stand in the file.
+    quantity : str
+        One of `QUANTITIES`.
+    factor : float
+        From the file's unit to the quantity's.
+    fixed : bool
+        The format fixes unit and quantity, so that giving another is no remedy.
 
     Raises
     ------
@@ -137,34 +158,38 @@ def check_plausible(values: NDArray[np.floating], quantity: str, where: str) -> 
         With the range found, the range possible, and what it looks like instead.
     """
     known = check_quantity(quantity, where)
-    with np.errstate(invalid="ignore"):
-        low = min((float(np.nanmin(row)) for row in values if np.isfinite(row).any()), default=np.nan)
-        high = max((float(np.nanmax(row)) for row in values if np.isfinite(row).any()), default=np.nan)
-    if np.isnan(low):
+    if math.isnan(found[0]):
         raise InputError(f"{where}: has no value at all (all missing)")
-    if known.lowest <= low and high <= known.highest:
+    low, high = found[0] * factor, found[1] * factor
+    if _possible(known, low, high):
         return
+    least = f", not all below {known.smallest:g}" if known.smallest else ""
     raise InputError(
         f"{where}: values {low:.6g} to {high:.6g} {known.unit} cannot be a {quantity} map"
-        f" (possible: {known.lowest:g} to {known.highest:g}){_hint(low, high, quantity)}"
+        f" (possible: {known.lowest:g} to {known.highest:g}{least}); {_DAMAGE if fixed else _hint(found, low, high, quantity)}"
     )
 
 
-def _hint(low: float, high: float, quantity: str) -> str:
-    unit = QUANTITIES[quantity].unit
-    for other, known in QUANTITIES.items():
+_DAMAGE = "check the unit, scale, no-data value and byte order"
+
+
+def _possible(known: Quantity, low: float, high: float) -> bool:
+    size = max(abs(low), abs(high))
+    return known.lowest <= low and high <= known.highest and (size >= known.smallest or size == 0.0)
+
+
+def _hint(found: tuple[float, float], low: float, high: float, quantity: str) -> str:
+    known = QUANTITIES[quantity]
+    for other, candidate in QUANTITIES.items():
         if (
             other != quantity
-            and known.unit == unit
-            and known.lowest > 0.0
-            and known.lowest <= low
-            and high <= known.highest
+            and candidate.unit == known.unit
+            and candidate.lowest > 0.0
+            and _possible(candidate, low, high)
         ):
-            return f"; these look like {other}: give quantity={other}"
+            return f"these look like {other}: give quantity={other}"
     for name, (inside, factor) in UNITS.items():
-        known = QUANTITIES[quantity]
-        if inside == unit and factor != 1.0 and known.lowest <= low * factor and high * factor <= known.highest:
-            spread = max(abs(low), abs(high)) * factor
-            if known.lowest > 0.0 or spread > 1e-2 * known.highest:
-                return f"; these look like {name}: give unit={name}"
-    return "; check the unit, scale, no-data value and byte order"
+        telling = known.lowest > 0.0 or max(abs(found[0]), abs(found[1])) * factor > 1e-3 * known.highest
+        if inside == known.unit and telling and _possible(known, found[0] * factor, found[1] * factor):
+            return f"these look like {name}: give unit={name}"
+    return _DAMAGE
