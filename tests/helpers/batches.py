@@ -1,0 +1,92 @@
+"""Batches made up for the matchers' tests: a map, a true track over it, a navigator with a known error."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch
+
+ORIGIN = (np.radians(-36.5), np.radians(147.0))
+INTERVAL = 10.0
+
+
+def wavy(north: ArrayLike, east: ArrayLike) -> np.ndarray:
+    """A rough field, m/s²: sums of waves of 3 to 25 km, about 10 mGal RMS."""
+    north, east = np.asarray(north) / 1e3, np.asarray(east) / 1e3
+    waves = np.random.default_rng(3)
+    total = np.zeros(np.broadcast(north, east).shape)
+    for length in np.geomspace(3.0, 25.0, 24):
+        direction, phase = waves.uniform(0.0, 2.0 * np.pi, 2)
+        total += length**0.7 * np.sin(
+            2 * np.pi / length * (north * np.cos(direction) + east * np.sin(direction)) + phase
+        )
+    return 1e-5 * total
+
+
+def field_map_of(function: Callable[..., np.ndarray], half: float = 40e3, step: float = 250.0, **keys) -> FieldMap:
+    """Map of a function of metres north and east of ORIGIN."""
+    side = np.arange(-half, half + step / 2, step)
+    metres = metres_per_radian(ORIGIN[0])
+    values = function(side[:, None], side[None, :]) + np.zeros((side.size, side.size))
+    return FieldMap(ORIGIN[0] + side / metres[0], ORIGIN[1] + side / metres[1], values, "m/s²", "disturbance", **keys)
+
+
+@dataclass(frozen=True)
+class Truth:
+    latitude: float
+    longitude: float
+
+    def error_of(self, fix) -> np.ndarray:
+        """North and east error of a fix, m."""
+        metres = metres_per_radian(self.latitude)
+        return np.array([(fix.latitude - self.latitude) * metres[0], (fix.longitude - self.longitude) * metres[1]])
+
+
+def make_batch(
+    field_map: FieldMap,
+    error=(0.0, 0.0, 0.0, 0.0),
+    scans: int = 30,
+    sigma: float = 1e-5,
+    prior_sigma=(500.0, 0.05),
+    start=(-3000.0, -3000.0),
+    velocity=(14.0, 17.0),
+    seed: int | None = 0,
+    jacobian=(0.0, 0.0, 0.0, 0.0),
+    **changes,
+) -> tuple[Batch, Truth]:
+    """A straight track over the map and a navigator with a constant velocity error.
+
+    jacobian is d(reading)/d(position and velocity error at the scan); seed None = no noise.
+    """
+    xi = np.array(error)
+    age = INTERVAL * np.arange(scans - 1, -1, -1.0)
+    transition = np.zeros((scans, 2, 4))
+    transition[:, 0, 0] = transition[:, 1, 1] = 1.0
+    transition[:, 0, 2] = transition[:, 1, 3] = -age
+    at_scan = np.concatenate([transition @ xi, np.broadcast_to(xi[2:], (scans, 2))], axis=1)
+    metres = np.array(metres_per_radian(ORIGIN[0]))
+    true = np.array(start) + np.array(velocity) * (INTERVAL * np.arange(scans))[:, None]
+    latitude, longitude = (np.array(ORIGIN) + true / metres).T
+    noise = np.zeros(scans) if seed is None else sigma * np.random.default_rng(seed).standard_normal(scans)
+    slope = np.einsum("i,tij->tj", np.array(jacobian)[:2], transition)
+    slope[:, 2:] += np.array(jacobian)[2:]
+    keys = {
+        "time": 1000.0 + INTERVAL * np.arange(scans),
+        "latitude": latitude + at_scan[:, 0] / metres[0],
+        "longitude": longitude + at_scan[:, 1] / metres[1],
+        "velocity": np.array(velocity) + at_scan[:, 2:],
+        "reading": field_map.value(latitude, longitude) + slope @ xi + noise,
+        "sigma": np.full(scans, sigma),
+        "offset": np.zeros(scans),
+        "transition": transition,
+        "reading_jacobian": slope,
+        "drift_position": np.zeros((scans, 2, 0)),
+        "drift_reading": np.zeros((scans, 0)),
+        "prior": np.diag([prior_sigma[0] ** 2] * 2 + [prior_sigma[1] ** 2] * 2),
+        "new": scans,
+    }
+    return Batch(**(keys | changes)), Truth(latitude[-1], longitude[-1])
