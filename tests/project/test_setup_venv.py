@@ -27,6 +27,7 @@ class Clone:
         self.state = folder / "state"
         self.root = folder / "clone"
         self.python = folder / "python"
+        self.path = "/usr/bin:/bin"
         self.state.mkdir()
         (self.root / ".ci").mkdir(parents=True)
         shutil.copy2(ROOT / ".ci" / "setup-venv", self.root / ".ci")
@@ -45,7 +46,7 @@ class Clone:
     def install(self) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [self.root / ".ci" / "setup-venv"],
-            env={"PATH": "/usr/bin:/bin", "PYTHON": str(self.python)},
+            env={"PATH": self.path, "PYTHON": str(self.python)},
             capture_output=True,
             text=True,
             timeout=60,
@@ -120,6 +121,23 @@ def test_an_interrupted_update_is_made_anew(installed: Clone) -> None:
     (installed.root / "requirements.lock").write_text("numpy==2.1.0\n")
     assert installed.install().returncode != 0
     (installed.state / "fail").unlink()
+    installed.calls()
+    installed.install()
+    assert installed.calls() == ["venv", LOCK, PACKAGES]
+
+
+def test_an_interrupted_deletion_is_made_anew(installed: Clone) -> None:
+    # Another interpreter is asked for, and rm ends before it has deleted anything.
+    python = installed.root / ".venv" / "bin" / "python"
+    answers = python.read_text()
+    python.write_text(answers.replace('$(cat "' + str(installed.state) + '/version")', "3.11.9"))
+    rm = installed.root.parent / "rm"
+    rm.write_text('#!/bin/sh\ncase "$*" in -rf*) exit 1 ;; *) exec /bin/rm "$@" ;; esac\n')
+    rm.chmod(0o755)
+    installed.path = f"{rm.parent}:/usr/bin:/bin"
+    assert installed.install().returncode != 0
+    python.write_text(answers)
+    installed.path = "/usr/bin:/bin"
     installed.calls()
     installed.install()
     assert installed.calls() == ["venv", LOCK, PACKAGES]
