@@ -19,7 +19,7 @@ EARTH_RATE = 7.292115e-5
 """Angular velocity, rad/s."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
 def curvature(sin_latitude: float) -> tuple[float, float]:
     """Return (meridian M, prime vertical N) radius, m, at the sine of a geodetic latitude (Groves 2013, eqs. 2.105, 2.106)."""
     w2 = 1.0 - E2 * sin_latitude * sin_latitude

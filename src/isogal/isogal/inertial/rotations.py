@@ -1,4 +1,9 @@
-"""Quaternions (w, x, y, z) as scalar numba kernels: a quaternion turns vectors of its inner frame into its outer frame."""
+"""Quaternions (w, x, y, z) as scalar numba kernels: a quaternion turns vectors of its inner frame into its outer frame.
+
+The kernels are inlined and free of branches and calls where they can be, so that a loop over many quaternions becomes vector instructions.
+"""
+
+import math
 
 import numpy as np
 from numba import njit
@@ -7,8 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
+SERIES = 11
+COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(SERIES))
+HALF_SINE = tuple(0.5 * (-1.0) ** k / math.factorial(2 * k + 1) for k in range(SERIES))
+"""Coefficients of cos a and sin a / (2 a) in powers of a²."""
 
-@njit(cache=True, nogil=True)
+INLINE = {"cache": True, "nogil": True, "forceinline": True, "error_model": "numpy"}
+"""How functions are compiled that loops over many states are made of."""
+
+
+@njit(**INLINE)
 def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     """Return the quaternion product a b."""
     return (
@@ -19,34 +32,58 @@ def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(**INLINE)
 def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
-    """Return the quaternion of a rotation vector (rad): series below 0.02 rad (error under 1e-17), closed form above."""
+    """Return the quaternion of a rotation vector (rad)."""
     a2 = x * x + y * y + z * z
-    if a2 < 4e-4:
-        c = 1.0 - a2 * (1.0 / 8.0 - a2 * (1.0 / 384.0 - a2 / 46080.0))
-        s = 0.5 - a2 * (1.0 / 48.0 - a2 * (1.0 / 3840.0 - a2 / 645120.0))
-    else:
-        a = np.sqrt(a2)
-        c, s = np.cos(0.5 * a), np.sin(0.5 * a) / a
+    if a2 <= 10.0:
+        return from_short_rotation_vector(x, y, z)
+    a = np.sqrt(a2)
+    c, s = np.cos(0.5 * a), np.sin(0.5 * a) / a
     return c, s * x, s * y, s * z
 
 
-@njit(cache=True, nogil=True)
+@njit(**INLINE)
+def from_short_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
+    """Return the quaternion of a rotation vector of at most half a turn (rad): series, to 1e-16."""
+    q = 0.25 * (x * x + y * y + z * z)
+    c, s = 0.0, 0.0
+    for k in range(SERIES - 1, -1, -1):
+        c = c * q + COSINE[k]
+        s = s * q + HALF_SINE[k]
+    return c, s * x, s * y, s * z
+
+
+TWICE_ARCSINE = tuple(2.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1)) for k in range(8))
+"""Coefficients of 2 asin(s) / s in powers of s²."""
+SMALL = 0.01
+"""Largest squared vector part of a quaternion (0.2 rad) for `to_small_rotation_vector`."""
+
+
+@njit(**INLINE)
+def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
+    """Return the rotation vector (rad) of a unit quaternion with w > 0 and a vector part within `SMALL`: series of asin, to 1e-17."""
+    s = x * x + y * y + z * z
+    scale = 0.0
+    for k in range(len(TWICE_ARCSINE) - 1, -1, -1):
+        scale = scale * s + TWICE_ARCSINE[k]
+    return scale * x, scale * y, scale * z
+
+
+@njit(**INLINE)
 def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
     """Return the rotation vector (rad, length <= pi) of a unit quaternion."""
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     s2 = x * x + y * y + z * z
-    if s2 < 1e-6:
-        scale = 2.0 * (1.0 + s2 / 6.0 + 3.0 * s2 * s2 / 40.0)  # asin series: w is redundant for a unit quaternion
-    else:
-        s = np.sqrt(s2)
-        scale = 2.0 * np.arctan2(s, w) / s
+    if s2 <= SMALL:
+        return to_small_rotation_vector(x, y, z)
+    s = np.sqrt(s2)
+    scale = 2.0 * np.arctan2(s, w) / s
     return scale * x, scale * y, scale * z
 
 
-@njit(cache=True, nogil=True)
+@njit(**INLINE)
 def rotate(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     """Return q v q*, the vector seen in the outer frame."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)

@@ -1,0 +1,153 @@
+"""The numba kernels against the NumPy reference in `reference.py`."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState, propagate
+from isogal.inertial import rotations
+from isogal.inertial.strapdown import NavState
+from isogal.inertial.strapdown import propagate as propagate_ins
+from montecarlo.reference import State, predict, strapdown, update_height
+
+R_E = 6.4e6
+
+
+def random_quaternions(random: np.random.Generator, count: int) -> np.ndarray:
+    return Rotation.random(count, random).as_quat(scalar_first=True)
+
+
+def random_nav(random: np.random.Generator, count: int) -> NavState:
+    position = np.stack(
+        [random.uniform(-1.3, 1.3, count), random.uniform(-3.0, 3.0, count), random.uniform(-4e3, 9e3, count)], axis=-1
+    )
+    return NavState(position, random.uniform(-200.0, 200.0, (count, 3)), random_quaternions(random, count))
+
+
+def as_reference(nav: NavState | FilterState) -> State:
+    matrices = Rotation.from_quat(nav.attitude, scalar_first=True).as_matrix()
+    return State(nav.position, nav.velocity, matrices)
+
+
+def agree(state: State, nav: NavState | FilterState, metres: float, radians: float) -> None:
+    """Positions to so many metres, velocities to that per second, attitudes to so many radians."""
+    np.testing.assert_allclose(nav.position[:, :2], state.position[:, :2], rtol=0, atol=metres / R_E)
+    np.testing.assert_allclose(nav.position[:, 2], state.position[:, 2], rtol=0, atol=max(metres, 1e-8))
+    np.testing.assert_allclose(nav.velocity, state.velocity, rtol=0, atol=metres)
+    matrices = Rotation.from_quat(nav.attitude, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(matrices, state.attitude, rtol=0, atol=radians)
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.01])
+def test_strapdown_step_equals_reference(dt: float) -> None:
+    random = np.random.default_rng(1)
+    nav = random_nav(random, 200)
+    force, rate = random.normal(0.0, 10.0, (200, 1, 3)), random.normal(0.0, 0.2, (200, 1, 3))
+    end, _ = propagate_ins(nav, force, rate, dt)
+    agree(strapdown(as_reference(nav), force[:, 0], rate[:, 0], dt), end, 1e-8, 1e-14)
+
+
+def filter_start(random: np.random.Generator, runs: int, sigma: np.ndarray) -> FilterState:
+    """Return states with a full, well-scaled random covariance."""
+    nav = random_nav(random, runs)
+    nav.velocity[:, 2] = 0.0
+    nav.position[:, 2] = 100.0
+    root = np.eye(15) + 0.2 * random.standard_normal((runs, 15, 15))
+    covariance = root @ root.transpose(0, 2, 1) * sigma * sigma[:, None]
+    return FilterState(
+        nav.position,
+        nav.velocity,
+        nav.attitude,
+        random.normal(0.0, 1e-5, (runs, 3)),
+        random.normal(0.0, 1e-8, (runs, 3)),
+        covariance,
+    )
+
+
+SIGMA = np.array([300.0, 300.0, 3.0, 0.3, 0.3, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8])
+
+
+@pytest.mark.parametrize(
+    ("sigma", "parameters"),
+    [
+        (SIGMA, (1.0, 2.0, 0.0)),
+        (SIGMA, (0.5, 2.0, 1.0)),
+        (
+            SIGMA * ([1.0] * 8 + [400.0] + [1.0] * 6),
+            (1.0, 2.0, 0.0),
+        ),  # heading unknown to 0.4 rad: points 1.5 rad apart
+    ],
+    ids=["default", "other weights", "unknown heading"],
+)
+def test_filter_equals_reference(sigma: np.ndarray, parameters: tuple[float, float, float]) -> None:
+    random = np.random.default_rng(2)
+    runs, steps, dt = 5, 4, 1.0
+    state = filter_start(random, runs, sigma)
+    noise = np.array([8e-5, 7e-5, 1e-2, 5e-9, 6e-9, 1.5e-7])
+    model = FilterModel(tuple(noise), tuple(sigma), dt, 0.1, *parameters)
+    force, rate = random.normal(0.0, 10.0, (runs, steps, 3)), random.normal(0.0, 0.02, (runs, steps, 3))
+    height = 100.0 + random.normal(0.0, 0.5, steps)
+    expected = []
+    for r in range(runs):
+        reference = State(
+            state.position[r : r + 1].copy(),
+            state.velocity[r : r + 1].copy(),
+            Rotation.from_quat(state.attitude[r : r + 1], scalar_first=True).as_matrix(),
+        )
+        bias = np.concatenate([state.accelerometer_bias[r], state.gyroscope_bias[r]])
+        covariance = state.covariance[r]
+        for k in range(steps):
+            reference, bias, covariance = predict(
+                reference, bias, covariance, force[r, k], rate[r, k], dt, noise, parameters
+            )
+            reference, bias, covariance = update_height(reference, bias, covariance, height[k], 0.1)
+        expected.append((reference, bias, covariance))
+    propagate(state, model, force, rate, height)
+    for r, (reference, bias, covariance) in enumerate(expected):
+        one = FilterState(*(array[r : r + 1] for array in state.arrays()))
+        agree(reference, one, 1e-6, 1e-8 * sigma[8])
+        deviation = np.sqrt(np.diag(covariance))
+        got = np.concatenate([state.accelerometer_bias[r], state.gyroscope_bias[r]])
+        np.testing.assert_allclose((got - bias) / deviation[9:], 0.0, atol=1e-8)
+        np.testing.assert_allclose((state.covariance[r] - covariance) / deviation / deviation[:, None], 0.0, atol=2e-8)
+
+
+def test_a_run_does_not_depend_on_its_neighbours() -> None:
+    random = np.random.default_rng(3)
+    state = filter_start(random, 4, SIGMA)
+    model = FilterModel((8e-5,) * 3 + (5e-9,) * 3, tuple(SIGMA), 1.0)
+    force, rate = random.normal(0.0, 10.0, (4, 6, 3)), random.normal(0.0, 0.02, (4, 6, 3))
+    height = np.full(6, 100.0)
+    alone = FilterState(*(array[2:3].copy() for array in state.arrays()))
+    propagate(state, model, force, rate, height)
+    propagate(alone, model, force[2:3], rate[2:3], height)
+    for together, single in zip(state.arrays(), alone.arrays(), strict=True):
+        assert (together[2] == single[0]).all()
+
+
+def test_covariance_that_is_not_positive_definite_is_refused() -> None:
+    state = filter_start(np.random.default_rng(4), 3, SIGMA)
+    state.covariance[1, 4, 4] = -1.0
+    model = FilterModel((8e-5,) * 3 + (5e-9,) * 3, tuple(SIGMA), 1.0)
+    with pytest.raises(FilterDivergenceError, match=r"run\(s\) \[1\]"):
+        propagate(state, model, np.zeros((3, 2, 3)), np.zeros((3, 2, 3)), np.full(2, 100.0))
+
+
+axes = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(axes, axes, axes, st.floats(0.0, 7.0))
+def test_rotation_vectors_go_there_and_back(x: float, y: float, z: float, angle: float) -> None:
+    length = math.sqrt(x * x + y * y + z * z)
+    vector = np.array([x, y, z]) / length * angle if length > 1e-3 else np.zeros(3)
+    quaternion = np.array(rotations.from_rotation_vector(*vector))
+    expected = Rotation.from_rotvec(vector).as_quat(scalar_first=True)
+    np.testing.assert_allclose(quaternion, expected if expected @ quaternion > 0 else -expected, atol=4e-16)
+    back = np.array(rotations.to_rotation_vector(*quaternion))
+    if angle < 3.14:  # beyond half a turn it comes back the short way
+        np.testing.assert_allclose(back, vector, atol=4e-15)
