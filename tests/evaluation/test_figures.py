@@ -40,11 +40,11 @@ def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
         "track": track_figure(runs, field_map),
         "errors": error_figure(runs),
         "nees": nees_figure(runs),
+        "variability": variability_figure(runs, field_map, threshold=0.2),
         "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
     }
     if runs.detail is not None:
         figures["signal"] = signal_figure(runs, field_map, 2e-5)
-        figures["variability"] = variability_figure(runs, field_map, 0.2)
     return figures
 
 

@@ -138,13 +138,18 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
 
 
 def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_path):
-    runs = make_runs(runs=3)
-    reasons = (("the map is flat here",) * 2 + (None,) * 22,) * 3
+    reasons = (("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),) * 3
     runs = make_runs(runs=3, fix_reason=reasons)
     page = Page(run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8"))
-    assert "the map is flat here" in page.text
-    assert "3 runs" in page.text
-    assert {p.stem for p in tmp_path.glob("*.png")} == {"track", "north_east_error", "nees", "position_error"}
+    assert page.text.count("flat (misfit … per degree)") == 1
+    assert "3 runs" in page.text and "66 / 6" in page.text
+    assert {p.stem for p in tmp_path.glob("*.png")} == {
+        "track",
+        "north_east_error",
+        "nees",
+        "position_error",
+        "feature_variability",
+    }
 
 
 @pytest.mark.parametrize(

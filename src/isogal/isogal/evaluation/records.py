@@ -42,7 +42,7 @@ class RunDetail:
     map_value_navigator: Array
     """(S,) the same where the navigator believed to be."""
     feature_variability: Array
-    """(S,) normalised map feature variability (paper eq. CV) at the navigator's position; NaN = not computed."""
+    """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan of a batch; NaN elsewhere."""
     candidate_latitude: Array
     """(N,) rad."""
     candidate_longitude: Array

@@ -1,6 +1,7 @@
 """The report of `isogal run` and of `isogal montecarlo`: what a record of runs shows, drawn and tabulated."""
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,25 +140,22 @@ def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -
         ),
     ]
     sections = [Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)]
+    signals = [
+        Illustration(
+            "feature_variability",
+            variability_figure(runs, field_map),
+            "Noiseless signal along the true track and map feature variability: where it is small, a reading says little "
+            "about the position.",
+        )
+    ]
     if runs.detail is not None:
-        signals = [
-            Illustration(
-                "measured",
-                signal_figure(runs, field_map, scenario.gravimeter.sigma),
-                "Reduced readings and the map's values. Slow differences to the map at the true position come from the "
-                "reduction with the navigator's wrong velocity, and from the map's error where it has one.",
-            )
-        ]
-        if np.isfinite(runs.detail.feature_variability).any():
-            signals.append(
-                Illustration(
-                    "feature_variability",
-                    variability_figure(runs, field_map),
-                    "Noiseless signal along the track and map feature variability: where it is small, a reading says "
-                    "little about the position.",
-                )
-            )
-        sections.append(Section("What the sensor saw", illustrations=signals))
+        measured = signal_figure(runs, field_map, scenario.gravimeter.sigma)
+        caption = (
+            "Reduced readings and the map's values. Slow differences to the map at the true position come from the "
+            "reduction with the navigator's wrong velocity, and from the map's error where it has one."
+        )
+        signals.insert(0, Illustration("measured", measured, caption))
+    sections.append(Section("What the sensor saw", illustrations=signals))
     return sections
 
 
@@ -176,14 +174,22 @@ def _batches(runs: Runs, many: bool) -> Section:
                 number(float(sigma[1])),
                 number(_length(runs.posterior_error[0, batch])),
                 number(1e3 * float(runs.fix_seconds[0, batch])),
+                number(_variability(runs, float(time))),
                 reason or "published",
             )
         )
     header = (
         *("time (min)", "fix error (m)", "sigma north (m)", "sigma east (m)"),
-        *("navigator after it (m)", "computed in (ms)", "outcome"),
+        *("navigator after it (m)", "computed in (ms)", "feature variability", "outcome"),
     )
     return Section("Fixes", tables=[Table("Every batch of the run.", header, rows, folded=True)])
+
+
+def _variability(runs: Runs, time: float) -> float | None:
+    """Map feature variability that the matcher reported at a batch end."""
+    if runs.detail is None or runs.detail.scan_time.size == 0:
+        return None
+    return float(runs.detail.feature_variability[np.argmin(np.abs(runs.detail.scan_time - time))])
 
 
 def _declined(runs: Runs) -> Section:
@@ -191,7 +197,8 @@ def _declined(runs: Runs) -> Section:
     for reasons in runs.fix_reason:
         for reason in reasons:
             if reason is not None:
-                counts[reason] = counts.get(reason, 0) + 1
+                kind = re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)  # figures differ from batch to batch
+                counts[kind] = counts.get(kind, 0) + 1
     if not counts:
         return Section("Fixes", ["Every batch of every run gave a fix."])
     rows = [(reason, str(n)) for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]

@@ -54,42 +54,40 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
 
 
 @style.journal
-def variability_figure(runs: Runs, field_map: "FieldMap", threshold: float | None = None) -> "Figure":
-    """Noiseless signal and map feature variability along the track (paper fig-60), with the batches that gave no fix.
+def variability_figure(runs: Runs, field_map: "FieldMap", run: int = 0, threshold: float | None = None) -> "Figure":
+    """Noiseless signal and map feature variability along the true track (paper fig-60), with the batches that gave no fix.
 
     Parameters
     ----------
     runs : Runs
-        With a detail.
+        Gives track and batches.
     field_map : FieldMap
-        Gives unit and name of the field.
+        The field.
+    run : int
+        Whose batches.
     threshold : float, optional
-        Variability below which the aiding stops.
+        Variability, in units of its mean over the track, below which the aiding stops.
     """
-    detail = _detail(runs)
+    from isogal.maps.variability import feature_variability
+
     scale = style.field_scale(field_map)
     figure = style.new_figure(3.8)
     top, bottom = figure.subplots(2, 1, sharex=True)
-    time = style.hours(detail.scan_time - runs.time[0])
-    top.plot(time, scale(detail.map_value), **style.TRUTH.options(), label="noiseless signal")
+    time = style.hours(runs.elapsed)
+    signal = field_map.value(runs.latitude, runs.longitude)
+    top.plot(time, scale(signal), **style.TRUTH.options(), label="noiseless signal")
     top.set_ylabel(scale.two_lines)
-    known = np.isfinite(detail.feature_variability)
-    marker = "o" if known.sum() < 0.5 * known.size else None  # matchers give it once a batch
+    variability = feature_variability(field_map, runs.latitude, runs.longitude)
+    known = variability[np.isfinite(variability)]
+    usual = float(known.mean()) if known.size and known.mean() > 0.0 else 1.0
     bottom.plot(
-        time[known],
-        detail.feature_variability[known],
-        **style.AIDED.options(),
-        marker=marker,
-        markersize=3,
-        label="map feature variability",
+        time, variability / usual, **style.AIDED.options(), label="map feature variability, 1 = mean of the track"
     )
+    if known.size and known.min() > 0.0:
+        style.logarithmic(bottom)  # it ranges over decades, and what matters is where it is small
     if threshold is not None:
         bottom.axhline(threshold, **style.BOUND.options(), label="aiding stops below")
-    if threshold is not None and np.nanmin(detail.feature_variability, initial=np.inf) > 0.0:
-        style.logarithmic(bottom)  # thresholds lie far below the usual
-    else:
-        bottom.set_ylim(bottom=0.0)
-    declined = style.hours(runs.fix_time[~runs.published[0]] - runs.time[0])
+    declined = style.hours(runs.fix_time[~runs.published[run]] - runs.time[0])
     if declined.size:
         bottom.plot(
             *(declined, np.full(declined.size, 0.03), "x"),
@@ -100,7 +98,7 @@ def variability_figure(runs: Runs, field_map: "FieldMap", threshold: float | Non
         )
     bottom.set_ylabel("map feature\nvariability (1)")
     style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
-    style.legend_below(figure, columns=3)
+    style.legend_below(figure)
     return figure
 
 

@@ -1,6 +1,7 @@
 """The track on the map: the whole route, and close-ups of single batches with candidates and fix."""
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 CLOSE_UPS = 3
 _MAP_WIDTH, _LEGEND = 5.2, 0.6
 """in, of the overview without axes and colour bar, and of the legend."""
+_FLATTEST, _TALLEST = 0.3, 0.85
+"""Height over width of the overview."""
 _LATTICE = 90
 """Points along each side of a close-up's picture of the map."""
 
@@ -32,17 +35,15 @@ def track_figure(runs: Runs, field_map: "FieldMap", run: int = 0) -> "Figure":
     Candidates are drawn for run 0 where the record has them.
     """
     chosen = _close_up_batches(runs)
-    part = _around(field_map, runs)
-    stretch = 1.0 / math.cos(float(np.mean(runs.latitude)))  # a degree of latitude over one of longitude
-    shape = float(np.ptp(part.latitude)) * stretch / float(np.ptp(part.longitude))
-    height = min(max(_MAP_WIDTH * shape, 1.6), 4.6) + 0.5
+    frame = _frame(runs)
+    height = _MAP_WIDTH * frame.shape + 0.5
     if not chosen:
         figure = style.new_figure(height + _LEGEND)
-        _overview(figure.add_subplot(), runs, part, run, chosen, stretch)
+        _overview(figure.add_subplot(), runs, field_map, frame, run, chosen)
     else:
         figure = style.new_figure(height + 2.4 + _LEGEND)
         halves = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, 2.4 + _LEGEND))[:, 0]
-        _overview(halves[0].add_subplot(), runs, part, run, chosen, stretch)
+        _overview(halves[0].add_subplot(), runs, field_map, frame, run, chosen)
         for panel, batch in zip(halves[1].subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
             _close_up(panel, runs, field_map, run, batch, batch == chosen[0])
     style.legend_below(halves[1] if chosen else figure, columns=4, panels=figure.axes)
@@ -54,19 +55,46 @@ def _close_up_batches(runs: Runs) -> list[int]:
     return sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
 
 
-def _overview(panel: "Axes", runs: Runs, part: "FieldMap", run: int, chosen: list[int], stretch: float) -> None:
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What the overview shows: edges in rad, longitudes unwrapped like the route's."""
+
+    south: float
+    north: float
+    west: float
+    east: float
+    stretch: float
+    """Metres in a radian of latitude over those in one of longitude."""
+
+    @property
+    def shape(self) -> float:
+        """Height over width."""
+        return (self.north - self.south) * self.stretch / (self.east - self.west)
+
+
+def _frame(runs: Runs) -> _Frame:
+    """Frame the route with a margin of a tenth of its length, at least 5 km, in a shape that fills the page's width."""
+    north, east = (float(m) for m in metres_per_radian(float(runs.latitude.mean())))
+    longitude = np.unwrap(runs.longitude)
+    half = 0.5 * np.array([np.ptp(runs.latitude) * north, np.ptp(longitude) * east])
+    half += max(0.2 * float(np.hypot(*half)), 5e3)
+    half[0] = max(half[0], _FLATTEST * half[1])
+    half[1] = max(half[1], half[0] / _TALLEST)
+    middle = [0.5 * float(x.min() + x.max()) for x in (runs.latitude, longitude)]
+    (d_lat, d_lon) = half / (north, east)
+    return _Frame(middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon, north / east)
+
+
+def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, run: int, chosen: list[int]) -> None:
     latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
+    part = field_map.window(frame.south, frame.north, frame.west, frame.east)
     scale = style.field_scale(part)
     rows, columns = (max(1, size // 900) for size in part.values.shape)  # finer than the picture's dots is in vain
     values = scale(part.values[::rows, ::columns])
-    # a map may count its longitudes from another turn than the route
-    turn = (
-        2.0 * math.pi * round((math.radians(float(longitude.mean())) - float(part.longitude.mean())) / (2.0 * math.pi))
-    )
-    south, north, west, east = (
-        math.degrees(x)
-        for x in (part.latitude[0], part.latitude[-1], part.longitude[0] + turn, part.longitude[-1] + turn)
-    )
+    # the map may count its longitudes from another turn than the route
+    turn = 2.0 * math.pi * round((0.5 * (frame.west + frame.east) - float(part.longitude.mean())) / (2.0 * math.pi))
+    south, north = _edges(np.degrees(part.latitude[::rows]))
+    west, east = _edges(np.degrees(part.longitude[::columns] + turn))
     low, high = np.nanpercentile(values, [1.0, 99.0])
     figure: Any = panel.get_figure(root=False)
     image = panel.imshow(
@@ -77,10 +105,13 @@ def _overview(panel: "Axes", runs: Runs, part: "FieldMap", run: int, chosen: lis
         vmin=low,
         vmax=high,
         interpolation="bilinear",
-        aspect=stretch,
+        aspect=frame.stretch,
     )
     figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
     panel.grid(False)
+    panel.set_facecolor("0.9")  # where there is no map
+    panel.set_xlim(math.degrees(frame.west), math.degrees(frame.east))
+    panel.set_ylim(math.degrees(frame.south), math.degrees(frame.north))
     # a white edge keeps lines visible on dark and on light ground
     panel.plot(longitude, latitude, color="white", linewidth=3.2)
     panel.plot(longitude, latitude, **style.TRUTH.options(), label="true track")
@@ -117,19 +148,10 @@ def _overview(panel: "Axes", runs: Runs, part: "FieldMap", run: int, chosen: lis
     panel.set_ylabel("latitude (deg)")
 
 
-def _around(field_map: "FieldMap", runs: Runs) -> "FieldMap":
-    """Cut the map to the route with a margin of a tenth of its length, at least 5 km."""
-    metres_north, metres_east = metres_per_radian(runs.latitude)
-    longitude = np.unwrap(runs.longitude)
-    length = math.hypot(
-        float(np.ptp(runs.latitude) * metres_north.mean()), float(np.ptp(longitude) * metres_east.mean())
-    )
-    margin = max(0.1 * length, 5e3)
-    north, east = margin / float(metres_north.min()), margin / float(metres_east.min())
-    return field_map.window(
-        *(float(runs.latitude.min()) - north, float(runs.latitude.max()) + north),
-        *(float(longitude.min()) - east, float(longitude.max()) + east),
-    )
+def _edges(nodes: Array) -> tuple[float, float]:
+    """Outer edges of the cells round regular nodes."""
+    half = 0.5 * float(nodes[1] - nodes[0])
+    return float(nodes[0]) - half, float(nodes[-1]) + half
 
 
 def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch: int, name_axes: bool) -> None:
@@ -144,9 +166,10 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
     north, east = np.meshgrid(lattice, lattice, indexing="ij")
     values = style.field_scale(field_map)(field_map.value(latitude + north / metres[0], longitude + east / metres[1]))
     km = half / 1e3
+    edges = _edges(lattice / 1e3)
     panel.imshow(
         values,
-        extent=(-km, km, -km, km),
+        extent=(*edges, *edges),
         origin="lower",
         cmap=style.FIELD_COLOURS,
         interpolation="bilinear",
@@ -162,7 +185,7 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
             marker="+",
             color=style.BLUE,
             linewidths=0.8,
-            label="candidates (last scan)",
+            label="candidates",
         )
     _line(panel, _relative_track(runs, time, np.zeros_like(runs.error[run]), latitude, longitude, metres), style.TRUTH)
     unaided = _relative_track(runs, time, runs.unaided_error[run], latitude, longitude, metres)
@@ -197,13 +220,16 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
 
 
 def _candidates(runs: Runs, run: int, batch: int, centre: Array, metres: Array) -> tuple[Array, Array]:
-    """Return (N, 2) north and east of the centre (m) and (N,) weights of the last scan's candidates."""
+    """Return (N, 2) north and east of the centre (m) and (N,) weights of a batch's candidates.
+
+    Those of the last scan alone where the matcher gives them for it: they belong to the place that the close-up shows.
+    """
     detail = runs.detail
     if detail is None or run != 0:
         return np.empty((0, 2)), np.empty(0)
     mine = detail.candidate_batch == batch
-    if mine.any():
-        mine &= detail.candidate_scan == detail.candidate_scan[mine].max()
+    last = mine & (detail.candidate_scan == detail.candidate_scan.max(initial=-1))
+    mine = last if last.any() else mine
     position = np.stack([detail.candidate_latitude[mine], detail.candidate_longitude[mine]], axis=1)
     offset = position - centre
     offset[:, 1] = np.remainder(offset[:, 1] + math.pi, 2.0 * math.pi) - math.pi
@@ -219,9 +245,9 @@ def _half_width(runs: Runs, run: int, batch: int, candidates: Array) -> float:
         reach = float(np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1])))
         if math.isfinite(reach):
             reaches.append(reach)
-    if candidates.size:
-        reaches.append(1.05 * float(np.percentile(np.abs(candidates), 95.0)))
-    return style.nice_limit(min(max(reaches), 2e4))
+    near = np.abs(candidates).max(axis=1, initial=0.0)
+    near = near[near <= 4.0 * max(reaches)]  # candidates far out would hide what the batch says
+    return style.nice_limit(min(max([*reaches, *(1.05 * near)]), 2e4))
 
 
 def _relative_track(
