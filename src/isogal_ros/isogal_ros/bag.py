@@ -6,6 +6,7 @@ read up to the last whole chunk (`isogal_ros.bag_reader`).
 
 import os
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -20,6 +21,8 @@ from isogal.evaluation.atomic import atomic_file
 
 CHUNK = 128 * 1024
 """Bytes, uncompressed: about 40 s of the graph at 1 Hz."""
+FLUSH_EVERY = 2.0
+"""s of wall time after which a chunk is written, however small: what a killed recorder loses."""
 SEPARATOR = "=" * 80
 BUILTIN = frozenset(
     (
@@ -196,6 +199,7 @@ class BagWriter:
         if self.texts:
             self._writer.add_metadata("isogal", self.texts)
         self._writer.flush()
+        self._flushed = time.monotonic()
         self._write_metadata()
 
     def add_topic(self, topic: str, type_name: str, qos: list[dict[str, Any]], type_hash: str) -> None:
@@ -221,9 +225,12 @@ class BagWriter:
         self._first = log_ns if self._first is None else min(self._first, log_ns)
         self._last = max(self._last, log_ns)
 
-    def update_metadata(self) -> None:
-        """Bring ``metadata.yaml`` up to date, so that a killed recorder leaves one that is nearly right."""
-        self._write_metadata()
+    def flush(self) -> None:
+        """Write out what is not on the disk yet, so that a killed recorder loses little; not more often than every `FLUSH_EVERY` s."""
+        if time.monotonic() - self._flushed >= FLUSH_EVERY:
+            self._flushed = time.monotonic()
+            self._writer.flush()
+            self._write_metadata()
 
     def close(self) -> None:
         """Finish the file and its metadata."""

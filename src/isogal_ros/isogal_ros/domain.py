@@ -8,10 +8,12 @@ from pathlib import Path
 
 from isogal.errors import InputError
 
-DOMAIN, RANGE = "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+DOMAIN = "ROS_DOMAIN_ID"
+DEFAULTS = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+"""Environment of the graph where the user has not said otherwise: found on this machine only."""
+_MEMORY = Path("/dev/shm")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula, section 9.6.2.3)."""
-_MEMORY = Path("/dev/shm")
 
 
 @contextmanager
@@ -90,6 +92,8 @@ def _open_files() -> set[str]:
     """List the shared memory files that any process has mapped or open, as far as this user may see."""
     found: set[str] = set()
     for process in Path("/proc").glob("[0-9]*"):
+        if int(process.name) == os.getpid():
+            continue  # its participant is gone, and what it still has mapped it no longer needs
         try:
             lines = (process / "maps").read_text(errors="replace").splitlines()
             found.update(line[line.index(str(_MEMORY)) :] for line in lines if str(_MEMORY) in line)

@@ -35,6 +35,7 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
                     if (progress := progress_of(simulator.health.figures)) is not None:
                         report(progress)
             wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
+            simulator.finished = True  # no further step while the recorder takes what is under way
             if RECORDER in nodes:
                 drain(nodes[RECORDER], executor)
             if simulator.exit_code:

@@ -1,6 +1,7 @@
 """The base of every node of the graph: parameters, guarded subscriptions, diagnostics, readiness."""
 
 import os
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -154,11 +155,11 @@ class GraphNode(Node):
         """Count the messages taken so far; None = the node need not take what is under way when it ends."""
         return None
 
-    def close(self, timeout: float = 2.0) -> None:
-        """Let listeners have what was published, then destroy the node."""
-        if self.context.ok():
-            for publisher in self._expected:
-                publisher.wait_for_all_acked(Duration(seconds=timeout))
+    def close(self, timeout: float = 1.0) -> None:
+        """Let listeners have what was published, for `timeout` s of wall time at most, then destroy the node."""
+        deadline = time.monotonic() + timeout
+        for publisher in self._expected if self.context.ok() else ():
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
         self.destroy_node()
 
     def _check_ready(self) -> None:

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from isogal_ros import params, topics
-from isogal_ros.domain import DOMAIN, RANGE, claim_domain, shared_memory, sweep_shared_memory
+from isogal_ros.domain import DEFAULTS, DOMAIN, claim_domain, shared_memory, sweep_shared_memory
 from isogal_ros.graph import CLASSES, GraphError, Outcome, Plan, Report, progress_of
 from isogal_ros.health import figures_of
 from isogal_ros.node import PARENT
 from isogal_ros.recorder import RECORDER
 from isogal_ros.spin import Interrupt, local_context, make_executor
 
-PATIENCE = 8.0
+PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
 LOG_LINES = 5
 
@@ -36,7 +35,8 @@ class Processes:
         self.parameters = folder / "params.yaml"
         self.parameters.write_text(parameter_text(plan), encoding="utf-8")
         environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid()), "ROS_LOG_DIR": str(folder)}
-        environment.setdefault(RANGE, "LOCALHOST")
+        for name, value in DEFAULTS.items():
+            environment.setdefault(name, value)
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             environment.setdefault(name, "1")  # a node's matrices are small
         for name in plan.names:
@@ -75,34 +75,26 @@ class Processes:
         words = " | ".join(line.strip() for line in lines if line.strip())
         return f"{name} ended ({how}){': ' + words if words else ''}; log: {self.log(name)}"
 
-    def stop(self, interrupt: Interrupt) -> bool:
-        """End all: the simulator first, the recorder last. Return whether every process ended by itself when asked."""
+    def stop(self, interrupt: Interrupt) -> None:
+        """End all: the recorder last, so that it hears everything."""
         last = [name for name in self.running if name == RECORDER]
-        clean = self._end([name for name in self.running if name not in last], interrupt)
-        return self._end(last, interrupt) and clean
+        self._end([name for name in self.running if name not in last], interrupt)
+        self._end(last, interrupt)
 
-    def _end(self, names: list[str], interrupt: Interrupt) -> bool:
-        waiting = [self.running[name] for name in names]
+    def _end(self, names: list[str], interrupt: Interrupt) -> None:
         asked = interrupt.count
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            for process in waiting:
-                if process.poll() is None:
-                    with suppress(ProcessLookupError):
-                        process.send_signal(number)
+            alive = [self.running[name] for name in names if self.running[name].poll() is None]
+            for process in alive:
+                process.send_signal(number)
             deadline = time.monotonic() + PATIENCE
             # who asks again does not want to wait
-            while (
-                any(process.poll() is None for process in waiting)
-                and time.monotonic() < deadline
-                and interrupt.count == asked
-            ):
+            while alive and time.monotonic() < deadline and interrupt.count == asked:
                 time.sleep(0.01)
+                alive = [process for process in alive if process.poll() is None]
             asked = interrupt.count
-            if all(process.poll() is not None for process in waiting):
-                return number == signal.SIGINT
-        for process in waiting:
-            process.wait()
-        return False
+        for name in names:
+            self.running[name].wait()
 
 
 def parameter_text(plan: Plan) -> str:
@@ -158,8 +150,8 @@ def run_processes(plan: Plan, folder: Path, interrupt: Interrupt, report: Report
         try:
             wall = _watch(processes, domain, interrupt, report)
         finally:
-            clean = processes.stop(interrupt)
-            if not clean or any(code < 0 for code in processes.ended().values()):
+            processes.stop(interrupt)
+            if any(code < 0 for code in processes.ended().values()):
                 sweep_shared_memory(before)
     failed = {name: code for name, code in processes.ended().items() if code != 0}
     if failed and not interrupt:

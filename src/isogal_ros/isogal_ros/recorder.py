@@ -81,7 +81,7 @@ class RecorderNode(GraphNode):
     def _beat(self) -> None:
         if self.writer.messages != self._written:
             self._written = self.writer.messages
-            self.writer.update_metadata()
+            self.writer.flush()
         self.health.figures |= {"messages": self.writer.messages, "bag": self.settings.bag}
         self.health.state(OK, "recording")
         super()._beat()
@@ -90,7 +90,7 @@ class RecorderNode(GraphNode):
         """Count the messages written."""
         return self.writer.messages
 
-    def close(self, timeout: float = 2.0) -> None:
+    def close(self, timeout: float = 1.0) -> None:
         """Destroy the node and finish the bag."""
         super().close(timeout)
         self.writer.close()

@@ -17,7 +17,7 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bag import prepare_folder
 from isogal_ros.bag_reader import BagReader
 from isogal_ros.collect import Collector
-from isogal_ros.domain import DOMAIN, RANGE
+from isogal_ros.domain import DEFAULTS, DOMAIN
 from isogal_ros.graph import GraphError, Plan, Progress
 from isogal_ros.in_process import run_in_process
 from isogal_ros.processes import run_processes
@@ -159,9 +159,10 @@ def _say(text: str) -> None:
 
 
 def _announce(domain: int) -> None:
+    environment = " ".join(f"{name}={value}" for name, value in DEFAULTS.items() if name.startswith("ROS_"))
     _say(
-        f"Four nodes and a recorder in ROS domain {domain}, on this machine only. To watch them, where ros2 is installed:\n"
-        f"  {DOMAIN}={domain} {RANGE}=LOCALHOST ros2 topic echo /nav/fix"
+        f"Four nodes and a recorder in ROS domain {domain}. To watch them, where ros2 is installed:\n"
+        f"  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"
     )
 
 

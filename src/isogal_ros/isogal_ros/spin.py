@@ -5,7 +5,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import rclpy
@@ -14,7 +14,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
-from isogal_ros.domain import RANGE
+from isogal_ros.domain import DEFAULTS
+
+INTERRUPTED = 130
+"""Exit code of a process that was interrupted before it had begun."""
 
 
 def make_executor(context: Context | None = None) -> Any:
@@ -58,7 +61,8 @@ def interrupts() -> Iterator[Interrupt]:
 @contextmanager
 def local_context(domain: int) -> Iterator[Context]:
     """Yield a context in a domain, found on this machine only unless the user wants it otherwise."""
-    os.environ.setdefault(RANGE, "LOCALHOST")
+    for name, value in DEFAULTS.items():
+        os.environ.setdefault(name, value)
     context = Context()
     rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -81,24 +85,25 @@ def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> 
 
 def run_node(name: str, build: Callable[[], Any]) -> int:
     """Run one node until it is finished or interrupted; return the exit code of its process."""
-    with interrupts() as interrupt:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            try:
-                node = build()
-            except InputError as error:
-                print(f"{name}: {str(error).removeprefix(f'{name}: ')}", file=sys.stderr)
-                return 2
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        # while the node is being made there is nothing to end in good order: signals end it at once
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        node = build()
+        with interrupts() as interrupt:
             executor = make_executor()
             executor.add_node(node)
-            try:
+            with suppress(ExternalShutdownException):
                 while not (interrupt or node.finished) and rclpy.ok():
                     executor.spin_once(timeout_sec=0.2)
-            except (KeyboardInterrupt, ExternalShutdownException):
-                pass
             drain(node, executor)
             executor.remove_node(node)
             node.close()
             return int(node.exit_code)
-        finally:
-            rclpy.try_shutdown()
+    except InputError as error:
+        print(f"{name}: {str(error).removeprefix(f'{name}: ')}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        rclpy.try_shutdown()
