@@ -67,6 +67,22 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
     assert test.consistent, (test.nees, test.family_interval)
 
 
+@pytest.mark.parametrize("grade", ["precision", "quantum"])
+def test_the_unscented_filter_without_aiding_claims_the_same(grade):
+    from isogal.fusion.navigator import FilterModel, FilterState
+    from isogal.fusion.navigator import propagate as propagate_filter
+
+    settings = scenario(imu={"grade": grade}, route={"duration": 3600.0})
+    trajectory = build_trajectory(settings)
+    imu = simulate_imu(settings, trajectory, [0])
+    model = FilterModel.from_scenario(settings)
+    state = FilterState.start(draw_initial_state(settings, trajectory, [0]), model)
+    propagate_filter(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
+    claimed = state.covariance[0, :2, :2]
+    expected = unaided_covariance(settings, trajectory).covariance[-1]
+    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
+
+
 @pytest.mark.parametrize("state", range(STATES))
 def test_every_column_of_the_error_model_is_the_strapdowns(state):
     """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where the linear model says."""
