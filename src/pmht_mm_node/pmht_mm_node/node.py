@@ -145,7 +145,7 @@ class PmhtMmNode(GraphNode):
         self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
         self._say(nav.ns, fix, seconds)
         self._candidates.publish(candidates_cloud(nav.ns, fix.candidates))
-        retrodict = self.scenario.matcher.mode == "retrodiction"
+        retrodict = self.scenario.matcher.mode == "retrodiction" and not fix.reset
         if fix.published and retrodict and fix.scan_position is not None and fix.scan_covariance is not None:
             # a fix for each scan that no earlier batch has used; the last one is that of the batch end
             for stamp, position, covariance in zip(batch.time, fix.scan_position, fix.scan_covariance, strict=True):
