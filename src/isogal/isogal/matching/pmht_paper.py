@@ -51,7 +51,7 @@ class PaperOptions(BaseModel):
 
     gamma: float = Field(9.0, gt=0.0, description="threshold of the search window, eq. s2-02")
     window: Literal["ellipse", "rectangle"] = Field("rectangle", description="shape of the search window")
-    min_half_width: float = Field(2000.0, gt=0.0, description="least half-width of the search window, m")
+    min_half_width: float = Field(1500.0, gt=0.0, description="least half-width of the search window, m")
     candidates: int = Field(20, ge=1, le=1000, description="map points kept of each scan")
     spacing: float | None = Field(
         250.0, gt=0.0, description="coarser maps are interpolated to points this far apart, m; null = never"
@@ -63,7 +63,7 @@ class PaperOptions(BaseModel):
         "predicted", description="state that candidates are weighed by"
     )
     covariance_factor: float | None = Field(None, gt=0.0, description="factor on P_T|T; null = T")
-    variability_exponent: float = Field(0.7, ge=0.0, le=4.0, description="0 = covariance not weighted by variability")
+    variability_exponent: float = Field(1.0, ge=0.0, le=4.0, description="0 = covariance not weighted by variability")
     variability_window: float = Field(2000.0, gt=0.0, description="half-width of the variability template, m")
     min_variability: float = Field(2e-4, ge=0.0, description="normalised variability below which aiding stops")
     min_scans: int | None = Field(
@@ -76,14 +76,13 @@ class PmhtPaper:
     """Settings of the matcher; `match` keeps the map's mean variability in its memory and nothing else."""
 
     options: PaperOptions = field(default_factory=PaperOptions)
-    retrodiction: bool = False
     name: str = "pmht-paper"
     context: int = 0
 
     @classmethod
     def from_settings(cls, settings: MatcherSettings) -> "PmhtPaper":
         """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(check_options("pmht-paper", settings.options, PaperOptions), settings.mode == "retrodiction")
+        return cls(check_options("pmht-paper", settings.options, PaperOptions))
 
     def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch (see `interfaces.Matcher`)."""
@@ -119,6 +118,8 @@ class PmhtPaper:
         factor = (options.covariance_factor or len(batch)) * variability**-options.variability_exponent
         # where batches overlap each reading serves in T / new of them
         out = covariance[-1, :2, :2] * factor * (len(batch) / max(batch.new, 1))
+        scan_covariance = np.full((len(batch), 2, 2), np.nan)
+        scan_covariance[len(batch) - batch.new :] = batch.new * out  # so many fixes hold the information once
         latitude, longitude = plane.radians(state[:, :2])
         fix = Fix(
             time=float(batch.time[-1]),
@@ -127,9 +128,8 @@ class PmhtPaper:
             covariance=out,
             candidates=_listed(plane, position, weight, count),
             diagnostics={"feature_variability": variability, "iterations": float(iterations), "spread": spread},
-            scan_position=np.stack([latitude, longitude], axis=-1) if self.retrodiction else None,
-            # T fixes of T times the covariance hold its information once
-            scan_covariance=np.repeat(out[None] * len(batch), len(batch), axis=0) if self.retrodiction else None,
+            scan_position=np.stack([latitude, longitude], axis=-1),
+            scan_covariance=scan_covariance,
         )
         return fix, reference
 
