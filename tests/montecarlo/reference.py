@@ -61,7 +61,8 @@ def strapdown(state: State, force: Array, rate: Array, dt: float) -> State:
         ],
         axis=-1,
     )
-    attitude = Rotation.from_rotvec(-z).as_matrix() @ state.attitude @ Rotation.from_rotvec(rate * dt).as_matrix()
+    az = np.cross(a, z)
+    attitude = Rotation.from_rotvec(a - z + az / 2 - np.cross(a, az) / 6).as_matrix() @ state.attitude
     return State(position, velocity, attitude)
 
 
