@@ -141,8 +141,12 @@ def test_studies_side_by_side(make_runs):
     curves = [aided_curve(make_runs(seed=seed), f"T = {seed}") for seed in range(8)] + [unaided_curve(make_runs())]
     figure = rms_figure(curves, logarithmic=False, title="both batch lengths")
     assert len(figure.axes[0].lines) == 9
+    colours = [line.get_color() for line in figure.axes[0].lines]
+    assert colours[-1] not in colours[:-1] and len(set(colours[:5])) == 5
     assert figure.axes[0].get_ylim()[0] == 0.0
-    style.png(figure, dpi=50)
+    long = [Curve(f"a matcher with many settings, sigma = {k}", c.time, c.rms) for k, c in enumerate(curves[:3])]
+    picture = np.asarray(Image.open(io.BytesIO(style.png(rms_figure(long), dpi=100))).convert("L"))
+    assert min(picture[:, 0].min(), picture[:, -1].min()) == 255
     short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5))])
     assert short.axes[0].get_xlabel().endswith("(min)")
 

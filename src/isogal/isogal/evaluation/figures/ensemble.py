@@ -67,9 +67,9 @@ def rms_figure(
     """
     figure = style.new_figure(3.5)
     panel = figure.subplots()
-    series = iter(style.SERIES * (1 + len(curves) // len(style.SERIES)))
+    lines = style.series(curve.line for curve in curves)
     for curve in curves:
-        line = curve.line or next(series)
+        line = curve.line or next(lines)
         panel.plot(style.hours(curve.time), curve.rms, **line.options(), label=curve.label)
     end = max(float(style.hours(curve.time[-1:])[0]) for curve in curves)
     if logarithmic:

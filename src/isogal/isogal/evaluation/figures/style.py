@@ -2,9 +2,10 @@
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -61,6 +62,13 @@ SERIES = (
 )
 """Lines for curves that stand side by side, in order."""
 
+
+def series(taken: Iterable[Line | None] = ()) -> Iterator[Line]:
+    """Return lines for further curves beside those taken, without end; colours come again only when all are used."""
+    used = {line.colour for line in taken if line is not None}
+    return cycle([line for line in SERIES if line.colour not in used] or SERIES)
+
+
 _JOURNAL: dict[str, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so a figure looks the same everywhere
@@ -111,9 +119,12 @@ def journal(draw: Callable[P, T]) -> Callable[P, T]:
 
 def new_figure(height: float, width: float = WIDTH) -> "Figure":
     """Return an empty figure (in) with constrained layout, attached to no window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)  # text can be measured before the figure is saved
+    return figure
 
 
 @journal
@@ -194,15 +205,19 @@ def logarithmic(axis: "Axes") -> None:
 
 
 def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" = None) -> None:
-    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared label comes once."""
+    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared label comes once.
+
+    It has as many columns as fit, up to `columns`.
+    """
     entries: dict[str, Any] = {}
     for panel in panels or figure.axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    if entries:
-        figure.legend(
-            list(entries.values()), list(entries), loc="outside lower center", ncols=min(columns, len(entries))
-        )
+    for count in range(min(columns, len(entries)), 0, -1):
+        legend = figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=count)
+        if count == 1 or legend.get_window_extent(figure.canvas.get_renderer()).width < 0.98 * figure.bbox.width:
+            break
+        legend.remove()
 
 
 def nice_limit(value: float) -> float:
