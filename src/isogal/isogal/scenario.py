@@ -69,6 +69,9 @@ class InitialError(_Section):
     velocity: NonNegative = Field(0.05, description="m/s, north and east")
     tilt: NonNegative = Field(2.5e-5, le=0.1, description="rad, about north and east")
     heading: NonNegative = Field(3.0e-4, le=0.5, description="rad, about down")
+    hidden_position: NonNegative = Field(
+        0.0, description="m, size of a further position error, in a random direction, that the navigator is not told of"
+    )
 
 
 class Gravimeter(_Section):

@@ -16,6 +16,7 @@ the drift does to them; the navigator's prior of d already knows the old reading
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -150,6 +151,41 @@ class BatchLikelihood:
     def scaled(self, variance: float) -> "BatchLikelihood":
         """Return the likelihood with R times a factor."""
         likelihood = replace(self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance))
+        return likelihood.with_drift_at(np.zeros(4))
+
+    def without(self, bad: NDArray[np.bool_]) -> "BatchLikelihood":
+        """Return the likelihood without some of its rows (T,)."""
+        if not bad.any():
+            return self
+        good = ~bad
+        covariance = self.covariance[np.ix_(good, good)]
+        rows = (
+            "latitude",
+            "longitude",
+            "radian",
+            "level",
+            "transition",
+            "jacobian",
+            "drift_position",
+            "drift_reading",
+            "rows",
+        )
+        kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[good]) for name in rows}
+        likelihood = replace(
+            self,
+            **kept,
+            covariance=covariance,
+            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
+            first_new=int(good[: self.first_new].sum()),
+        )
+        return likelihood.with_drift_at(np.zeros(4))
+
+    def blurred(self, sigma: float) -> "BatchLikelihood":
+        """Return the likelihood with white noise of another 1-sigma on every row, for a position known to a cell only."""
+        covariance = self.covariance + sigma**2 * np.eye(len(self.level))
+        likelihood = replace(
+            self, covariance=covariance, factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        )
         return likelihood.with_drift_at(np.zeros(4))
 
     def misfit(self, xi: Array) -> float:

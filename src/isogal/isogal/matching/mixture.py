@@ -1,6 +1,7 @@
 """Gaussian mixtures over the navigator's error: the hypotheses a matcher keeps while a batch is ambiguous."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,43 @@ class Mixture:
         return Mixture(
             self.weight, (self.mean + shift) @ transition.T, transition @ self.covariance @ transition.T + noise
         )
+
+    def component(self, k: int) -> "Mixture":
+        """Return one of its Gaussians alone."""
+        return Mixture.gaussian(self.mean[k], self.covariance[k])
+
+    @classmethod
+    def join(cls, parts: Sequence["Mixture"], weight: Array) -> "Mixture":
+        """Return the mixture of mixtures with the given weights."""
+        return cls(
+            np.concatenate([w * part.weight for w, part in zip(weight, parts, strict=True)]),
+            np.concatenate([part.mean for part in parts]),
+            np.concatenate([part.covariance for part in parts]),
+        )
+
+    def pruned(self, negligible: float, most: int) -> "Mixture":
+        """Join components whose means are within one 1-sigma of each other, drop negligible ones, sort heaviest first."""
+        order = [int(k) for k in np.argsort(-self.weight, kind="stable") if self.weight[k] > negligible]
+        weights: list[float] = []
+        means: list[Array] = []
+        covariances: list[Array] = []
+        while order and len(weights) < most:
+            lead = order.pop(0)
+            inverse = np.linalg.inv(self.covariance[lead][:2, :2])
+            same = [lead]
+            for k in order:
+                apart = (self.mean[k] - self.mean[lead])[:2]
+                if apart @ inverse @ apart < 1.0:
+                    same.append(k)
+            order = [k for k in order if k not in same]
+            part = Mixture(self.weight[same] / self.weight[same].sum(), self.mean[same], self.covariance[same])
+            mean, covariance = part.moments()
+            weights.append(float(self.weight[same].sum()))
+            means.append(mean)
+            covariances.append(covariance)
+        total = np.array(weights)
+        rank = np.argsort(-total, kind="stable")
+        return Mixture(total[rank] / total.sum(), np.array(means)[rank], np.array(covariances)[rank])
 
     def widened(self, scale: float) -> "Mixture":
         """Return the mixture with all covariances times a factor."""

@@ -8,9 +8,10 @@ replaces what made it inexact:
 - the likelihood carries the map's error with its correlation along the track, an unknown bias and the map's rounding (`likelihood`);
 - the posterior's moments come from annealed importance sampling, so they are right where it is not Gaussian (`sampler`);
 - separate hypotheses stay separate: an ambiguous batch publishes nothing, its hypotheses go on to the next batch and are dropped by
-  evidence (`mixture`);
+  evidence (`hypotheses`);
 - readings that stick out are left out, and a batch that does not agree with the map gives no fix (`screening`);
-- a navigator that is lost is searched for over tens of km (`Settings.search_radius_m`) and told so (`Fix.reset`);
+- a wide prior is searched on a grid (`acquisition`); a navigator whose own covariance cannot be right is searched for over tens of km
+  and told so (`Fix.reset`);
 - what is published is the information of the measurements alone (`information`).
 """
 
@@ -23,18 +24,23 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
+from isogal.maps.variability import feature_variability
 from isogal.matching.contours import contour_candidates
+from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise_estimation import NoiseEstimate
 from isogal.matching.registry import check_options
-from isogal.matching.sampler import Posterior, Sampling, sample
+from isogal.matching.sampler import Sampling
 from isogal.matching.screening import outliers, smooth_misfit
 from isogal.scenario import Matcher as MatcherSettings
 
 Array = NDArray[np.float64]
+
+_FAR_BETTER = 8.0
+"""Log evidence by which a place elsewhere must beat the best one near the navigator: the wide prior itself already counts against it."""
 
 
 class Settings(BaseModel):
@@ -46,6 +52,7 @@ class Settings(BaseModel):
         None, ge=0, description="older scans whose residuals predict the map error; null = batch_length"
     )
     samples: int = Field(1024, ge=64, le=65536, description="points per round of the sampler")
+    hypotheses: int = Field(256, ge=1, le=1000, description="hypotheses kept at most")
     confidence: float = Field(
         0.999, gt=0.5, lt=1.0, description="probability a hypothesis needs before it is published"
     )
@@ -55,11 +62,25 @@ class Settings(BaseModel):
     largest_misfit: float = Field(
         9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
     )
-    search_radius_m: tuple[float, ...] = Field(
-        (6000.0, 12000.0, 24000.0), description="1-sigma of the searches for a lost navigator, m"
-    )
-    search_samples: int = Field(16384, ge=256, le=65536, description="points per round while searching")
-    carry: int = Field(64, ge=1, description="hypotheses carried while searching")
+    search_radius_m: float = Field(15000.0, gt=0.0, description="1-sigma of the search for a lost navigator, m")
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Variance of unit weight over the last batches, held at 1 by a prior until the residuals clearly say more."""
+
+    misfit: float = 60.0
+    freedom: float = 60.0
+
+    @property
+    def factor(self) -> float:
+        """Variance to multiply R by, >= 1."""
+        ratio = self.misfit / self.freedom
+        return ratio if ratio > 1.0 + 4.0 * math.sqrt(2.0 / self.freedom) else 1.0
+
+    def seen(self, misfit: float, freedom: float) -> "Scale":
+        """Add the chi-square of a batch, forgetting over some ten batches."""
+        return Scale(0.9 * self.misfit + misfit, 0.9 * self.freedom + freedom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +100,8 @@ class Memory:
     """Stamps of readings left out."""
     noise: NoiseEstimate | None = None
     """Running estimate of the map's error, where it is not given."""
+    scale: Scale = Scale()
+    """Running estimate of how much larger the residuals' variance is than assumed."""
 
 
 @dataclass(frozen=True)
@@ -119,27 +142,39 @@ class Pmht:
             return self._decline(batch, "fewer than three readings in the batch", memory, prior, lost)
 
         every = BatchLikelihood.of(batch, field_map, noise)
+        scale = memory.scale.factor if memory else 1.0
+        every = every.scaled(scale) if scale > 1.0 else every
         bad = _spikes(every, prior, self.settings.outlier_gate + 2.0)
-        posterior, likelihood = self._sample(_keep(every, bad, batch, field_map, noise), prior, lost)
-        if posterior is None:
+        result = self._update(every.without(bad), prior)
+        if result is None:
             return self._decline(batch, "the search area lies outside the map", memory, prior, lost)
         misfits = _misfits(
-            every, posterior, self.settings.outlier_gate
+            every, result.belief, self.settings.outlier_gate
         )  # with everybody in, now that the place is known
         if not np.array_equal(bad, misfits):
-            again, kept = self._sample(_keep(every, misfits, batch, field_map, noise), prior, lost, posterior.mixture)
-            if again is not None:
-                posterior, likelihood = again, kept
-        excluded = frozenset(t for t in excluded | _stamps(batch, every, misfits) if t >= batch.time[0])
+            bad = misfits
+            result = self._update(every.without(bad), prior) or result
+        left_out = excluded | frozenset(float(t) for t in batch.time[every.rows[bad]])
         if estimate is not None:
-            updated = estimate.update(batch, likelihood, field_map, posterior.mixture.mean[0], self.noise.bias_sigma)
+            updated = estimate.update(batch, result.likelihood, field_map, result.belief.mean[0], self.noise.bias_sigma)
             if estimate.differs(updated):
-                kept = BatchLikelihood.of(_without(batch, excluded), field_map, updated.model(self.noise))
-                again, kept = self._sample(kept, prior, lost, posterior.mixture)
-                if again is not None:
-                    posterior, likelihood = again, kept
+                every = BatchLikelihood.of(batch, field_map, updated.model(self.noise))
+                result = self._update(every.without(bad), prior) or result
             estimate = updated
-        return self._decide(batch, field_map, likelihood, prior, posterior, memory, lost, excluded, estimate)
+        keep = Memory(
+            time=float(batch.time[-1]),
+            prior=batch.prior,
+            belief=result.belief,
+            suspicion=memory.suspicion if memory else 0,
+            lost=lost,
+            excluded=frozenset(t for t in left_out if t >= batch.time[0]),
+            noise=estimate,
+            scale=memory.scale if memory else Scale(),
+        )
+        return self._decide(batch, field_map, result, prior, keep)
+
+    def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
+        return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
 
     def _prior(self, batch: Batch, memory: Memory | None) -> tuple[Mixture, bool]:
         """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or the navigator's own prior."""
@@ -154,64 +189,35 @@ class Pmht:
         noise = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
         return memory.belief.moved(np.zeros(4), transition, noise), memory.lost
 
-    def _sample(
-        self, likelihood: BatchLikelihood, prior: Mixture, lost: bool, proposal: Mixture | None = None
-    ) -> tuple[Posterior | None, BatchLikelihood]:
-        """Sample the posterior, with more points where the prior is wide."""
-        _, covariance = prior.moments()
-        wide = lost or math.sqrt(max(covariance[0, 0], covariance[1, 1])) > 1000.0
-        sampling = Sampling(samples=self.settings.samples)
-        if wide:
-            sampling = replace(
-                sampling, samples=self.settings.search_samples, hypotheses=self.settings.carry, accept=0.1
-            )
-        return sample(likelihood, prior, sampling, proposal)
-
     def _decide(
-        self,
-        batch: Batch,
-        field_map: FieldMap,
-        likelihood: BatchLikelihood,
-        prior: Mixture,
-        posterior: Posterior,
-        memory: Memory | None,
-        lost: bool,
-        excluded: frozenset[float],
-        estimate: NoiseEstimate | None,
+        self, batch: Batch, field_map: FieldMap, result: Update, prior: Mixture, keep: Memory
     ) -> tuple[Fix, Memory]:
         """Publish, or say why not."""
-        best = posterior.mixture
-        mean, covariance = best.mean[0], best.covariance[0]
-        misfit, freedom, p_value = _consistency(likelihood, posterior, batch.prior)
+        misfit, freedom, p_value = _consistency(result, batch.prior)
         figures = {
-            "hypotheses": float(len(best)),
-            "probability": float(best.weight[0]),
-            "effective_samples": posterior.effective,
-            "rounds": float(posterior.rounds),
+            "hypotheses": float(len(result.belief)),
+            "probability": float(result.belief.weight[0]),
+            "effective_samples": result.effective,
+            "rounds": float(result.rounds),
             "misfit": misfit / freedom,
             "p_value": p_value,
-            "readings_left_out": float(len(excluded)),
-            "feature_variability": field_map_variability(batch, field_map),
+            "noise_scale": keep.scale.factor,
+            "readings_left_out": float(len(keep.excluded)),
+            "feature_variability": float(feature_variability(field_map, batch.latitude[-1:], batch.longitude[-1:])[0]),
         }
-        if estimate is not None:
-            figures |= estimate.figures()
-        keep = Memory(
-            time=float(batch.time[-1]),
-            prior=batch.prior,
-            belief=best,
-            lost=lost,
-            excluded=excluded,
-            noise=estimate,
-        )
-        inconsistent = p_value < self.settings.significance and misfit > self.settings.tolerance * freedom
-        if inconsistent:
-            return self._inconsistent(batch, likelihood, prior, memory, keep, figures, misfit / freedom)
-        if posterior.beta < 1.0 or posterior.effective * len(posterior.weight) < 20.0:
+        if keep.noise is not None:
+            figures |= keep.noise.figures()
+        if p_value < self.settings.significance and misfit > self.settings.tolerance * freedom:
+            return self._inconsistent(batch, field_map, result, prior, keep, figures)
+        if not result.resolved:
             return declined(batch, "the posterior could not be resolved", **figures), replace(keep, belief=prior)
-        if best.weight[0] < self.settings.confidence:
-            reason = f"ambiguous: {len(best)} places fit, the best with probability {best.weight[0]:.3f}"
+        if result.belief.weight[0] < self.settings.confidence:
+            reason = (
+                f"ambiguous: {len(result.belief)} places fit, the best with probability {result.belief.weight[0]:.3f}"
+            )
             return declined(batch, reason, **figures), keep
-        return self._publish(batch, field_map, mean, covariance, lost, figures, keep)
+        keep = replace(keep, scale=keep.scale.seen(misfit * keep.scale.factor, freedom))
+        return self._publish(batch, field_map, result.belief.mean[0], result.belief.covariance[0], figures, keep)
 
     def _publish(
         self,
@@ -219,12 +225,11 @@ class Pmht:
         field_map: FieldMap,
         mean: Array,
         covariance: Array,
-        lost: bool,
         figures: dict[str, float],
         keep: Memory,
     ) -> tuple[Fix, Memory]:
         # A lost navigator's covariance is void: what it is told must be judged against what it will have then.
-        reference = batch.prior + np.diag([LOST_SIGMA**2, LOST_SIGMA**2, 0.0, 0.0]) if lost else batch.prior
+        reference = batch.prior + np.diag([LOST_SIGMA**2, LOST_SIGMA**2, 0.0, 0.0]) if keep.lost else batch.prior
         information = likelihood_information(mean, covariance, reference)
         position = measurement_only(mean, covariance, reference)
         if not information.matrix.any():
@@ -250,32 +255,48 @@ class Pmht:
                 [batch.latitude - moved[:, 0] / scan_north, batch.longitude - moved[:, 1] / scan_east], axis=-1
             ),
             scan_covariance=scan_covariance,
-            reset=lost,
+            reset=keep.lost,
         )
         return fix, replace(keep, belief=None, lost=False, suspicion=0)
 
     def _inconsistent(
         self,
         batch: Batch,
-        likelihood: BatchLikelihood,
+        field_map: FieldMap,
+        result: Update,
         prior: Mixture,
-        memory: Memory | None,
         keep: Memory,
         figures: dict[str, float],
-        misfit: float,
     ) -> tuple[Fix, Memory]:
-        """Decline, and from the second inconsistent batch in a row on look for the navigator elsewhere, wider each time."""
-        suspicion = (memory.suspicion if memory else 0) + 1
+        """Deal with a batch that does not agree with the map at the best place that the prior allows.
+
+        Either the navigator is elsewhere: a search over tens of km finds a place with far more evidence, and its hypotheses take over.
+        Or nothing fits better: then the noise is larger than assumed, which the fix's covariance must say, or the map is wrong
+        altogether.
+        """
+        misfit = figures["misfit"]
         reason = f"readings and map do not agree (misfit {misfit:.1f} per degree of freedom)"
-        if suspicion < 2:
+        suspicion = keep.suspicion + 1
+        if suspicion < 2 and misfit > self.settings.largest_misfit:
             return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
-        radius = self.settings.search_radius_m[min(suspicion - 2, len(self.settings.search_radius_m) - 1)]
+        radius = self.settings.search_radius_m
         wide = Mixture.gaussian(np.zeros(4), batch.prior + np.diag([radius**2, radius**2, 0.0, 0.0]))
-        found, _ = self._sample(likelihood, wide, True)
-        reason += f"; searching within {radius / 1000.0:.0f} km (1-sigma)"
-        figures |= {"search_radius_m": radius}
-        belief = wide if found is None else found.mixture
-        return declined(batch, reason, **figures), replace(keep, belief=belief, lost=True, suspicion=suspicion)
+        found = self._update(result.likelihood, wide)
+        if found is not None and found.log_evidence > result.log_evidence + _FAR_BETTER:
+            reason += f"; searching within {radius / 1000.0:.0f} km (1-sigma), {len(found.belief)} places fit"
+            lost = replace(keep, belief=found.belief, lost=True, suspicion=suspicion)
+            return declined(batch, reason, search_radius_m=radius, **figures), lost
+        scale = keep.scale.seen(
+            misfit * keep.scale.factor * result.likelihood.new_count, float(result.likelihood.new_count)
+        )
+        if misfit > self.settings.largest_misfit:
+            return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
+        again = self._update(result.likelihood.scaled(misfit), prior)
+        if again is None or not again.resolved or again.belief.weight[0] < self.settings.confidence:
+            return declined(batch, reason, **figures), replace(keep, belief=prior, scale=scale)
+        return self._publish(
+            batch, field_map, again.belief.mean[0], again.belief.covariance[0], figures, replace(keep, scale=scale)
+        )
 
     @staticmethod
     def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture, lost: bool) -> tuple[Fix, Memory]:
@@ -288,15 +309,9 @@ class Pmht:
             suspicion=memory.suspicion if memory else 0,
             excluded=memory.excluded if memory else frozenset(),
             noise=memory.noise if memory else None,
+            scale=memory.scale if memory else Scale(),
         )
         return declined(batch, reason), keep
-
-
-def field_map_variability(batch: Batch, field_map: FieldMap) -> float:
-    """Return the map feature variability (paper eq. CV) at the batch end, in units of the map's value squared."""
-    from isogal.maps.variability import feature_variability
-
-    return float(feature_variability(field_map, batch.latitude[-1:], batch.longitude[-1:])[0])
 
 
 def _without(batch: Batch, stamps: frozenset[float]) -> Batch:
@@ -305,17 +320,6 @@ def _without(batch: Batch, stamps: frozenset[float]) -> Batch:
         return batch
     drop = np.isin(batch.time, list(stamps))
     return replace(batch, reading=np.where(drop, np.nan, batch.reading))
-
-
-def _keep(
-    every: BatchLikelihood, bad: NDArray[np.bool_], batch: Batch, field_map: FieldMap, noise: NoiseModel
-) -> BatchLikelihood:
-    """Return the likelihood without its bad rows."""
-    return BatchLikelihood.of(_without(batch, _stamps(batch, every, bad)), field_map, noise) if bad.any() else every
-
-
-def _stamps(batch: Batch, likelihood: BatchLikelihood, bad: NDArray[np.bool_]) -> frozenset[float]:
-    return frozenset(float(t) for t in batch.time[likelihood.rows[bad]])
 
 
 def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray[np.bool_]:
@@ -330,9 +334,9 @@ def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray
     return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
 
 
-def _misfits(likelihood: BatchLikelihood, posterior: Posterior, gate: float) -> NDArray[np.bool_]:
+def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArray[np.bool_]:
     """Find readings that stick out at the best hypothesis."""
-    mean, covariance = posterior.mixture.mean[0], posterior.mixture.covariance[0]
+    mean, covariance = belief.mean[0], belief.covariance[0]
     residual, slope = likelihood.linearise(mean)
     if not np.isfinite(residual).all():
         return np.zeros(len(residual), dtype=np.bool_)
@@ -340,14 +344,14 @@ def _misfits(likelihood: BatchLikelihood, posterior: Posterior, gate: float) -> 
     return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)
 
 
-def _consistency(likelihood: BatchLikelihood, posterior: Posterior, prior: Array) -> tuple[float, float, float]:
+def _consistency(result: Update, prior: Array) -> tuple[float, float, float]:
     """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
 
     The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
     """
     from scipy.stats import chi2
 
-    misfit = likelihood.misfit(posterior.mixture.mean[0])
-    absorbed = float(np.trace(np.eye(4) - np.linalg.solve(prior, posterior.mixture.covariance[0])))
-    freedom = max(likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
+    misfit = result.likelihood.misfit(result.belief.mean[0])
+    absorbed = float(np.trace(np.eye(4) - np.linalg.solve(prior, result.belief.covariance[0])))
+    freedom = max(result.likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
     return misfit, freedom, float(chi2.sf(misfit, freedom))

@@ -35,7 +35,7 @@ class Sampling:
     """Effective sample size at beta = 1 that ends the rounds."""
     rounds: int = 12
     """At most."""
-    hypotheses: int = 8
+    hypotheses: int = 6
     """Mixture components at most."""
     inflation: float = 1.2
     """Covariance of the proposal over that of the samples: heavier tails than the target's."""
@@ -100,7 +100,7 @@ def sample(
     prior : Mixture
     settings : Sampling
     proposal : Mixture, optional
-        Where to start; default: the prior.
+        Where to look; the evidence is then that of this place alone. Default: everywhere the prior allows.
     """
     points = _points(settings.samples)
     floor = 1e-4 * np.sqrt(np.diag(prior.moments()[1]))
@@ -108,7 +108,10 @@ def sample(
     result: Posterior | None = None
     for number in range(1, settings.rounds + 1):
         # a share of the prior in the proposal bounds the weights of what the refitted mixture may have lost
-        wide = current if number == 1 else _blend(current.widened(settings.inflation), prior, 0.03)
+        wide = current
+        if number > 1:
+            wide = current.widened(settings.inflation)
+            wide = _blend(wide, prior, 0.03) if proposal is None else wide
         x = wide.draw(points)
         values = likelihood.log(x)
         base = prior.log_density(x) - wide.log_density(x)

@@ -22,6 +22,9 @@ def draw_initial_state(scenario: Scenario, trajectory: Trajectory, runs: Sequenc
     attitude = np.empty((count, 4))
     for i, run in enumerate(runs):
         draw = generator(scenario.seed, run, "initial_error").standard_normal(7)
+        bearing = generator(scenario.seed, run, "hidden_position").uniform(0.0, 2.0 * np.pi)
+        position[i, 0] += sigma.hidden_position * np.cos(bearing) / north
+        position[i, 1] += sigma.hidden_position * np.sin(bearing) / east
         position[i, 0] += sigma.position * draw[0] / north
         position[i, 1] += sigma.position * draw[1] / east
         velocity[i, :2] += sigma.velocity * draw[2:4]
