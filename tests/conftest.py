@@ -3,6 +3,11 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
+settings.register_profile("isogal", deadline=None, derandomize=True)
+settings.load_profile("isogal")
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,0 +1,96 @@
+"""ECEF and ENU coordinates: there and back, against PROJ and boule."""
+
+import boule
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyproj import Transformer
+
+from isogal.earth.frames import LocalFrame, ecef_to_geodetic, enu_axes, geodetic_to_ecef, horizontal_difference
+
+latitudes = st.floats(-np.pi / 2, np.pi / 2)
+longitudes = st.floats(-np.pi, np.pi)
+heights = st.floats(-12e3, 4e7)
+
+
+@given(latitudes, longitudes, heights)
+def test_geodetic_ecef_and_back(latitude, longitude, height):
+    lat, lon, h = ecef_to_geodetic(geodetic_to_ecef(latitude, longitude, height))
+    assert lat == pytest.approx(latitude, abs=1e-14)
+    assert h == pytest.approx(height, abs=1e-7)
+    turn = np.remainder(lon - longitude + np.pi, 2 * np.pi) - np.pi
+    assert abs(turn) * np.cos(latitude) < 1e-14
+
+
+@given(latitudes, longitudes, heights)
+def test_geodetic_to_ecef_equals_proj(latitude, longitude, height):
+    proj = Transformer.from_pipeline("+proj=cart +ellps=GRS80")
+    expected = proj.transform(longitude, latitude, height, radians=True)
+    np.testing.assert_allclose(geodetic_to_ecef(latitude, longitude, height), expected, rtol=0, atol=1e-7)
+
+
+def test_ecef_to_geodetic_equals_boule():
+    random = np.random.default_rng(1)
+    x, y, z = 6.4e6 * (random.standard_normal((3, 200)) + 0.1)
+    longitude, latitude, height = boule.GRS80.cartesian_to_geodetic((x, y, z))
+    deep = np.hypot(np.hypot(x, y), z) < 2e6  # nothing flies there and boule's formula loses digits
+    lat, lon, h = ecef_to_geodetic(np.stack([x, y, z], axis=-1))
+    np.testing.assert_allclose(np.degrees(lat)[~deep], latitude[~deep], atol=1e-11)
+    np.testing.assert_allclose(np.degrees(lon), np.remainder(longitude + 180, 360) - 180, atol=1e-11)
+    np.testing.assert_allclose(h[~deep], height[~deep], atol=1e-6)
+
+
+def test_arrays_broadcast():
+    ecef = geodetic_to_ecef(np.zeros((2, 1)), np.zeros(3), 0.0)
+    assert ecef.shape == (2, 3, 3)
+    np.testing.assert_allclose(ecef[1, 2], [6378137.0, 0.0, 0.0])
+
+
+@given(latitudes, longitudes)
+def test_enu_axes_are_a_right_handed_frame_with_up_along_the_normal(latitude, longitude):
+    axes = enu_axes(latitude, longitude)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    up = geodetic_to_ecef(latitude, longitude, 1000.0) - geodetic_to_ecef(latitude, longitude, 0.0)
+    np.testing.assert_allclose(axes @ up, [0.0, 0.0, 1000.0], atol=1e-8)
+    assert axes[0, 2] == 0.0  # east is horizontal
+
+
+def test_local_frame_points_where_it_says():
+    frame = LocalFrame(np.radians(-38.0), np.radians(144.5), 100.0)
+    step = 1e-5
+    origin = np.radians(-38.0), np.radians(144.5), 100.0
+    north = frame.from_geodetic(origin[0] + step, *origin[1:])
+    east = frame.from_geodetic(origin[0], origin[1] + step, origin[2])
+    up = frame.from_geodetic(*origin[:2], 101.0)
+    np.testing.assert_allclose(frame.from_geodetic(*origin), 0.0, atol=1e-9)
+    metres = horizontal_difference(origin[0] + step, step, origin[0], 0.0)
+    np.testing.assert_allclose(north, [0.0, metres[0], 0.0], atol=2e-3)
+    np.testing.assert_allclose(east, [metres[1], 0.0, 0.0], atol=2e-3)
+    np.testing.assert_allclose(up, [0.0, 0.0, 1.0], atol=1e-9)
+
+
+@given(latitudes, longitudes, st.floats(-1e3, 2e4))
+def test_local_frame_and_back(latitude, longitude, height):
+    frame = LocalFrame(np.radians(-38.0), np.radians(144.5), 100.0)
+    enu = frame.from_geodetic(latitude, longitude, height)
+    back = frame.from_geodetic(*frame.to_geodetic(enu))
+    np.testing.assert_allclose(back, enu, atol=1e-7)
+    assert frame.to_geodetic(enu)[2] == pytest.approx(height, abs=1e-7)
+
+
+def test_rotation_from_another_point():
+    frame = LocalFrame(np.radians(-38.0), np.radians(144.5))
+    there = np.radians(-35.0), np.radians(150.0)
+    expected = frame.from_geodetic(*there, 1.0) - frame.from_geodetic(*there, 0.0)
+    np.testing.assert_allclose(frame.rotation_from(*there) @ [0.0, 0.0, 1.0], expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("longitude", [0.0, 179.9999, -180.0, 359.9999])
+def test_horizontal_difference_crosses_the_date_line(longitude):
+    step = 0.001
+    difference = horizontal_difference(
+        np.radians(-30.0), np.radians(np.remainder(longitude + step, 360.0)), np.radians(-30.001), np.radians(longitude)
+    )
+    np.testing.assert_allclose(difference, [110.85, 96.49], atol=0.02)
