@@ -49,6 +49,13 @@ def test_ament_finds_the_package(package: Path) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_every_module_is_in_a_package(package: Path) -> None:
+    # Without __init__.py a folder is found in an editable install, and missing from a colcon build.
+    folders = {module.parent for module in (package / package.name).rglob("*.py")}
+    assert [str(folder.relative_to(package)) for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
 def test_every_dependency_can_be_resolved(package: Path) -> None:
     assert dependencies(package) <= set(APT.values()) | ROS | set(NAMES)
 

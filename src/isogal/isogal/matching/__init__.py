@@ -1,0 +1,1 @@
+"""Map matching: batches of readings against a map give fixes."""
