@@ -270,3 +270,31 @@ def test_no_file_is_left_half_written(tmp_path, small_map, monkeypatch):
     with pytest.raises(InputError, match="cannot be written: NetCDF: HDF error"):
         write_netcdf(small_map, tmp_path / "out.nc")
     assert (tmp_path / "out.nc").read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("layout", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"])
+def test_classic_files(tmp_path, small_map, layout):
+    good = tmp_path / "map.nc"
+    with (
+        netCDF4.Dataset(write(tmp_path / "new.nc", small_map)) as new,
+        netCDF4.Dataset(good, "w", format=layout) as old,
+    ):
+        old.title = "a title of odd length"
+        for name in ("lat", "lon"):
+            old.createDimension(name, new[name].size)
+        for name in ("lat", "lon", "dg"):
+            old.createVariable(name, "f8", new[name].dimensions).units = new[name].units
+            old[name][:] = new[name][:]
+    same(read_netcdf(good), small_map)
+    whole = good.read_bytes()
+    bad = tmp_path / "bad.nc"
+    bad.write_bytes(whole[:-800])
+    with pytest.raises(InputError, match=f"has {len(whole) - 800} bytes, its header describes .*; cut short"):
+        read_netcdf(bad)
+    count = whole.index(b"\x00\x00\x00\x0b") + 4  # of the list of variables
+    bad.write_bytes(whole[:count] + b"\x7f\xff\xff\xff" + whole[count + 4 :])
+    with pytest.raises(InputError, match="damaged header"):
+        read_netcdf(bad)
+    bad.write_bytes(whole[:60])
+    with pytest.raises(InputError, match="damaged header"):
+        read_netcdf(bad)

@@ -59,7 +59,7 @@ def read_geotiff(
             return _read(source, variable, window, (quantity, unit, crs), where)
     except InputError:
         raise
-    except (rasterio.errors.RasterioError, OSError, ValueError, TypeError, MemoryError, RuntimeError) as error:
+    except Exception as error:  # GDAL's own errors share no public base class with rasterio's
         raise InputError(
             f"{where}: cannot be read as GeoTIFF: {str(error).splitlines()[0] if str(error) else error!r}"
         ) from None

@@ -16,6 +16,7 @@ from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
 from isogal.maps.field_map import FieldMap
 from isogal.maps.files import written_whole
+from isogal.maps.netcdf_classic import check_classic
 from isogal.maps.quantities import quantity_of, unit_factor
 
 Array = NDArray[np.float64]
@@ -55,6 +56,7 @@ def read_netcdf(
     if not Path(path).is_file():
         raise InputError(f"{where}: no such file")
     try:
+        check_classic(Path(path), where)
         with netCDF4.Dataset(str(path)) as dataset:
             dataset.set_auto_maskandscale(False)
             return _read(dataset, variable, window, quantity, unit, where)
@@ -309,7 +311,7 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             coordinate.standard_name = coordinate.long_name = text
             coordinate.units = "degrees_north" if key == "lat" else "degrees_east"
             coordinate[:] = np.degrees(axis)
-        kwargs: dict[str, Any] = {"zlib": True, "complevel": 4, "fill_value": np.nan}
+        kwargs: dict[str, Any] = {"zlib": True, "complevel": 4, "fletcher32": True, "fill_value": np.nan}
         data = dataset.createVariable(name, field_map.values.dtype.str[1:], ("lat", "lon"), **kwargs)
         data.units = unit
         data.long_name = field_map.quantity.replace("_", " ")
