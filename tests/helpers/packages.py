@@ -31,9 +31,10 @@ ROS = {
 
 
 def pip_only() -> set[str]:
-    """Packages that docker/ installs with pip because apt has none or too old a one."""
+    """Import names of what docker/ installs with pip because apt has none or too old a one."""
     lines = (ROOT / "docker" / "requirements.in").read_text(encoding="utf-8").splitlines()
-    return {re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()}
+    names = {re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()}
+    return {{"mcap-ros2-support": "mcap_ros2"}.get(name, name) for name in names}
 
 
 def setup_arguments(package: Path) -> dict[str, Any]:
