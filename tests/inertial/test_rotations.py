@@ -1,0 +1,63 @@
+"""Quaternions against scipy's rotations (rotation vectors: tests/montecarlo/test_kernels.py)."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from isogal.inertial.rotations import (
+    SMALL,
+    from_heading,
+    from_rotation_vector,
+    from_short_rotation_vector,
+    matrix,
+    multiply,
+    rotate,
+    to_rotation_vector,
+    to_small_rotation_vector,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def quaternion(rotation: Rotation) -> np.ndarray:
+    return rotation.as_quat(scalar_first=True)
+
+
+@given(seeds)
+def test_product_rotation_and_matrix_equal_scipy(seed):
+    random = np.random.default_rng(seed)
+    a, b = Rotation.random(2, random)
+    vector = random.normal(0.0, 10.0, 3)
+    product = np.array(multiply(*quaternion(a), *quaternion(b)))
+    expected = quaternion(a * b)
+    np.testing.assert_allclose(product, expected * np.sign(expected @ product), atol=1e-15)
+    np.testing.assert_allclose(rotate(*quaternion(a), *vector), a.apply(vector), atol=1e-13)
+    np.testing.assert_allclose(matrix(quaternion(a)), a.as_matrix(), atol=1e-15)
+
+
+def test_matrices_of_many_quaternions():
+    rotations = Rotation.random(6, np.random.default_rng(1))
+    stacked = matrix(quaternion(rotations).reshape(2, 3, 4))
+    np.testing.assert_allclose(stacked, rotations.as_matrix().reshape(2, 3, 3, 3), atol=1e-15)
+
+
+@pytest.mark.parametrize("heading_deg", [-90.0, 0.0, 57.0, 180.0, 300.0])
+def test_heading_turns_the_nose_clockwise_from_north(heading_deg):
+    heading = np.radians(heading_deg)
+    attitude = from_heading(heading)
+    np.testing.assert_allclose(rotate(*attitude, 1.0, 0.0, 0.0), [np.cos(heading), np.sin(heading), 0.0], atol=1e-15)
+    np.testing.assert_allclose(rotate(*attitude, 0.0, 0.0, 1.0), [0.0, 0.0, 1.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1999, 2 * np.arcsin(np.sqrt(SMALL)) - 1e-9, 3.14])
+def test_short_cuts_equal_the_general_functions(angle):
+    axis = np.array([0.36, -0.48, 0.8])
+    np.testing.assert_allclose(
+        from_short_rotation_vector(*(axis * angle)), from_rotation_vector(*(axis * angle)), atol=1e-15
+    )
+    w, x, y, z = from_rotation_vector(*(axis * angle))
+    if x * x + y * y + z * z <= SMALL:
+        np.testing.assert_allclose(to_small_rotation_vector(x, y, z), axis * angle, rtol=1e-14, atol=1e-30)
+    np.testing.assert_allclose(to_rotation_vector(-w, -x, -y, -z), axis * angle, rtol=1e-13, atol=1e-30)
