@@ -1,0 +1,161 @@
+"""What there is to compute: cases, and the chunks of runs that workers compute one at a time."""
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import isogal
+from isogal.evaluation.records import FORMAT, Runs
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.montecarlo.engine import Progress, simulate
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
+
+MEMORY = 256_000_000
+"""Bytes that the arrays of one chunk may take in a worker."""
+MOST_RUNS = 25
+"""Runs of a chunk at most: what is lost by an interruption, and what the last worker may keep the others waiting for."""
+_CODE = ("earth", "inertial", "sensors", "maps", "matching", "fusion", "evaluation/records.py", "montecarlo/engine.py")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """Runs 0 to `runs` - 1 of a scenario on a map."""
+
+    name: str
+    scenario: Scenario
+    runs: int
+    field_map: FieldMap
+    aided: bool = True
+    """False: no fix is ever taken; shows the inertial navigator and its filter left alone."""
+
+    @property
+    def duration(self) -> float:
+        """Simulated time of a run, s; raises InputError where the route is shorter than the scenario asks for."""
+        return float(build_trajectory(self.scenario).time[-1])
+
+    @property
+    def key(self) -> str:
+        """Hash of all that the runs' numbers depend on: scenario, map, format of the records, and the library's source."""
+        parts = {
+            "isogal": isogal.__version__,
+            "code": source_digest(),
+            "format": FORMAT,
+            "scenario": self.scenario.model_dump(mode="json"),
+            "map": map_digest(self.field_map),
+            "aided": self.aided,
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """Some runs of a case, as a worker is told of them; the map goes its own way."""
+
+    case: str
+    key: str
+    map_key: str
+    scenario: Scenario
+    aided: bool
+    runs: tuple[int, ...]
+    duration: float
+    """Simulated time of each run, s."""
+
+    def text(self) -> str:
+        """Say which runs these are."""
+        first, last = self.runs[0], self.runs[-1]
+        return f"run {first}" if first == last else f"runs {first} to {last}"
+
+
+class Unaided:
+    """A matcher that never gives a fix."""
+
+    name = "unaided"
+    context = 0
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+        """Decline (see `isogal.matching.interfaces.Matcher`)."""
+        return declined(batch, "unaided"), None
+
+
+def compute(chunk: Chunk, field_map: FieldMap, progress: Progress | None = None) -> Runs:
+    """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
+    return simulate(chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress)
+
+
+def divide(case: Case, missing: Sequence[int], workers: int, memory: int = MEMORY) -> list[Chunk]:
+    """Cut the missing runs of a case into chunks that fit into memory and keep all workers busy to the end."""
+    size = min(
+        MOST_RUNS, fitting(case.scenario, case.duration, memory), max(1, math.ceil(len(missing) / (4 * workers)))
+    )
+    key, map_key = case.key, map_digest(case.field_map)
+    return [
+        Chunk(case.name, key, map_key, case.scenario, case.aided, tuple(part[i : i + size]), case.duration)
+        for part in consecutive(missing)
+        for i in range(0, len(part), size)
+    ]
+
+
+def fitting(scenario: Scenario, duration: float, memory: int = MEMORY) -> int:
+    """How many runs of a scenario of so many seconds can be computed together within so many bytes, at least one.
+
+    A run holds six IMU readings and the unaided track of every IMU interval and about 100 numbers of every scan; besides, there are the
+    truth and the draws of the run at hand, and the covariance of the map's error between all scans.
+    """
+    intervals, scans = duration * scenario.imu.rate, duration / scenario.gravimeter.interval
+    shared = 8 * (40 * intervals + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
+    each = 8 * (9 * intervals + 100 * scans) + 200_000
+    return max(1, int((memory - shared) / each))
+
+
+def consecutive(numbers: Iterable[int]) -> list[list[int]]:
+    """Group increasing numbers into stretches without gaps."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and parts[-1][-1] + 1 == number:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return parts
+
+
+@lru_cache(maxsize=1)
+def source_digest() -> str:
+    """Hash of the source files that results depend on: whoever changes a matcher must not be shown what the old one gave."""
+    root = Path(isogal.__file__).parent
+    digest = hashlib.sha256()
+    for path in [*sorted(root.glob("*.py")), *(f for part in _CODE for f in _python_files(root / part))]:
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _python_files(path: Path) -> list[Path]:
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
+
+
+_DIGESTS: dict[
+    int, tuple[FieldMap, str]
+] = {}  # a map cannot change, and stays here so that its id is not given to another
+
+
+def map_digest(field_map: FieldMap) -> str:
+    """Hash of a map's numbers, by which workers know it."""
+    known = _DIGESTS.get(id(field_map))
+    if known is None:
+        digest = hashlib.sha256()
+        for array in (field_map.latitude, field_map.longitude, field_map.values, np.asarray(field_map.sigma)):
+            digest.update(f"{array.shape} {array.dtype}".encode())
+            digest.update(np.ascontiguousarray(array).data)
+        rest = (field_map.unit, field_map.quantity, field_map.correlation_length, field_map.quantisation)
+        digest.update(repr(rest).encode())
+        known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])
+    return known[1]

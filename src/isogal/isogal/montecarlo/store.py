@@ -1,0 +1,91 @@
+"""Finished runs on disk, so that nothing is computed twice: one folder per case's key, one file per chunk, named by its runs."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import write_json
+from isogal.montecarlo.chunks import Case, Chunk
+
+_NAME = re.compile(r"(\d{6,})-(\d{6,})\.npz")
+_PER_RUN = ("error", "covariance", "unaided_error", "fix_error", "fix_covariance", "fix_reason", "posterior_error",
+            "posterior_covariance", "fix_seconds")  # fmt: skip
+
+
+class Store:
+    """A folder of finished chunks. Files appear whole or not at all; several processes may write into one folder."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.damaged: list[str] = []
+        """What was found damaged and removed, a line each."""
+
+    def put(self, chunk: Chunk, runs: Runs) -> None:
+        """Keep the runs of a chunk; of the details only those of run 0, which the figures show."""
+        place = self.folder / chunk.key
+        note = place / "case.json"
+        if not note.exists():
+            write_json(
+                note, {"case": chunk.case, "aided": chunk.aided, "scenario": chunk.scenario.model_dump(mode="json")}
+            )
+        if chunk.runs[0] != 0:
+            runs = replace(runs, detail=None)
+        runs.save(place / f"{chunk.runs[0]:06d}-{chunk.runs[-1]:06d}.npz")
+
+    def missing(self, case: Case) -> list[int]:
+        """Return which runs of a case are not there yet; a damaged file is removed."""
+        there: set[int] = set()
+        for path, first, last in self._files(case):
+            try:
+                _read(path, last - first + 1)
+            except InputError as error:
+                self.damaged.append(str(error))
+                path.unlink(missing_ok=True)
+            else:
+                there.update(range(first, last + 1))
+        return [run for run in range(case.runs) if run not in there]
+
+    def load(self, case: Case) -> Runs:
+        """Return all runs of a case in order, whatever chunks they came in; raises InputError where one is missing or damaged."""
+        parts: list[Runs] = []
+        next_run = 0
+        for path, first, last in self._files(case):
+            if next_run >= case.runs or last < next_run:
+                continue
+            if first > next_run:
+                break
+            parts.append(take(_read(path, last - first + 1), range(next_run - first, min(last + 1, case.runs) - first)))
+            next_run = last + 1
+        if next_run < case.runs:
+            raise InputError(f"{self.folder / case.key}: run {next_run} of {case.runs} is not there")
+        return Runs.concatenate(parts)
+
+    def _files(self, case: Case) -> list[tuple[Path, int, int]]:
+        place = self.folder / case.key
+        found = []
+        for path in place.iterdir() if place.is_dir() else ():
+            if match := _NAME.fullmatch(path.name):
+                found.append((path, int(match[1]), int(match[2])))
+        return sorted(found, key=lambda item: item[1:])
+
+
+def _read(path: Path, count: int) -> Runs:
+    runs = Runs.load(path)
+    if len(runs) != count:
+        raise InputError(f"{path}: holds {len(runs)} runs, its name says {count}")
+    return runs
+
+
+def take(runs: Runs, which: Sequence[int]) -> Runs:
+    """Return some of the runs of a record; the detail stays only with the first of them."""
+    if list(which) == list(range(len(runs))):
+        return runs
+    values = {item.name: getattr(runs, item.name) for item in fields(Runs)}
+    for name in _PER_RUN:
+        values[name] = tuple(values[name][i] for i in which) if name == "fix_reason" else values[name][list(which)]
+    if list(which[:1]) != [0]:
+        values["detail"] = None
+    return Runs(**values)

@@ -1,0 +1,223 @@
+"""Workers on this machine: one process each, started afresh (spawn), replaced and its chunk done again where it dies.
+
+Python's own pools give up when a worker is killed, and do not say which task it had; here the parent holds a pipe to each worker.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
+from isogal.maps.field_map import FieldMap
+from isogal.montecarlo.chunks import Chunk, compute
+
+ATTEMPTS = 3
+"""How often a chunk is begun before its workers' deaths are taken as its fault."""
+REPORT_EVERY = 0.2
+"""s between a worker's reports of progress."""
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+Report = Callable[[Chunk, float], None]
+"""Called with a chunk and the simulated time (s) that its runs have reached."""
+
+
+class WorkerError(RuntimeError):
+    """A chunk cannot be computed; one line says which and why."""
+
+
+def available_cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def throttled(send: Callable[[float], Any]) -> Callable[[float], None]:
+    """Wrap a progress function so that it is called every `REPORT_EVERY` seconds at most."""
+    last = 0.0
+
+    def report(seconds: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= REPORT_EVERY:
+            last = now
+            send(seconds)
+
+    return report
+
+
+def serve(connection: Connection) -> None:
+    """Work of a worker process: chunks in, runs out, until the parent closes the pipe."""
+    maps: dict[str, FieldMap] = {}
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            chunk, field_map = connection.recv()
+            if field_map is not None:
+                maps[chunk.map_key] = field_map
+            answer: tuple[str, Any]
+            try:
+                report = throttled(lambda seconds: connection.send(("progress", seconds)))
+                answer = ("done", compute(chunk, maps[chunk.map_key], report))
+            except (BrokenPipeError, ConnectionResetError):
+                raise
+            except InputError as error:
+                answer = ("refused", str(error))
+            except Exception as error:
+                answer = ("failed", f"{type(error).__name__}: {error}\n{traceback.format_exc()}")
+            connection.send(answer)
+
+
+@dataclass(slots=True, eq=False)
+class _Worker:
+    process: SpawnProcess
+    connection: Connection
+    chunk: Chunk | None = None
+    maps: set[str] = field(default_factory=set)
+
+    @classmethod
+    def start(cls) -> "_Worker":
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(theirs,), daemon=True, name="isogal-worker")
+        with _one_thread(), _deaf_to_interrupts():
+            process.start()
+        theirs.close()
+        return cls(process, ours)
+
+    def give(self, chunk: Chunk, maps: Mapping[str, FieldMap]) -> None:
+        new = chunk.map_key not in self.maps
+        self.chunk = chunk
+        with contextlib.suppress(
+            BrokenPipeError, ConnectionResetError
+        ):  # it has died already: noticed by its pipe's end
+            self.connection.send((chunk, maps[chunk.map_key] if new else None))
+        self.maps.add(chunk.map_key)
+
+    def stop(self) -> None:
+        self.connection.close()
+        self.process.terminate()
+        self.process.join(5.0)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+        self.process.close()
+
+
+def local_results(
+    chunks: Sequence[Chunk], maps: Mapping[str, FieldMap], workers: int, report: Report
+) -> Generator[tuple[Chunk, Runs], None, None]:
+    """Compute chunks by so many processes; yields them as they are finished.
+
+    Parameters
+    ----------
+    chunks : sequence of Chunk
+        Begun in this order.
+    maps : mapping
+        By `Chunk.map_key`.
+    workers : int
+        Processes; each uses one thread.
+    report : callable
+        Told of progress.
+
+    Raises
+    ------
+    InputError
+        The scenario of a chunk cannot be used.
+    WorkerError
+        A chunk failed, or its workers died `ATTEMPTS` times.
+    """
+    waiting = list(reversed(chunks))
+    attempts = dict.fromkeys(chunks, 0)
+    pool: list[_Worker] = []
+    left = len(chunks)
+    try:
+        while left:
+            busy = [worker for worker in pool if worker.chunk is not None]
+            idle = [worker for worker in pool if worker.chunk is None]
+            while waiting and len(busy) < workers:
+                if not idle:
+                    idle.append(_Worker.start())
+                    pool.append(idle[-1])
+                busy.append(idle.pop())
+                attempts[waiting[-1]] += 1
+                busy[-1].give(waiting.pop(), maps)
+            ready = wait([worker.connection for worker in busy])
+            for worker in busy:
+                if worker.connection not in ready:
+                    continue
+                chunk = worker.chunk
+                assert chunk is not None
+                try:
+                    kind, value = worker.connection.recv()
+                except (EOFError, ConnectionResetError):
+                    pool.remove(worker)
+                    _bury(worker, chunk, attempts[chunk])
+                    waiting.append(chunk)
+                    report(chunk, 0.0)
+                    continue
+                if kind == "progress":
+                    report(chunk, value)
+                    continue
+                worker.chunk = None
+                _raise_failure(kind, value, chunk)
+                left -= 1
+                yield chunk, value
+    finally:
+        for worker in pool:
+            worker.stop()
+
+
+def _raise_failure(kind: str, value: Any, chunk: Chunk) -> None:
+    if kind == "refused":
+        raise InputError(value)
+    if kind == "failed":
+        message, _, trace = value.partition("\n")
+        error = WorkerError(f"{chunk.case}, {chunk.text()}: {message}")
+        error.add_note(trace)
+        raise error
+
+
+def _bury(worker: _Worker, chunk: Chunk, attempts: int) -> None:
+    worker.process.join(5.0)
+    code = worker.process.exitcode
+    worker.stop()
+    if attempts >= ATTEMPTS:
+        how = (
+            f"was killed by signal {-code} ({signal.Signals(-code).name})"
+            if code and code < 0
+            else f"ended with status {code}"
+        )
+        hint = "; is there too little memory?" if code == -signal.SIGKILL else ""
+        raise WorkerError(f"{chunk.case}, {chunk.text()}: the worker {how}, {attempts} times{hint}")
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes started here use one thread each: workers share the cores, and a product of matrices gets one order of summation."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let processes started here not hear Ctrl-C, which a terminal sends to the whole group: the parent alone decides what is kept."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,94 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
+from isogal.maps.field_map import FieldMap
+from isogal.montecarlo.chunks import Case, Chunk, compute, map_digest
+from isogal.montecarlo.store import Store, take
+from montecarlo.conftest import small_scenario
+
+CASE_RUNS = 5
+
+
+@pytest.fixture(scope="module")
+def case(field_map: FieldMap) -> Case:
+    return Case("stored", small_scenario(route={"duration": 300.0}), CASE_RUNS, field_map)
+
+
+def chunk_of(case: Case, runs: range) -> Chunk:
+    return Chunk(case.name, case.key, map_digest(case.field_map), case.scenario, case.aided, tuple(runs), case.duration)
+
+
+@pytest.fixture(scope="module")
+def whole(case: Case) -> Runs:
+    return compute(chunk_of(case, range(CASE_RUNS)), case.field_map)
+
+
+def fill(store: Store, case: Case, *parts: range) -> None:
+    for part in parts:
+        store.put(chunk_of(case, part), compute(chunk_of(case, part), case.field_map))
+
+
+def assert_same(a: Runs, b: Runs) -> None:
+    for name in ("error", "covariance", "unaided_error", "fix_error", "fix_covariance", "posterior_error"):
+        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
+    assert a.fix_reason == b.fix_reason
+    assert a.detail is not None
+    assert b.detail is not None
+    assert np.array_equal(a.detail.reading, b.detail.reading)
+    assert np.array_equal(a.detail.candidate_weight, b.detail.candidate_weight)
+
+
+@pytest.mark.parametrize(
+    "parts", [[range(5)], [range(2), range(2, 5)], [range(3, 5), range(1), range(1, 3)], [range(4), range(2, 5)]]
+)
+def test_any_chunking_gives_the_same_runs(tmp_path: Path, case: Case, whole: Runs, parts: list[range]) -> None:
+    store = Store(tmp_path)
+    assert store.missing(case) == list(range(5))
+    fill(store, case, *parts)
+    assert store.missing(case) == []
+    assert_same(store.load(case), whole)
+
+
+def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole: Runs) -> None:
+    store = Store(tmp_path)
+    fill(store, case, range(3))
+    assert_same(store.load(replace(case, runs=2)), take(whole, range(2)))
+    assert store.missing(replace(case, runs=5)) == [3, 4]
+    with pytest.raises(InputError, match="run 3 of 5 is not there"):
+        store.load(case)
+
+
+def test_other_scenarios_are_kept_apart(tmp_path: Path, case: Case) -> None:
+    store = Store(tmp_path)
+    fill(store, case, range(5))
+    other = replace(case, scenario=small_scenario(seed=7, route={"duration": 300.0}))
+    assert store.missing(other) == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("damage", ["cut", "renamed"])
+def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs, damage: str) -> None:
+    store = Store(tmp_path)
+    fill(store, case, range(2), range(2, 5))
+    (path,) = tmp_path.rglob("000002-000004.npz")
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:-1000])
+    else:
+        path.rename(path.with_name("000002-000009.npz"))
+    assert store.missing(case) == [2, 3, 4]
+    assert len(store.damaged) == 1
+    assert "00000" in store.damaged[0]
+    fill(store, case, range(2, 5))
+    assert_same(store.load(case), whole)
+
+
+def test_details_are_those_of_run_0(tmp_path: Path, case: Case) -> None:
+    store = Store(tmp_path)
+    fill(store, case, range(2), range(2, 5))
+    (path,) = tmp_path.rglob("000002-000004.npz")
+    assert Runs.load(path).detail is None
+    assert store.load(case).detail is not None
