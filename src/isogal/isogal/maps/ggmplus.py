@@ -19,12 +19,13 @@ from isogal.maps.axes import MARGIN, TWO_PI, Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.files import written_whole
 from isogal.maps.quantities import QUANTITIES, check_plausible
-from isogal.maps.sparse import Spans, row_spans, strip_grid
+from isogal.maps.sparse import Spans, row_spans, strip_grid, thinned
 
 STEP_DEG = 0.002
 CELLS = 2500
 SIZE_DEG = 5
 _ACROSS, _UP = 360 * 500, 180 * 500
+_METRES = 6.37e6  # in a radian of latitude
 _BLOCK = 50  # columns of a tile mapped at once: 0.5 MB
 DENSE_BYTES = 24_000_000
 """A window that takes more than this is kept for the strip along the route only."""
@@ -60,7 +61,12 @@ def tile_name(south: int, west: int, extension: str) -> str:
 
 
 def tiles_of(window: Window) -> list[tuple[int, int]]:
-    """Return the south-west corners (deg) of all tiles that a window with its margin touches; west may exceed 180."""
+    """Return the south-west corners (deg) of all tiles that a window, or the track in it, touches; west may exceed 180."""
+    if window.track is not None:
+        track = window.track
+        points = thinned(track, _METRES)
+        around = [Window(lat, lat, lon, lon).grown(1.1 * track.margin) for lat, lon in points]
+        return sorted({corner for part in around for corner in tiles_of(part)})
     rows, columns = _cells(window)
     return [
         (tile_row * SIZE_DEG - 90, tile_column * SIZE_DEG)

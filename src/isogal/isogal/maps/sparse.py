@@ -31,7 +31,7 @@ def row_spans(track: Track, latitude: Array, longitude: Array) -> Spans:
     n, m = latitude.size, longitude.size
     spans = np.stack([np.full(n, m), np.zeros(n)], axis=1).astype(np.int64)
     north, _ = metres_per_radian(0.5 * (latitude[0] + latitude[-1]))
-    points = _thinned(track, float(north))
+    points = thinned(track, float(north))
     reach = 1.05 * track.margin / float(north)  # the points are a tenth of the margin apart
     turn = 2.0 * np.pi * np.round((points[:, 1].mean() - longitude.mean()) / (2.0 * np.pi))
     dlat, dlon = latitude[1] - latitude[0], longitude[1] - longitude[0]
@@ -48,7 +48,7 @@ def row_spans(track: Track, latitude: Array, longitude: Array) -> Spans:
     return spans
 
 
-def _thinned(track: Track, north: float) -> Array:
+def thinned(track: Track, north: float) -> Array:
     """Return points (K, 2) along the track a tenth of the margin apart or less."""
     spacing = 0.1 * track.margin / north
     steps = np.maximum(np.abs(np.diff(track.latitude)), np.abs(np.diff(track.longitude)))

@@ -1,0 +1,166 @@
+"""One file by HTTP: resumed where it broke off, tried again, of the size that it must have, whole or absent."""
+
+import contextlib
+import hashlib
+import http.client
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from isogal.errors import InputError
+
+_CHUNK = 1 << 16
+_AGAIN = {408, 425, 429, 500, 502, 503, 504}
+Progress = Callable[[int, int], None]
+
+
+class AbsentError(Exception):
+    """The server says that there is no such file (404 or 410)."""
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long to try."""
+
+    timeout: float = 30.0
+    """s without a byte after which a try is given up."""
+    tries: int = 5
+    """Tries in a row that bring nothing new."""
+    pause: float = 1.0
+    """s before the second try; twice as long before each further one."""
+
+
+class _TryAgainError(Exception):
+    pass
+
+
+def check_base_url(url: str) -> str:
+    """Return the URL without a trailing slash, or raise InputError unless it is an HTTP address."""
+    parts = urllib.parse.urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise InputError(f"--base-url {url}: must begin with http:// or https:// and name a server")
+    return url.rstrip("/")
+
+
+def download(url: str, target: Path, size: int, patience: Patience, progress: Progress | None = None) -> str:
+    """Fetch a file of known size and return its SHA-256.
+
+    What arrived is kept in ``<target>.part``, from which a later call goes on.
+
+    Parameters
+    ----------
+    url : str
+        Address.
+    target : Path
+        Appears only when it is complete.
+    size : int
+        Bytes that the file must have.
+    patience : Patience
+        How long to try.
+    progress : callable, optional
+        Called with (bytes there, bytes needed).
+
+    Raises
+    ------
+    AbsentError
+        There is no such file.
+    InputError
+        The server cannot be reached, refuses, or has a file of another size; or the disk is full.
+    """
+    part = target.with_name(f"{target.name}.part")
+    fruitless = 0
+    while True:
+        before = part.stat().st_size if part.exists() else 0
+        if before > size:
+            part.unlink()
+            before = 0
+        try:
+            if before < size:
+                _append(url, part, size, patience.timeout, progress)
+            break
+        except _TryAgainError as error:
+            after = part.stat().st_size if part.exists() else 0
+            fruitless = 0 if after > before else fruitless + 1
+            if fruitless >= patience.tries:
+                raise InputError(f"{url}: {error}; gave up after {patience.tries} tries") from None
+            time.sleep(patience.pause * 2.0 ** max(fruitless - 1, 0))
+    digest = sha256(part)
+    part.replace(target)
+    return digest
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _append(url: str, part: Path, size: int, timeout: float, progress: Progress | None) -> None:
+    """Fetch what is missing; raises _TryAgainError where another try may help."""
+    there = part.stat().st_size if part.exists() else 0
+    headers = {"User-Agent": "isogal", "Accept-Encoding": "identity"}
+    if there:
+        headers["Range"] = f"bytes={there}-"
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=timeout) as answer:
+            there = _starts_at(answer, there)
+            length = answer.headers.get("Content-Length", "")
+            if length.isdecimal() and there + int(length) != size:
+                part.unlink(missing_ok=True)
+                raise InputError(
+                    f"{url}: the server's file has {there + int(length)} bytes, a tile has {size}; wrong address?"
+                )
+            with part.open("r+b" if there else "wb") as file:
+                file.truncate(there)
+                file.seek(there)
+                while chunk := answer.read(_CHUNK):
+                    there += len(chunk)
+                    if there > size:
+                        break
+                    file.write(chunk)
+                    if progress is not None:
+                        progress(there, size)
+    except urllib.error.HTTPError as error:
+        _refuse(url, part, error)
+    except (urllib.error.URLError, http.client.HTTPException, ConnectionError, TimeoutError) as error:
+        reason = getattr(error, "reason", None) or error
+        if isinstance(reason, TimeoutError):
+            raise _TryAgainError(f"no answer within {timeout:g} s") from None
+        raise _TryAgainError(
+            f"cannot be reached ({' '.join(str(reason).split()) or type(reason).__name__}); offline?"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{part}: cannot be written: {error.strerror or error}") from None
+    if there > size:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{url}: the server sends more than the {size} bytes of a tile; wrong address?")
+    if there < size:
+        raise _TryAgainError(f"the connection broke off at {there} of {size} bytes")
+
+
+def _starts_at(answer: http.client.HTTPResponse, asked: int) -> int:
+    """Return where the bytes of an answer belong: at what was asked for, or at 0 from a server that does not resume."""
+    if answer.status != 206:
+        return 0
+    span = answer.headers.get("Content-Range", "")
+    if not span.startswith(f"bytes {asked}-"):
+        raise _TryAgainError(f"the server resumes elsewhere than asked ({span[:60] or 'no Content-Range'})")
+    return asked
+
+
+def _refuse(url: str, part: Path, error: urllib.error.HTTPError) -> None:
+    """Turn a status into what it means."""
+    with contextlib.suppress(OSError):
+        error.close()
+    if error.code in (404, 410):
+        raise AbsentError
+    if error.code == 416:  # what is here does not belong to the server's file
+        part.unlink(missing_ok=True)
+        raise _TryAgainError("the server cannot resume")
+    if error.code in _AGAIN:
+        raise _TryAgainError(f"the server answers {error.code} {error.reason}")
+    raise InputError(f"{url}: the server answers {error.code} {error.reason}")
