@@ -1,0 +1,135 @@
+"""The true route: where it goes, and that its perfect IMU obeys Newton's law in inertial space."""
+
+import numpy as np
+import pytest
+from pyproj import Geod
+from scipy.spatial.transform import Rotation
+
+from isogal.earth.ellipsoid import EARTH_RATE, radii
+from isogal.earth.frames import enu_axes, geodetic_to_ecef, horizontal_difference
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.scenario import Imu, Route, Scenario
+from isogal.sensors.trajectory import build_trajectory, rhumb_azimuth
+
+CORNERS = ((-38.0, 144.5, 22.0), (-37.9, 144.9, 40.0), (-38.0, 145.1, 15.0), (-37.8, 145.2, 22.0))
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def route(rate=1.0, **keys):
+    return build_trajectory(Scenario(route=Route(**({"duration": None} | keys)), imu=Imu(rate=rate)))
+
+
+def headings(trajectory):
+    return np.arctan2(trajectory.velocity[:, 1], trajectory.velocity[:, 0])
+
+
+def test_default_route_is_that_of_the_paper():
+    trajectory = route(height=0.0)
+    speed = np.linalg.norm(trajectory.velocity, axis=1)
+    assert trajectory.time[-1] == pytest.approx(7.5 * 3600.0, rel=1e-3)  # SCIENCE 1: 594.5 km, 7.5 h
+    assert (speed * trajectory.dt)[1:].sum() == pytest.approx(594.5e3, rel=1e-3)
+    np.testing.assert_allclose(speed, 22.0, rtol=1e-14)
+    assert np.ptp(headings(trajectory)) == 0.0
+    missed = horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-35.0, 150.0]))
+    assert np.hypot(*missed) < 22.0
+
+
+def test_rhumb_azimuth_on_a_sphere_like_case():
+    assert rhumb_azimuth(0.1, 3.1, 0.1, -3.1) == pytest.approx(np.pi / 2)  # along a parallel, across the date line
+    assert rhumb_azimuth(-0.1, 1.0, 0.1, 1.0) == 0.0
+    # due to the ellipsoid's shape 1 % of latitude near the equator: dlon / (M / N dlat)
+    meridian, normal = radii(0.0)
+    assert rhumb_azimuth(0.0, 0.0, 1e-4, 1e-4) == pytest.approx(np.arctan2(normal, meridian), abs=1e-7)
+
+
+def test_geodesic_is_the_shortest_line():
+    trajectory = route(line="geodesic", height=0.0)
+    line = Geod(ellps="GRS80").inv(144.5, -38.0, 150.0, -35.0)
+    azimuth, _, distance = Geod(ellps="GRS80").inv(
+        np.full(len(trajectory), 144.5), np.full(len(trajectory), -38.0),
+        np.degrees(trajectory.longitude[1:]), np.degrees(trajectory.latitude[1:]),
+    )  # fmt: skip
+    off = np.array(distance) * np.sin(np.radians(np.array(azimuth) - line[0]))
+    assert np.abs(off).max() < 0.05
+    np.testing.assert_allclose(distance, 22.0 * trajectory.time[1:], atol=1e-3)
+
+
+@pytest.mark.parametrize("keys", [{"duration": 2000.0}, {"duration": 2000.0, "line": "geodesic", "speed": 250.0}, {"waypoints": CORNERS}],
+                         ids=["rhumb", "fast geodesic", "corners"])  # fmt: skip
+def test_imu_is_newtons_law_in_inertial_space(keys):
+    """Second differences of the position in inertial space are gravitation plus specific force, means over both intervals."""
+    dt = 0.5
+    trajectory = route(1.0 / dt, **keys)
+    spin = Rotation.from_rotvec(EARTH_RATE * trajectory.time[:, None] * [0.0, 0.0, 1.0])
+    ecef = geodetic_to_ecef(trajectory.latitude, trajectory.longitude, trajectory.height)
+    inertial = spin.apply(ecef)
+    acceleration = (inertial[2:] - 2.0 * inertial[1:-1] + inertial[:-2]) / dt**2
+    to_ecef = np.stack(
+        [(NED @ enu_axes(a, b)).T for a, b in zip(trajectory.latitude, trajectory.longitude, strict=True)]
+    )
+    up = -to_ecef[:, :, 2]
+    centrifugal = EARTH_RATE**2 * ecef * [1.0, 1.0, 0.0]
+    gravitation = spin.apply(-up * normal_gravity(trajectory.latitude, trajectory.height)[:, None] - centrifugal)
+    # attitude of the IMU in inertial space, and its mean specific force there over each interval
+    attitude = spin * Rotation.from_matrix(to_ecef) * Rotation.from_quat(trajectory.attitude, scalar_first=True)
+    turned = attitude[:-1].inv() * attitude[1:]
+    half = Rotation.from_rotvec(0.5 * turned.as_rotvec())
+    force = (attitude[:-1] * half).apply(trajectory.specific_force)
+    sensed = 0.5 * (force[1:] + force[:-1])
+    limit = 1e-7 if "waypoints" not in keys else 1e-3  # turns: the force turns within an interval
+    error = acceleration - gravitation[1:-1] - sensed
+    assert np.abs(error).max() < limit
+    assert np.median(np.abs(error)) < 2e-8
+    # gyroscopes: the rotation over the interval
+    np.testing.assert_allclose(trajectory.angular_rate, turned.as_rotvec() / dt, atol=5e-9)
+
+
+def test_velocity_is_the_derivative_of_the_position():
+    trajectory = route(waypoints=CORNERS)
+    moved = horizontal_difference(
+        trajectory.latitude[2:], trajectory.longitude[2:], trajectory.latitude[:-2], trajectory.longitude[:-2]
+    )
+    jumps = np.abs(np.diff(trajectory.velocity[:, :2], 2, axis=0)).max()
+    np.testing.assert_allclose(moved / 2.0, trajectory.velocity[1:-1, :2], atol=jumps + 2e-3)
+    assert not trajectory.velocity[:, 2].any()
+
+
+def test_waypoints_are_passed_at_their_speed_within_the_limits():
+    trajectory = route(waypoints=CORNERS, turn_rate=0.01, acceleration=0.05)
+    turn = np.diff(np.unwrap(headings(trajectory)))
+    assert np.abs(turn).max() <= 0.01 + 1e-12
+    speed = np.linalg.norm(trajectory.velocity, axis=1)
+    assert np.abs(np.diff(speed)).max() <= 0.05 + 1e-12
+    for latitude, longitude, _ in CORNERS:
+        away = horizontal_difference(trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude]))
+        assert np.hypot(*away.T).min() < 40.0 / 0.01  # a turn's radius at most
+    for _, _, wanted in CORNERS[1:]:
+        assert np.isclose(speed, wanted, atol=1e-9).any()
+
+
+def test_route_across_the_date_line():
+    trajectory = route(start=(-10.0, 179.9), end=(-10.05, -179.9))
+    distance = np.hypot(
+        *horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-10.05, -179.9]))
+    )
+    assert distance < 22.0
+    assert trajectory.time[-1] == pytest.approx(22.6e3 / 22.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("keys", "message"), [
+    ({"duration": 1e5}, r"route\.duration: the route ends after 27\d\d\d s, duration asks for 100000 s; shorten"),
+    ({"duration": 1.0}, "route: must last at least two IMU samples"),
+])  # fmt: skip
+def test_routes_that_cannot_be_driven(keys, message):
+    with pytest.raises(InputError, match=message):
+        route(**keys)
+
+
+def test_samples_and_length():
+    trajectory = route(4.0, duration=100.0)
+    assert len(trajectory) == 400
+    assert trajectory.time[-1] == 100.0
+    assert trajectory.dt == 0.25
+    assert trajectory.specific_force.shape == trajectory.angular_rate.shape == (400, 3)
+    assert trajectory.latitude.shape == (401,)
