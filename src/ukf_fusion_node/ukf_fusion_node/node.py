@@ -185,7 +185,7 @@ class UkfFusionNode(GraphNode):
         stamp = to_seconds(to_ns(message.header.stamp))
         lost, likelihood = information or (False, None)
         if likelihood is not None:
-            widen = LOST_SIGMA if lost else 0.0
+            widen = LOST_SIGMA if lost else None
             result = self._navigator.update_information(stamp, likelihood.vector, likelihood.matrix, widen)
         else:
             latitude, longitude, _ = read_position(message)

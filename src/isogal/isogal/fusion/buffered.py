@@ -16,10 +16,10 @@ from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
     FilterState,
-    give_up_position,
     propagate,
     update_information,
     update_position,
+    widen,
 )
 
 Array = NDArray[np.float64]
@@ -125,19 +125,22 @@ class BufferedNavigator:
         covariance = np.array(covariance, float)
         return self._update(time, lambda state: update_position(state, 0, latitude, longitude, covariance))
 
-    def update_information(self, time: float, vector: Array, matrix: Array, widen: float = 0.0) -> UpdateResult:
+    def update_information(
+        self, time: float, vector: Array, matrix: Array, lost: tuple[float, float, float] | None = None
+    ) -> UpdateResult:
         """Apply what measurements say about position and velocity together (`fusion.navigator.update_information`), of any stamp.
 
         Parameters
         ----------
         vector, matrix : (4,), (4, 4) arrays
             Relative to the navigator's estimate at the stamp.
-        widen : float
-            1-sigma (m) to add to the position first, for a navigator that was found lost.
+        lost : (3,) floats, optional
+            1-sigma to add to position, velocity and tilt first, for a navigator that was found lost.
         """
 
         def apply(state: FilterState) -> tuple[Array, float]:
-            give_up_position(state, 0, widen)
+            if lost is not None:
+                widen(state, 0, lost)
             correction, nis = update_information(state, 0, vector, matrix)
             return correction[:2], nis
 

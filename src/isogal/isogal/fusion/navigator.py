@@ -226,10 +226,11 @@ def update_position(
     return np.array([north, east]), nis
 
 
-def give_up_position(state: FilterState, run: int, sigma: float) -> None:
-    """Add a 1-sigma (m) to one run's north and east, in place: the navigator has been found lost."""
-    state.covariance[run, 0, 0] += sigma * sigma
-    state.covariance[run, 1, 1] += sigma * sigma
+def widen(state: FilterState, run: int, sigma: tuple[float, float, float]) -> None:
+    """Add a 1-sigma to one run's horizontal position (m), velocity (m/s) and tilt (rad), in place: the navigator was found lost."""
+    for first, one in zip((0, 3, 6), sigma, strict=True):
+        for axis in (first, first + 1):
+            state.covariance[run, axis, axis] += one * one
 
 
 def jump_between(before: FilterState, after: FilterState, run: int) -> Array:

@@ -171,7 +171,7 @@ class Pmht:
             noise=estimate,
             scale=memory.scale if memory else Scale(),
         )
-        return self._decide(batch, field_map, result, prior, keep)
+        return self._decide(batch, field_map, result, every, prior, keep)
 
     def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
         return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
@@ -187,10 +187,19 @@ class Pmht:
         growth = batch.prior - transition @ memory.prior @ transition.T
         values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
         noise = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
+        if memory.lost:  # nor can its tilt be trusted
+            by_tilt = np.kron(np.array([[0.25 * dt**4, 0.5 * dt**3], [0.5 * dt**3, dt**2]]), np.eye(2))
+            noise = noise + (9.8 * LOST_SIGMA[2]) ** 2 * by_tilt
         return memory.belief.moved(np.zeros(4), transition, noise), memory.lost
 
     def _decide(
-        self, batch: Batch, field_map: FieldMap, result: Update, prior: Mixture, keep: Memory
+        self,
+        batch: Batch,
+        field_map: FieldMap,
+        result: Update,
+        every: BatchLikelihood,
+        prior: Mixture,
+        keep: Memory,
     ) -> tuple[Fix, Memory]:
         """Publish, or say why not."""
         misfit, freedom, p_value = _consistency(result, batch.prior)
@@ -208,7 +217,8 @@ class Pmht:
         if keep.noise is not None:
             figures |= keep.noise.figures()
         if p_value < self.settings.significance and misfit > self.settings.tolerance * freedom:
-            return self._inconsistent(batch, field_map, result, prior, keep, figures)
+            keep = replace(keep, excluded=frozenset())  # what sticks out at a wrong place may be right
+            return self._inconsistent(batch, field_map, result, every, prior, keep, figures)
         if not result.resolved:
             return declined(batch, "the posterior could not be resolved", **figures), replace(keep, belief=prior)
         if result.belief.weight[0] < self.settings.confidence:
@@ -229,7 +239,7 @@ class Pmht:
         keep: Memory,
     ) -> tuple[Fix, Memory]:
         # A lost navigator's covariance is void: what it is told must be judged against what it will have then.
-        reference = batch.prior + np.diag([LOST_SIGMA**2, LOST_SIGMA**2, 0.0, 0.0]) if keep.lost else batch.prior
+        reference = batch.prior + _lost_covariance() if keep.lost else batch.prior
         information = likelihood_information(mean, covariance, reference)
         position = measurement_only(mean, covariance, reference)
         if not information.matrix.any():
@@ -264,6 +274,7 @@ class Pmht:
         batch: Batch,
         field_map: FieldMap,
         result: Update,
+        every: BatchLikelihood,
         prior: Mixture,
         keep: Memory,
         figures: dict[str, float],
@@ -280,8 +291,8 @@ class Pmht:
         if suspicion < 2 and misfit > self.settings.largest_misfit:
             return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
         radius = self.settings.search_radius_m
-        wide = Mixture.gaussian(np.zeros(4), batch.prior + np.diag([radius**2, radius**2, 0.0, 0.0]))
-        found = self._update(result.likelihood, wide)
+        covariance = batch.prior + np.diag([radius**2, radius**2, LOST_SIGMA[1] ** 2, LOST_SIGMA[1] ** 2])
+        found = self._update(every, Mixture.gaussian(np.zeros(4), covariance))
         if found is not None and found.log_evidence > result.log_evidence + _FAR_BETTER:
             reason += f"; searching within {radius / 1000.0:.0f} km (1-sigma), {len(found.belief)} places fit"
             lost = replace(keep, belief=found.belief, lost=True, suspicion=suspicion)
@@ -312,6 +323,12 @@ class Pmht:
             scale=memory.scale if memory else Scale(),
         )
         return declined(batch, reason), keep
+
+
+def _lost_covariance() -> Array:
+    """(4, 4) what a lost navigator's covariance grows by."""
+    position, velocity, _ = LOST_SIGMA
+    return np.diag([position**2, position**2, velocity**2, velocity**2])
 
 
 def _without(batch: Batch, stamps: frozenset[float]) -> Batch:

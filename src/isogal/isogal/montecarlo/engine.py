@@ -16,11 +16,11 @@ from isogal.evaluation.records import RunDetail, Runs
 from isogal.fusion.navigator import (
     FilterModel,
     FilterState,
-    give_up_position,
     jump_between,
     propagate,
     update_information,
     update_position,
+    widen,
 )
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.field_map import FieldMap
@@ -198,7 +198,7 @@ class _ClosedLoop:
             if not fix.published or run in late:
                 continue
             if fix.reset:
-                give_up_position(self.state, run, LOST_SIGMA)
+                widen(self.state, run, LOST_SIGMA)
             if fix.information is not None:
                 update_information(self.state, run, fix.information.vector, fix.information.matrix)
             else:
