@@ -37,6 +37,8 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 """Called with the simulated time (s) after each scan."""
+Revised = Callable[[int, list[int], FilterState], None]
+"""Called by retrodiction with the index of a past state, which of the runs were changed there, and what they are there now."""
 
 
 def simulate_unaided(
@@ -61,6 +63,7 @@ def simulate(
     field_map: FieldMap | None = None,
     matcher: Matcher | None = None,
     progress: Progress | None = None,
+    revised: Revised | None = None,
 ) -> Runs:
     """Run the closed loop and return what it leaves behind, at the start and at every scan.
 
@@ -74,6 +77,8 @@ def simulate(
     matcher : Matcher, optional
         Default: the scenario's.
     progress : callable, optional
+    revised : callable, optional
+        Told of past states that retrodiction corrects; the record keeps what the navigator said at the time.
 
     Raises
     ------
@@ -82,7 +87,7 @@ def simulate(
     """
     trajectory = build_trajectory(scenario)
     field_map = field_map or map_for_scenario(scenario, trajectory)
-    loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher or build_matcher(scenario.matcher))
+    loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher or build_matcher(scenario.matcher), revised)
     for scan in range(loop.scans):
         loop.advance(scan)
         if progress is not None:
@@ -94,9 +99,16 @@ class _ClosedLoop:
     """State of R navigators, their batches and their matchers' memories."""
 
     def __init__(
-        self, scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, field_map: FieldMap, matcher: Matcher
+        self,
+        scenario: Scenario,
+        runs: Sequence[int],
+        trajectory: Trajectory,
+        field_map: FieldMap,
+        matcher: Matcher,
+        revised: Revised | None,
     ) -> None:
         self.scenario, self.trajectory, self.field_map, self.matcher = scenario, trajectory, field_map, matcher
+        self.revised = revised
         self.runs = list(runs)
         self.stride = scenario.steps_per_scan
         self.index = np.arange(0, len(trajectory) + 1, self.stride)
@@ -219,6 +231,8 @@ class _ClosedLoop:
                 i = len(positions) - 1 - (scan - step)
                 if i >= 0 and np.isfinite(covariances[i]).all():
                     update_position(part, row, positions[i, 0], positions[i, 1], covariances[i])
+            if self.revised is not None:
+                self.revised(step + 1, late, part)
         for target, source in zip(self.state.arrays(), part.arrays(), strict=True):
             target[late] = source
 
