@@ -57,7 +57,7 @@ class InsSimNode(GraphNode):
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
         self.position_error = float("nan")
         """m, of the navigator, as of the last diagnostics."""
-        self._clock = self.advertise(topics.CLOCK)
+        self._clock_out = self.advertise(topics.CLOCK)
         self._imu = self.advertise(topics.IMU)
         self._truth_fix, self._truth_odom = self.advertise(topics.TRUTH_FIX), self.advertise(topics.TRUTH_ODOM)
         self._ins_fix = self.advertise(topics.INS_FIX)
@@ -102,7 +102,7 @@ class InsSimNode(GraphNode):
         space = self.get_namespace().strip("/")
         for item in array.status:
             node_space, _, name = item.name.rpartition("/")
-            if node_space == space and name in topics.NODES and figures_of(item).get("ready") == "True":
+            if node_space == space and name in self.settings.peers and figures_of(item).get("ready") == "True":
                 self._others.add(name)
 
     def _watch(self) -> None:
@@ -110,7 +110,7 @@ class InsSimNode(GraphNode):
         waited = time.monotonic() - self._moved
         if self.step < 0:
             missing = (
-                [name for name in topics.NODES if name not in self._others and name != self.get_name()]
+                [name for name in self.settings.peers if name not in self._others and name != self.get_name()]
                 if self.settings.lock_step
                 else []
             )
@@ -186,7 +186,7 @@ class InsSimNode(GraphNode):
         fill_fix(self._m_truth, ns, *run.states[k, :3].tolist())
         fill_odom(self._m_odom, ns, self.frame, run.states[k], run.turn_rate[k])
         fill_fix(self._m_ins, ns, run.unaided[k, 0], run.unaided[k, 1], truth.height[k])
-        self._clock.publish(self._m_clock)
+        self._clock_out.publish(self._m_clock)
         self._truth_odom.publish(self._m_odom)
         self._ins_fix.publish(self._m_ins)
         self._truth_fix.publish(self._m_truth)

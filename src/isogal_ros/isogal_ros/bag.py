@@ -97,7 +97,7 @@ def qos_text(profiles: Sequence[Any]) -> list[dict[str, Any]]:
         entry["depth"] = int(profile.depth)
         for name in ("deadline", "lifespan", "liveliness_lease_duration"):
             ns = getattr(profile, name).nanoseconds
-            if ns < 2**63 - 1:
+            if 0 < ns < 2**63 - 1:  # zero stands for the middleware's default, which is forever
                 seconds, rest = divmod(ns, 1_000_000_000)
                 entry[name] = {"sec": seconds, "nsec": rest}
         result.append(entry)

@@ -255,7 +255,10 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
             ) from None
         except InvalidParameterValueException as error:
             raise InputError(f"{node.get_name()}: parameter {spec.name}: {error}") from None
-        values[spec.name] = spec.to_field(value)
+        try:
+            values[spec.name] = spec.to_field(value)
+        except InputError as error:
+            raise InputError(f"{node.get_name()}: {error}") from None
     node.add_pre_set_parameters_callback(lambda parameters: [_recast(parameter, specs) for parameter in parameters])
     return values
 

@@ -70,7 +70,7 @@ class _Feeder(GraphNode):
     def setup(self) -> None:
         self.collector = Collector(self.scenario)
         self.heard = 0
-        self._clock, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
+        self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
         self._readings = self.advertise(topics.readings(self.scenario.gravimeter.quantity), consumers=(topics.PMHT_MM,))
         for topic in ANSWERS:
             self.listen(topic, self._keep(topic), raw=True)
@@ -90,7 +90,7 @@ class _Feeder(GraphNode):
         """Publish the clock and an IMU sample."""
         clock = Clock()
         set_stamp(clock.clock, ns)
-        self._clock.publish(clock)
+        self._clock_out.publish(clock)
         self._imu.publish(data)
 
     def reading(self, data: bytes) -> None:

@@ -1,0 +1,81 @@
+"""A small map and short scenarios for the graph; every test worker has a ROS domain of its own."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.maps.netcdf import write_netcdf
+from isogal.scenario import Scenario, load_scenario
+from isogal_ros.domain import DOMAIN, claim_domain
+
+
+@pytest.fixture(scope="session", autouse=True)
+def domain() -> Iterator[int]:
+    """A free domain, for this worker's tests and for the processes that they start."""
+    with claim_domain() as number:
+        before = os.environ.get(DOMAIN)
+        os.environ[DOMAIN] = str(number)
+        yield number
+        if before is None:
+            del os.environ[DOMAIN]
+        else:
+            os.environ[DOMAIN] = before
+
+
+@pytest.fixture(scope="session")
+def map_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rough disturbance map, 80 km on a side."""
+    path = tmp_path_factory.mktemp("map") / "wavy.nc"
+    write_netcdf(field_map_of(wavy, step=500.0), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def settings(map_file: Path) -> Callable[..., list[str]]:
+    """Overrides of a ten-minute scenario over that map with ten fixes, and more overrides."""
+
+    def make(*more: str) -> list[str]:
+        latitude, longitude = (float(x) * 57.29577951308232 for x in ORIGIN)
+        return [
+            f"route.start=[{latitude - 0.1}, {longitude - 0.1}]",
+            f"route.end=[{latitude + 0.2}, {longitude + 0.2}]",
+            "route.duration=600.0",
+            "gravimeter.quantity=disturbance",
+            f"map.source={map_file}",
+            "matcher.name=pmht-paper",
+            "matcher.batch_length=6",
+            *more,
+        ]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def scenario(settings: Callable[..., list[str]]) -> Callable[..., Scenario]:
+    """The scenario itself."""
+    return lambda *more: load_scenario(None, settings(*more))
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory, scenario: Callable[..., Scenario]) -> Path:
+    """A bag of that scenario, run in this process."""
+    bag = tmp_path_factory.mktemp("recording") / "bag"
+    run_here(scenario(), bag)
+    return bag
+
+
+def run_here(scenario: Scenario, bag: Path | None) -> Any:
+    """Run the graph in this process to its end."""
+    from isogal_ros.graph import Plan
+    from isogal_ros.in_process import run_in_process
+    from isogal_ros.spin import Interrupt
+
+    outcome = run_in_process(Plan(scenario, bag), Interrupt(), lambda progress: None)
+    assert not outcome.interrupted
+    return outcome
