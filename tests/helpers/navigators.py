@@ -1,0 +1,68 @@
+"""A short flight with its IMU data, and states of the filter, for the tests of fusion, batching and the engine."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from helpers.batches import ORIGIN
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.navigator import FilterModel, FilterState
+from isogal.scenario import Route, Scenario
+from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+ROUTE = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.3, 147.4), duration=600.0)
+
+
+@dataclass(frozen=True)
+class Flight:
+    trajectory: Trajectory
+    imu: ImuData
+    model: FilterModel
+    start: FilterState
+
+    def fix(self, stamp: int, north: float, east: float) -> tuple[float, float]:
+        """Latitude and longitude (rad) of a place some metres from the truth at a stamp of a 1 Hz flight."""
+        metres = metres_per_radian(self.trajectory.latitude[stamp])
+        return (
+            self.trajectory.latitude[stamp] + north / metres[0],
+            self.trajectory.longitude[stamp] + east / metres[1],
+        )
+
+
+def fly(runs=(0,), **keys) -> Flight:
+    scenario = Scenario(**({"route": ROUTE} | keys))
+    trajectory = build_trajectory(scenario)
+    model = FilterModel.from_scenario(scenario)
+    start = FilterState.start(draw_initial_state(scenario, trajectory, list(runs)), model)
+    return Flight(trajectory, simulate_imu(scenario, trajectory, list(runs)), model, start)
+
+
+def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.ndarray:
+    """(15,) error state that leads from one state to another, small angles."""
+    latitude, _, height = before.position[run]
+    north, east = metres_per_radian(latitude, height)
+    w, x, y, z = before.attitude[run]
+    a = after.attitude[run]
+    turn = [
+        -a[0] * x + a[1] * w - a[2] * z + a[3] * y,
+        -a[0] * y + a[1] * z + a[2] * w - a[3] * x,
+        -a[0] * z - a[1] * y + a[2] * x + a[3] * w,
+    ]
+    return np.concatenate(
+        [
+            (after.position[run] - before.position[run]) * [north, east, -1.0],
+            after.velocity[run] - before.velocity[run],
+            2.0 * np.array(turn),
+            after.accelerometer_bias[run] - before.accelerometer_bias[run],
+            after.gyroscope_bias[run] - before.gyroscope_bias[run],
+        ]
+    )
+
+
+def random_covariance(sigma: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Full, well-scaled positive definite covariance with about these 1-sigmas."""
+    n = len(sigma)
+    root = np.eye(n) + 0.3 * np.random.default_rng(seed).standard_normal((n, n))
+    return root @ root.T * sigma * sigma[:, None]
