@@ -228,14 +228,15 @@ def known_keys(model: type[BaseModel] = Scenario, prefix: str = "") -> list[str]
 
 
 def _nearest(key: str) -> str:
+    """Suggest a key of the same section with a like name, or of any section with that name, or list the section's keys."""
+    section, _, leaf = key.rpartition(".")
     keys = known_keys()
-    close = difflib.get_close_matches(key, keys, n=1, cutoff=0.5) or [
-        k for k in keys if difflib.get_close_matches(key.rsplit(".", 1)[-1], [k.rsplit(".", 1)[-1]], cutoff=0.7)
-    ]
-    if close:
-        return f", did you mean '{close[0]}'?"
-    section = key.rpartition(".")[0]
     siblings = [k for k in keys if k.rpartition(".")[0] == section]
+    for candidates, cutoff in ((siblings, 0.6), (keys, 0.8)):
+        leaves = {k.rpartition(".")[2]: k for k in candidates}
+        close = difflib.get_close_matches(leaf, leaves, n=1, cutoff=cutoff)
+        if close:
+            return f", did you mean '{leaves[close[0]]}'?"
     return f"; allowed: {', '.join(siblings)}" if siblings else ""
 
 

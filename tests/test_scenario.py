@@ -1,0 +1,182 @@
+"""The scenario: defaults of the contract, files and overrides, one clear line for whatever is wrong."""
+
+import pytest
+
+from isogal.errors import InputError
+from isogal.scenario import MATCHER_NAMES, Scenario, known_keys, load_scenario, validate_scenario
+
+
+def test_defaults_are_those_of_the_contract():
+    it = load_scenario()
+    assert it == Scenario()
+    assert it.seed == 0
+    assert (it.route.start, it.route.end) == ((-38.0, 144.5), (-35.0, 150.0))
+    assert (it.route.speed, it.route.height, it.route.duration) == (22.0, 100.0, 12960.0)
+    assert (it.imu.grade, it.imu.rate) == ("precision", 1.0)
+    errors = it.initial_error
+    assert (errors.position, errors.velocity, errors.tilt, errors.heading) == (50.0, 0.05, 2.5e-5, 3e-4)
+    assert (it.gravimeter.quantity, it.gravimeter.sigma, it.gravimeter.interval) == ("gravity", 1e-5, 10.0)
+    assert (it.map.source, it.map.path, it.map.variable) == ("synthetic", None, None)
+    assert (it.map_error.sigma, it.map_error.correlation_length) == (0.0, 4000.0)
+    matcher = it.matcher
+    assert (matcher.name, matcher.batch_length, matcher.stride, matcher.mode) == ("pmht", 30, None, "standard")
+    assert (matcher.map_sigma, matcher.map_correlation_length, matcher.bias_sigma) == (0.0, 4000.0, 0.0)
+    assert it.steps_per_scan == 10
+    assert matcher.scans_between_fixes == 30
+
+
+def test_file_and_overrides(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("seed: 3\nroute: {height: 250}\nmatcher:\n  name: pmht-paper\n  batch_length: 20\n")
+    it = load_scenario(
+        path, ["matcher.batch_length=15", "gravimeter.sigma=2e-4", "map.variable=ga", "route.duration=null"]
+    )
+    assert (it.seed, it.route.height, it.matcher.name) == (3, 250.0, "pmht-paper")
+    assert (it.matcher.batch_length, it.gravimeter.sigma, it.map.variable) == (15, 2e-4, "ga")
+    assert it.route.duration is None
+
+
+def test_an_empty_file_is_the_default(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("# nothing\n")
+    assert load_scenario(path) == Scenario()
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1e-5", 1e-5), ("2E-4", 2e-4), (".5e-4", 5e-5), ("+1e-4", 1e-4), ("1.0e-5", 1e-5)]
+)
+def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
+    """YAML 1.1 reads 1e-5 as a string."""
+    path = tmp_path / "s.yaml"
+    path.write_text(f"gravimeter: {{sigma: {text}}}\n")
+    assert load_scenario(path).gravimeter.sigma == value
+    assert load_scenario(None, [f"gravimeter.sigma={text}"]).gravimeter.sigma == value
+
+
+def test_words_with_an_e_stay_words():
+    assert load_scenario(None, ["map.source=1e5_tiles.nc"]).map.source == "1e5_tiles.nc"
+    assert load_scenario(None, ["map.source=east.nc"]).map.source == "east.nc"
+
+
+def test_waypoints():
+    it = load_scenario(
+        None, ["route.waypoints=[[-38, 144.5, 22], [-37, 146, 30]]", "route.start=null", "route.end=null"]
+    )
+    assert it.route.waypoints == ((-38.0, 144.5, 22.0), (-37.0, 146.0, 30.0))
+
+
+@pytest.mark.parametrize("name", MATCHER_NAMES)
+def test_all_matchers_of_the_contract_may_be_named(name):
+    assert load_scenario(None, [f"matcher.name={name}"]).matcher.name == name
+
+
+def test_map_sigma_may_be_auto():
+    assert load_scenario(None, ["matcher.map_sigma=auto"]).matcher.map_sigma == "auto"
+
+
+@pytest.mark.parametrize(("override", "message"), [
+    ("matcher.batch_lenght=15", "unknown key 'matcher.batch_lenght', did you mean 'matcher.batch_length'?"),
+    ("sead=1", "unknown key 'sead', did you mean 'seed'?"),
+    ("route.hight=1", "unknown key 'route.hight', did you mean 'route.height'?"),
+    ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
+    ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
+    ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
+    ("xyz=1", "unknown key 'xyz'; allowed: seed, route, imu, "),
+    ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.rate"),
+    ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
+    ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),
+    ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
+    ("gravimeter.sigma=much", "gravimeter.sigma: input should be a valid number, unable to parse string as a number, not 'much'"),
+    ("gravimeter.interval=10.5", "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)"),
+    ("gravimeter.interval=1e-12", "gravimeter.interval"),
+    ("gravimeter.quantity=magnetic", "gravimeter.quantity: input should be 'gravity' or 'disturbance', not 'magnetic'"),
+    ("imu.grade=best", "imu.grade: input should be 'precision', 'quantum_accelerometer' or 'quantum', not 'best'"),
+    ("matcher.name=magic", "matcher.name: input should be 'pmht', "),
+    ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
+    ("matcher.stride=0", "matcher.stride: input should be greater than or equal to 1, not 0"),
+    ("matcher.batch_length=1", "matcher.batch_length: input should be greater than or equal to 2, not 1"),
+    ("matcher.batch_length=15.5", "matcher.batch_length: input should be a valid integer"),
+    ("matcher.map_sigma=-1", "matcher.map_sigma: input should be greater than or equal to 0, not -1"),
+    ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
+    ("route.start=[95, 0]", "route.start.0: input should be less than or equal to 89, not 95"),
+    ("route.start=[-38]", "route.start.1: field required"),
+    ("route.start=null", "route: give start and end, or waypoints"),
+    ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
+    ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
+    ("route.waypoints=[[-38, 144, 22], [-37, 145, 0]]", "route.waypoints.1.2: input should be greater than 0, not 0"),
+    ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
+    ("initial_error.position=-1", "initial_error.position: input should be greater than or equal to 0, not -1"),
+    ("map_error.correlation_length=0", "map_error.correlation_length: input should be greater than 0, not 0"),
+])  # fmt: skip
+def test_bad_values_give_one_line_that_names_the_key(override, message):
+    with pytest.raises(InputError) as caught:
+        load_scenario(None, [override])
+    text = str(caught.value)
+    assert text.startswith(f"scenario: {message}"), text
+    assert "\n" not in text
+    assert "pydantic" not in text
+
+
+def test_a_choice_of_types_is_named_once():
+    """`map_sigma` may be a number or a word: the line still names the key alone."""
+    with pytest.raises(InputError) as caught:
+        load_scenario(None, ["matcher.map_sigma=automatic"])
+    assert str(caught.value).startswith("scenario: matcher.map_sigma: ")
+    assert "function" not in str(caught.value)
+    assert "'auto'" in str(caught.value)
+
+
+def test_several_mistakes_are_all_named():
+    with pytest.raises(InputError, match=r"seed: .*; route\.speed: .*; unknown key 'extra'"):
+        load_scenario(None, ["seed=-1", "route.speed=0", "extra=1"])
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("route: [1, 2\n", r"s\.yaml: not valid YAML \(line \d\): "),
+    ("- 1\n- 2\n", r"s\.yaml: must be a mapping of keys, is a list"),
+    ("just words\n", r"s\.yaml: must be a mapping of keys, is a str"),
+    ("seed: {\xff}\n".encode("latin-1"), r"s\.yaml: cannot be read: "),
+    ("sead: 1\n", r"s\.yaml: unknown key 'sead', did you mean 'seed'\?"),
+    ("route:\n", r"s\.yaml: route: "),
+])  # fmt: skip
+def test_bad_files_give_one_line_that_names_the_file(tmp_path, text, message):
+    path = tmp_path / "s.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError, match=message) as caught:
+        load_scenario(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", ["nowhere.yaml", "."])
+def test_a_file_that_cannot_be_read(tmp_path, path):
+    with pytest.raises(InputError, match=r"cannot be read: (No such file|Is a directory)"):
+        load_scenario(tmp_path / path)
+
+
+@pytest.mark.parametrize(("override", "message"), [
+    ("seed", "--set seed: must be KEY=VALUE, for example"),
+    ("=5", "--set =5: must be KEY=VALUE"),
+    ("seed=[1", "--set seed=[1: the value is not valid YAML"),
+    ("seed.x=1", "scenario: seed: input should be a valid integer"),
+])  # fmt: skip
+def test_bad_overrides(override, message):
+    with pytest.raises(InputError) as caught:
+        load_scenario(None, [override])
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_override_into_a_value(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("seed: 4\n")
+    with pytest.raises(InputError, match=r"--set seed\.x=1: 'seed' is a value, not a section"):
+        load_scenario(path, ["seed.x=1"])
+
+
+def test_known_keys_and_round_trip():
+    keys = known_keys()
+    for key in ("seed", "route.waypoints", "imu.grade", "matcher.map_sigma", "map_error.sigma"):
+        assert key in keys
+    it = load_scenario(None, ["matcher.stride=5", "route.waypoints=[[0, 0, 5], [1, 1, 6]]"])
+    assert validate_scenario(it.model_dump(mode="json")) == it
+    assert it.matcher.scans_between_fixes == 5
