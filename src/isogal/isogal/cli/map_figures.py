@@ -1,0 +1,239 @@
+"""Pictures of maps: the field, how steep it is, and what a track over it is worth."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.figures import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from isogal.maps.field_map import FieldMap
+    from isogal.maps.information import Stretches
+
+Array = NDArray[np.float64]
+_ACCURACY = 2.1  # in, height of the panel of accuracies
+_TALLEST = 4.4  # in, height of a map
+_FINEST = 330  # nodes of a map drawn along each side; more than the picture's dots is in vain
+
+
+def slope_label(field_map: "FieldMap") -> tuple[float, str]:
+    """Return (factor from unit per m, unit) in which gradients are written."""
+    if field_map.unit == "m/s²":
+        return 1e8, "$10^{-5}$ m/s² per km"
+    return 1e3, f"{field_map.unit} per km"
+
+
+@style.journal
+def map_figure(
+    field_map: "FieldMap", track: tuple[Array, Array] | None = None, stretches: "Stretches | None" = None
+) -> "Figure":
+    """Map and gradient; with a track, below them the expected accuracy of fixes along it.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        The map.
+    track : (K,), (K,) rad, optional
+        Latitude and longitude.
+    stretches : Stretches, optional
+        Of the track.
+    """
+    step = max(1, -(-max(field_map.values.shape) // _FINEST))
+    latitude, longitude = field_map.latitude[::step], field_map.longitude[::step]
+    scale = style.field_scale(field_map)
+    factor, unit = slope_label(field_map)
+    steep = factor * _steepness(field_map, step)
+    metres_north, metres_east = metres_per_radian(float(latitude.mean()))
+    shape = float(np.ptp(latitude) * metres_north / (np.ptp(longitude) * metres_east))
+    frame = _frame(shape)
+    height = frame.height + (_ACCURACY if stretches is not None else 0.0)
+    figure = style.new_figure(height)
+    top, bottom = figure, None
+    if stretches is not None:
+        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(frame.height, _ACCURACY))[:, 0]
+    panels = [top.add_axes(place) for place in frame.panels]
+    levels = np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])
+    _field(panels[0], (latitude, longitude), scale(field_map.values[::step, ::step]), scale.label, None)
+    _field(panels[1], (latitude, longitude), steep, f"Size of the gradient ({unit})", levels)
+    for axes in panels:
+        axes.set_aspect(float(metres_north / metres_east))
+        if track is not None:
+            _track(axes, track, field_map, stretches)
+    if stretches is not None and bottom is not None:
+        _accuracy(bottom.subplots(), stretches)
+    return figure
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Where the two maps stand: beside each other, or one above the other where they are long."""
+
+    height: float
+    """in"""
+    panels: list[tuple[float, float, float, float]]
+    """Left, bottom, width, height of each, as shares of the page's width and of the height."""
+
+
+def _frame(shape: float) -> _Frame:
+    """Lay out two maps of this height over width, with room (in) for axis labels, title and colour bar."""
+    left, bottom, right, top = 0.74, 0.45, 0.58, 0.3
+    above = shape < 0.4
+    wide = style.WIDTH - left - right if above else 0.5 * style.WIDTH - left - right
+    tall = min(wide * shape, _TALLEST)
+    wide = tall / shape
+    column = 0.5 * style.WIDTH
+    height = bottom + tall + top
+    places = [(left, height + bottom), (left, bottom)] if above else [(left, bottom), (column + left, bottom)]
+    total = 2.0 * height if above else height
+    return _Frame(total, [(x / style.WIDTH, y / total, wide / style.WIDTH, tall / total) for x, y in places])
+
+
+def _width(axes: "Axes") -> float:
+    """Return the width of a panel, in."""
+    return float(axes.get_position().width) * style.WIDTH
+
+
+def _steepness(field_map: "FieldMap", step: int) -> Array:
+    """Return the size of the gradient at every ``step``-th node: the RMS over the nodes that the picture leaves out."""
+    rows = []
+    for first in range(0, field_map.latitude.size, step):
+        latitude = field_map.latitude[first : first + step]
+        _, north, east = field_map.value_and_gradient(latitude[:, None], field_map.longitude[None, :])
+        square = np.mean(north**2 + east**2, axis=0)
+        starts = np.arange(0, square.size, step)
+        rows.append(np.sqrt(np.add.reduceat(square, starts) / np.diff(np.r_[starts, square.size])))
+    return np.stack(rows)
+
+
+def _field(axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None) -> None:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
+
+    latitude, longitude = (np.degrees(axis) for axis in at)
+    known = values[np.isfinite(values)]
+    options: dict[str, Any] = {"cmap": style.FIELD_COLOURS, "shading": "nearest", "rasterized": True}
+    logarithmic = levels is not None and levels[1] > 0.0
+    if logarithmic and levels is not None:
+        options["norm"] = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
+    elif known.size:
+        options |= {"vmin": np.percentile(known, 0.2), "vmax": np.percentile(known, 99.8)}
+    picture = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **options)
+    axes.set_facecolor("0.92")
+    axes.grid(False)
+    beside = axes.inset_axes((1.0 + 0.05 / _width(axes), 0.0, 0.1 / _width(axes), 1.0))
+    bar = axes.figure.colorbar(picture, cax=beside, extend="both", extendfrac=0.03)
+    axes.set_title(label, loc="left")
+    if logarithmic:
+        bar.ax.yaxis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_locator(LogLocator(10, subs=()))
+    axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    axes.set_xlabel("longitude (deg)")
+    axes.set_ylabel("latitude (deg)")
+
+
+def _track(axes: "Axes", track: tuple[Array, Array], field_map: "FieldMap", stretches: "Stretches | None") -> None:
+    """Draw the track, with a mark every ten stretches."""
+    from matplotlib.patheffects import withStroke
+
+    latitude, longitude = np.degrees(track[0]), np.degrees(_into(track[1], field_map))
+    axes.plot(
+        longitude, latitude, color="white", linewidth=1.2, path_effects=[withStroke(linewidth=2.6, foreground="black")]
+    )
+    axes.plot(
+        longitude[:1], latitude[:1], marker="o", markersize=5, color="white", markeredgecolor="black", linestyle="none"
+    )
+    if stretches is None:
+        return
+    spacing = style.nice_limit(float(stretches.end[-1]) / 5.0)
+    for mark in np.arange(spacing, float(stretches.end[-1]), spacing):
+        index = int(np.argmin(np.abs(0.5 * (stretches.start + stretches.end) - mark)))
+        at = (
+            np.degrees(_into(stretches.longitude[index : index + 1], field_map))[0],
+            np.degrees(stretches.latitude[index]),
+        )
+        axes.plot(
+            *at,
+            marker="|",
+            markersize=7,
+            color="white",
+            markeredgewidth=1.4,
+            path_effects=[withStroke(linewidth=3, foreground="black")],
+        )
+        axes.annotate(
+            f"{mark / 1e3:g} km",
+            at,
+            xytext=(3, -10),
+            textcoords="offset points",
+            fontsize=7,
+            color="white",
+            path_effects=[withStroke(linewidth=2, foreground="black")],
+        )
+
+
+def _into(longitude: Array, field_map: "FieldMap") -> Array:
+    """Turn longitudes by whole circles into the map's range."""
+    middle = 0.5 * (field_map.longitude[0] + field_map.longitude[-1])
+    turned = np.unwrap(longitude)
+    return turned + 2.0 * np.pi * np.round((middle - turned.mean()) / (2.0 * np.pi))
+
+
+def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
+    """Draw the expected 1-sigma of a fix from each stretch, best and worst direction."""
+    best, worst = stretches.axes
+    edges = np.r_[stretches.start, stretches.end[-1]] / 1e3
+    for values, line, label in (
+        (worst, style.SERIES[0], "worst direction"),
+        (best, style.SERIES[1], "best direction"),
+    ):
+        shown = np.where(np.isfinite(values), values, np.nan)
+        axes.stairs(shown, edges, baseline=None, label=label, **line.options())
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xlabel("distance along the track (km)")
+    length = float(np.median(stretches.end - stretches.start)) / 1e3
+    axes.set_ylabel(f"1-sigma of a fix\nfrom {length:.3g} km (m)")
+    if np.isfinite(worst).any():
+        style.logarithmic(axes)
+    style.legend_below(axes.figure, 2)
+
+
+@style.journal
+def variability_figure(
+    field_map: "FieldMap", distance: Array, value: Array, variability: Array, normalised: Array
+) -> "Figure":
+    """Values along a track, and below them the map feature variability (paper fig. 60).
+
+    Parameters
+    ----------
+    distance : (K,) m
+        Along the track.
+    value : (K,)
+        Of the map.
+    variability : (K,)
+        C, unit squared; drawn as its root.
+    normalised : (K,)
+        C normalised.
+    """
+    scale = style.field_scale(field_map)
+    figure = style.new_figure(4.6)
+    panels = figure.subplots(3, 1, sharex=True)
+    root = np.sqrt(variability) / scale.unit
+    for axes, curve, label, line in (
+        (panels[0], scale(value), scale.two_lines, style.SERIES[0]),
+        (panels[1], root, f"root of the feature\nvariability {scale.unit_label}", style.SERIES[1]),
+        (panels[2], normalised, "normalised\nvariability", style.SERIES[2]),
+    ):
+        axes.plot(distance / 1e3, curve, color=line.colour, linewidth=1.0)
+        axes.set_ylabel(label)
+    panels[2].axhline(1.0, color="0.4", linewidth=0.8)
+    panels[2].set_xlabel("distance along the track (km)")
+    panels[2].set_xlim(0.0, float(distance[-1]) / 1e3)
+    figure.align_ylabels(panels)
+    return figure
