@@ -178,15 +178,19 @@ class UkfFusionNode(GraphNode):
         return self._informants.get_publisher_count() > 0 and newest <= ns and self._ns - ns < PATIENCE_NS
 
     def _apply(self, message: Any, information: Any) -> None:
-        if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        lost, likelihood = information or (False, None)
+        no_fix = message.status.status == NavSatStatus.STATUS_NO_FIX
+        if no_fix and not lost:
             return
         if self._navigator is None:
             raise BadMessageError("came before the first IMU sample")
         stamp = to_seconds(to_ns(message.header.stamp))
-        lost, likelihood = information or (False, None)
+        if lost:
+            self._navigator.widen(stamp, LOST_SIGMA)
+        if no_fix:
+            return
         if likelihood is not None:
-            widen = LOST_SIGMA if lost else None
-            result = self._navigator.update_information(stamp, likelihood.vector, likelihood.matrix, widen)
+            result = self._navigator.update_information(stamp, likelihood.vector, likelihood.matrix)
         else:
             latitude, longitude, _ = read_position(message)
             result = self._navigator.update(stamp, latitude, longitude, read_covariance(message)[:2, :2])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
@@ -125,24 +126,36 @@ class BufferedNavigator:
         covariance = np.array(covariance, float)
         return self._update(time, lambda state: update_position(state, 0, latitude, longitude, covariance))
 
-    def update_information(
-        self, time: float, vector: Array, matrix: Array, lost: tuple[float, float, float] | None = None
-    ) -> UpdateResult:
+    def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:
         """Apply what measurements say about position and velocity together (`fusion.navigator.update_information`), of any stamp.
 
         Parameters
         ----------
         vector, matrix : (4,), (4, 4) arrays
-            Relative to the navigator's estimate at the stamp.
-        lost : (3,) floats, optional
-            1-sigma to add to position, velocity and tilt first, for a navigator that was found lost.
+            Relative to the navigator's estimate at the stamp, as it is now. An older fix that comes later changes that estimate; the
+            information is then carried over to the new one.
         """
+        relative_to: Array | None = None  # latitude, longitude, v_north, v_east
 
         def apply(state: FilterState) -> tuple[Array, float]:
-            if lost is not None:
-                widen(state, 0, lost)
-            correction, nis = update_information(state, 0, vector, matrix)
+            nonlocal relative_to
+            estimate = np.concatenate([state.position[0, :2], state.velocity[0, :2]])
+            if relative_to is None:
+                relative_to = estimate
+            moved = estimate - relative_to
+            moved[:2] *= metres_per_radian(state.position[0, 0], state.position[0, 2])
+            # with xi = xi_old + moved, v' xi_old - xi_old' M xi_old / 2 has the vector v + M moved
+            correction, nis = update_information(state, 0, vector + matrix @ moved, matrix)
             return correction[:2], nis
+
+        return self._update(time, apply)
+
+    def widen(self, time: float, sigma: tuple[float, float, float]) -> UpdateResult:
+        """Add a 1-sigma to position (m), velocity (m/s) and tilt (rad) at any stamp within the horizon: the navigator was found lost."""
+
+        def apply(state: FilterState) -> tuple[Array, float]:
+            widen(state, 0, sigma)
+            return np.zeros(2), 0.0
 
         return self._update(time, apply)
 

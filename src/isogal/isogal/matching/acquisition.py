@@ -47,7 +47,7 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     counts = np.ceil(reach / size).astype(int)
     rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
     cells = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
-    # velocity is not searched: it goes with position as the prior has it, and what is left of it bends the track
+    # velocity is not searched: it goes with position as the prior has it; what is left of it bends the track and offsets the reduction
     follow = np.asarray(np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T, dtype=np.float64)
     precision = np.linalg.inv(covariance[:2, :2])
     span = float(np.abs(likelihood.transition[:, 0, 2]).max())  # s, age of the oldest scan
@@ -56,7 +56,7 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
     while True:
         place = cells * size
-        value = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend)).log(
+        value = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest).log(
             mean + _with_velocity(place, follow)
         )
         value = value - 0.5 * np.einsum("si,ij,sj->s", place, precision, place)

@@ -17,7 +17,7 @@ from isogal.maps.field_map import FieldMap
 
 Array = NDArray[np.float64]
 
-LOST_SIGMA = (30e3, 0.5, 1e-4)
+LOST_SIGMA = (15e3, 0.5, 1e-4)
 """1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get on top of its own covariance. A wrong
 latitude turns the navigation frame wrongly: 10 km let tilt grow by 7e-8 rad/s, and velocity with it."""
 
@@ -106,7 +106,7 @@ class Fix:
     information: "Information | None" = None
     """All that the batch says about position and velocity together; None = about the position only, by `covariance`."""
     reset: bool = False
-    """Whether the matcher found the navigator lost: its covariance must grow by LOST_SIGMA² before the fix is used."""
+    """Whether the matcher found the navigator lost: its covariance must grow by LOST_SIGMA², fix or no fix."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
     scan_covariance: Array | None = None

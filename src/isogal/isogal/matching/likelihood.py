@@ -180,9 +180,18 @@ class BatchLikelihood:
         )
         return likelihood.with_drift_at(np.zeros(4))
 
-    def blurred(self, sigma: float) -> "BatchLikelihood":
-        """Return the likelihood with white noise of another 1-sigma on every row, for a position known to a cell only."""
-        covariance = self.covariance + sigma**2 * np.eye(len(self.level))
+    def blurred(self, sigma: float, velocity: Array) -> "BatchLikelihood":
+        """Return the likelihood for a position known to a cell only and a velocity error that is integrated out.
+
+        Parameters
+        ----------
+        sigma : float
+            1-sigma of another white noise on every row, for what the map changes within the cell.
+        velocity : (2, 2) array
+            Covariance of the velocity error, m²/s²; it enters by the reduction of the readings.
+        """
+        reduction = self.jacobian[:, 2:]
+        covariance = self.covariance + sigma**2 * np.eye(len(self.level)) + reduction @ velocity @ reduction.T
         likelihood = replace(
             self, covariance=covariance, factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         )

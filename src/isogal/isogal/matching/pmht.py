@@ -62,7 +62,6 @@ class Settings(BaseModel):
     largest_misfit: float = Field(
         9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
     )
-    search_radius_m: float = Field(15000.0, gt=0.0, description="1-sigma of the search for a lost navigator, m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +93,6 @@ class Memory:
     """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all there is."""
     suspicion: int = 0
     """Inconsistent batches in a row."""
-    lost: bool = False
-    """Whether the navigator's own covariance has been given up."""
     excluded: frozenset[float] = frozenset()
     """Stamps of readings left out."""
     noise: NoiseEstimate | None = None
@@ -137,9 +134,9 @@ class Pmht:
             else None
         )
         noise = self.noise if estimate is None else estimate.model(self.noise)
-        prior, lost = self._prior(batch, memory)
+        prior = self._prior(batch, memory)
         if np.isfinite(batch.reading[-batch.new :]).sum() < 3:
-            return self._decline(batch, "fewer than three readings in the batch", memory, prior, lost)
+            return self._decline(batch, "fewer than three readings in the batch", memory, prior)
 
         every = BatchLikelihood.of(batch, field_map, noise)
         scale = memory.scale.factor if memory else 1.0
@@ -147,14 +144,13 @@ class Pmht:
         bad = _spikes(every, prior, self.settings.outlier_gate + 2.0)
         result = self._update(every.without(bad), prior)
         if result is None:
-            return self._decline(batch, "the search area lies outside the map", memory, prior, lost)
+            return self._decline(batch, "the search area lies outside the map", memory, prior)
         misfits = _misfits(
             every, result.belief, self.settings.outlier_gate
         )  # with everybody in, now that the place is known
         if not np.array_equal(bad, misfits):
             bad = misfits
             result = self._update(every.without(bad), prior) or result
-        left_out = excluded | frozenset(float(t) for t in batch.time[every.rows[bad]])
         if estimate is not None:
             updated = estimate.update(batch, result.likelihood, field_map, result.belief.mean[0], self.noise.bias_sigma)
             if estimate.differs(updated):
@@ -166,20 +162,21 @@ class Pmht:
             prior=batch.prior,
             belief=result.belief,
             suspicion=memory.suspicion if memory else 0,
-            lost=lost,
-            excluded=frozenset(t for t in left_out if t >= batch.time[0]),
+            excluded=frozenset(t for t in excluded if t >= batch.time[0]),
             noise=estimate,
             scale=memory.scale if memory else Scale(),
         )
-        return self._decide(batch, field_map, result, every, prior, keep)
+        sticking_out = frozenset(float(t) for t in batch.time[every.rows[bad]])
+        return self._decide(batch, field_map, result, every, prior, keep, sticking_out)
 
     def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
         return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
 
-    def _prior(self, batch: Batch, memory: Memory | None) -> tuple[Mixture, bool]:
+    @staticmethod
+    def _prior(batch: Batch, memory: Memory | None) -> Mixture:
         """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or the navigator's own prior."""
         if memory is None or memory.belief is None:
-            return Mixture.gaussian(np.zeros(4), batch.prior), False
+            return Mixture.gaussian(np.zeros(4), batch.prior)
         dt = float(batch.time[-1]) - memory.time
         transition = np.eye(4)
         transition[:2, 2:] = dt * np.eye(2)
@@ -187,10 +184,7 @@ class Pmht:
         growth = batch.prior - transition @ memory.prior @ transition.T
         values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
         noise = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
-        if memory.lost:  # nor can its tilt be trusted
-            by_tilt = np.kron(np.array([[0.25 * dt**4, 0.5 * dt**3], [0.5 * dt**3, dt**2]]), np.eye(2))
-            noise = noise + (9.8 * LOST_SIGMA[2]) ** 2 * by_tilt
-        return memory.belief.moved(np.zeros(4), transition, noise), memory.lost
+        return memory.belief.moved(np.zeros(4), transition, noise)
 
     def _decide(
         self,
@@ -200,6 +194,7 @@ class Pmht:
         every: BatchLikelihood,
         prior: Mixture,
         keep: Memory,
+        sticking_out: frozenset[float],
     ) -> tuple[Fix, Memory]:
         """Publish, or say why not."""
         misfit, freedom, p_value = _consistency(result, batch.prior)
@@ -211,13 +206,12 @@ class Pmht:
             "misfit": misfit / freedom,
             "p_value": p_value,
             "noise_scale": keep.scale.factor,
-            "readings_left_out": float(len(keep.excluded)),
+            "readings_left_out": float(len(sticking_out)),
             "feature_variability": float(feature_variability(field_map, batch.latitude[-1:], batch.longitude[-1:])[0]),
         }
         if keep.noise is not None:
             figures |= keep.noise.figures()
         if p_value < self.settings.significance and misfit > self.settings.tolerance * freedom:
-            keep = replace(keep, excluded=frozenset())  # what sticks out at a wrong place may be right
             return self._inconsistent(batch, field_map, result, every, prior, keep, figures)
         if not result.resolved:
             return declined(batch, "the posterior could not be resolved", **figures), replace(keep, belief=prior)
@@ -226,7 +220,12 @@ class Pmht:
                 f"ambiguous: {len(result.belief)} places fit, the best with probability {result.belief.weight[0]:.3f}"
             )
             return declined(batch, reason, **figures), keep
-        keep = replace(keep, scale=keep.scale.seen(misfit * keep.scale.factor, freedom))
+        # only now: what sticks out at a wrong place may be right
+        keep = replace(
+            keep,
+            scale=keep.scale.seen(misfit * keep.scale.factor, freedom),
+            excluded=keep.excluded | sticking_out,
+        )
         return self._publish(batch, field_map, result.belief.mean[0], result.belief.covariance[0], figures, keep)
 
     def _publish(
@@ -238,10 +237,8 @@ class Pmht:
         figures: dict[str, float],
         keep: Memory,
     ) -> tuple[Fix, Memory]:
-        # A lost navigator's covariance is void: what it is told must be judged against what it will have then.
-        reference = batch.prior + _lost_covariance() if keep.lost else batch.prior
-        information = likelihood_information(mean, covariance, reference)
-        position = measurement_only(mean, covariance, reference)
+        information = likelihood_information(mean, covariance, batch.prior)
+        position = measurement_only(mean, covariance, batch.prior)
         if not information.matrix.any():
             return declined(batch, "the batch tells nothing that the navigator does not know", **figures), replace(
                 keep, belief=None
@@ -265,9 +262,8 @@ class Pmht:
                 [batch.latitude - moved[:, 0] / scan_north, batch.longitude - moved[:, 1] / scan_east], axis=-1
             ),
             scan_covariance=scan_covariance,
-            reset=keep.lost,
         )
-        return fix, replace(keep, belief=None, lost=False, suspicion=0)
+        return fix, replace(keep, belief=None, suspicion=0)
 
     def _inconsistent(
         self,
@@ -281,22 +277,22 @@ class Pmht:
     ) -> tuple[Fix, Memory]:
         """Deal with a batch that does not agree with the map at the best place that the prior allows.
 
-        Either the navigator is elsewhere: a search over tens of km finds a place with far more evidence, and its hypotheses take over.
-        Or nothing fits better: then the noise is larger than assumed, which the fix's covariance must say, or the map is wrong
-        altogether.
+        Either the navigator is elsewhere: a search over tens of km finds places with far more evidence. Then its own covariance is what is
+        wrong, and it is told so: with that covariance grown, the next batches search as they do from any uncertain start, and the
+        navigator's errors keep the correlations that the filter gives them. Or nothing fits better: then the noise is larger than
+        assumed, which the fix's covariance must say, or the map is wrong altogether.
         """
         misfit = figures["misfit"]
         reason = f"readings and map do not agree (misfit {misfit:.1f} per degree of freedom)"
         suspicion = keep.suspicion + 1
         if suspicion < 2 and misfit > self.settings.largest_misfit:
             return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
-        radius = self.settings.search_radius_m
-        covariance = batch.prior + np.diag([radius**2, radius**2, LOST_SIGMA[1] ** 2, LOST_SIGMA[1] ** 2])
+        position, velocity, _ = LOST_SIGMA
+        covariance = batch.prior + np.diag([position**2, position**2, velocity**2, velocity**2])
         found = self._update(every, Mixture.gaussian(np.zeros(4), covariance))
         if found is not None and found.log_evidence > result.log_evidence + _FAR_BETTER:
-            reason += f"; searching within {radius / 1000.0:.0f} km (1-sigma), {len(found.belief)} places fit"
-            lost = replace(keep, belief=found.belief, lost=True, suspicion=suspicion)
-            return declined(batch, reason, search_radius_m=radius, **figures), lost
+            reason += f"; navigator lost, searching within {position / 1000.0:.0f} km (1-sigma)"
+            return replace(declined(batch, reason, **figures), reset=True), replace(keep, belief=None, scale=Scale())
         scale = keep.scale.seen(
             misfit * keep.scale.factor * result.likelihood.new_count, float(result.likelihood.new_count)
         )
@@ -310,25 +306,18 @@ class Pmht:
         )
 
     @staticmethod
-    def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture, lost: bool) -> tuple[Fix, Memory]:
+    def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture) -> tuple[Fix, Memory]:
         carried = prior if memory is not None and memory.belief is not None else None
         keep = Memory(
             time=float(batch.time[-1]),
             prior=batch.prior,
             belief=carried,
-            lost=lost,
             suspicion=memory.suspicion if memory else 0,
             excluded=memory.excluded if memory else frozenset(),
             noise=memory.noise if memory else None,
             scale=memory.scale if memory else Scale(),
         )
         return declined(batch, reason), keep
-
-
-def _lost_covariance() -> Array:
-    """(4, 4) what a lost navigator's covariance grows by."""
-    position, velocity, _ = LOST_SIGMA
-    return np.diag([position**2, position**2, velocity**2, velocity**2])
 
 
 def _without(batch: Batch, stamps: frozenset[float]) -> Batch:

@@ -201,16 +201,12 @@ class _ClosedLoop:
 
     def _aid(self, fixes: list[Fix], scan: int) -> None:
         retrodict = self.scenario.matcher.mode == "retrodiction"
-        late = [
-            run
-            for run, fix in enumerate(fixes)
-            if fix.published and retrodict and not fix.reset and fix.scan_position is not None
-        ]
+        late = [run for run, fix in enumerate(fixes) if fix.published and retrodict and fix.scan_position is not None]
         for run, fix in enumerate(fixes):
-            if not fix.published or run in late:
-                continue
             if fix.reset:
                 widen(self.state, run, LOST_SIGMA)
+            if not fix.published or run in late:
+                continue
             if fix.information is not None:
                 update_information(self.state, run, fix.information.vector, fix.information.matrix)
             else:
