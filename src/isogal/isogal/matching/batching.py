@@ -103,8 +103,7 @@ class BatchBuilder:
         Parameters
         ----------
         prior : (7, 7) or (4, 4) array
-            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, velocity errors are taken as constant over
-            the batch.
+            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, the navigator is taken as level at the batch end.
         """
         scans = list(self._scans)
         latitude, longitude, velocity, times = _arrays(scans)

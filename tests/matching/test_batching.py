@@ -1,0 +1,201 @@
+"""Scans to batches: when one is due, and that its transition is what the strapdown does to a wrong navigator."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from helpers.navigators import ROUTE, random_covariance
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.strapdown import NavState, propagate
+from isogal.matching.batching import BatchBuilder, fix_due
+from isogal.scenario import Matcher, Scenario
+from isogal.sensors.gravimeter import felt_gravity, reduce_disturbance, reduce_gravity
+from isogal.sensors.trajectory import build_trajectory
+
+SCANS, STEP = 30, 10
+PRIOR_SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
+TRAJECTORY = build_trajectory(Scenario(route=ROUTE))
+CORNER = build_trajectory(
+    Scenario(route=ROUTE.model_copy(update={"waypoints": ((-36.5, 147.0, 22.0), (-36.48, 147.02, 35.0), (-36.52, 147.2, 22.0))}))
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("length", "stride", "due"), [
+    (30, None, [30, 60, 90]), (15, None, [15, 30, 45, 60, 75, 90]), (30, 30, [30, 60, 90]),
+    (30, 10, [30, 40, 50, 60, 70, 80, 90]), (30, 1, list(range(30, 91))), (40, 25, [40, 65, 90]),
+])  # fmt: skip
+def test_fix_due(length, stride, due):
+    settings = Matcher(batch_length=length, stride=stride)
+    assert [n for n in range(91) if fix_due(n, settings)] == due
+
+
+def flown(trajectory, error=(0.0,) * 7, scans=SCANS):
+    """Position (scans, 2), velocity (scans, 2) and attitudes at the scans of a navigator that starts with an error (7,)."""
+    error = np.array(error)
+    metres = np.array([*metres_per_radian(trajectory.latitude[0], 100.0), 1.0])
+    attitude = Rotation.from_rotvec(error[4:]) * Rotation.from_quat(trajectory.attitude[0], scalar_first=True)
+    nav = NavState(
+        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]) + np.append(error[:2], 0.0) / metres,
+        trajectory.velocity[:1] + np.append(error[2:4], 0.0),
+        attitude.as_quat(scalar_first=True)[None],
+    )
+    position, velocity, attitudes = [], [], []
+    for k in range(0, scans * STEP, STEP):
+        force, rate = trajectory.specific_force[None, k : k + STEP], trajectory.angular_rate[None, k : k + STEP]
+        nav, _ = propagate(nav, force, rate, 1.0, trajectory.height[k : k + STEP + 1])
+        position.append(nav.position[0, :2])
+        velocity.append(nav.velocity[0, :2])
+        attitudes.append(nav.attitude[0])
+    return np.array(position), np.array(velocity), Rotation.from_quat(np.array(attitudes), scalar_first=True)
+
+
+def builder_of(position, velocity, reading=None, quantity="gravity", context=0, **settings):
+    builder = BatchBuilder(Matcher(**settings), quantity, context)
+    reading = np.arange(len(position)) * 1e-5 if reading is None else reading
+    for t, (p, v, r) in enumerate(zip(position, velocity, reading, strict=True)):
+        builder.add_scan(10.0 * (t + 1), p[0], p[1], v, r, 1e-5, 2e-6)
+    return builder
+
+
+def independent_prior():
+    return np.diag([1e6, 1e6, 1.0, 1.0, 1.0, 1.0, 1.0])
+
+
+ERRORS = {
+    "position": [400.0, -300.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    "velocity": [0.0, 0.0, 0.5, -0.4, 0.0, 0.0, 0.0],
+    "tilt": [0.0, 0.0, 0.0, 0.0, 1e-4, -5e-5, 0.0],
+    "heading": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-3],
+    "all": [300.0, 200.0, -0.3, 0.2, 5e-5, 1e-4, -1e-3],
+}
+
+
+@pytest.mark.parametrize("trajectory", [TRAJECTORY, CORNER], ids=["straight", "corner"])
+@pytest.mark.parametrize("name", ERRORS)
+def test_transition_is_what_the_strapdown_does(name, trajectory):
+    position, velocity, attitude = flown(trajectory, np.array(ERRORS[name]))
+    true_position, true_velocity, true_attitude = flown(trajectory)
+    actual = horizontal_difference(*position.T, *true_position.T)
+    xi = np.concatenate([actual[-1], (velocity - true_velocity)[-1]])
+    psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
+    # with an attitude independent of xi and of unit variance, the drift's components are the attitude's
+    batch = builder_of(position, velocity).build(independent_prior())
+    predicted = batch.transition @ xi + batch.drift_position @ psi
+    within = 0.1 if trajectory is TRAJECTORY else 0.3 + 0.02 * np.abs(predicted - actual[-1]).max()
+    np.testing.assert_allclose(predicted, actual, atol=within)
+    moved = np.abs(actual - actual[-1]).max()
+    assert name == "position" or moved > 1.0  # staying put would be wrong
+    np.testing.assert_allclose(batch.transition[-1], np.eye(2, 4), atol=1e-12)
+    np.testing.assert_allclose(batch.drift_position[-1], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
+    """Covariance of the errors at the scans, and with xi, as from the joint prior: nothing lost, nothing counted twice."""
+    prior = random_covariance(PRIOR_SIGMA, seed)
+    builder = builder_of(*flown(TRAJECTORY)[:2])
+    whole = builder.build(independent_prior())
+    back = np.concatenate([whole.transition, whole.drift_position], axis=2)  # (T, 2, 7) by all seven states
+    batch = builder.build(prior)
+    np.testing.assert_array_equal(batch.prior, 0.5 * (prior + prior.T)[:4, :4])
+    joint = back @ prior @ back.transpose(0, 2, 1)
+    split = batch.transition @ prior[:4, :4] @ batch.transition.transpose(0, 2, 1)
+    split += batch.drift_position @ batch.drift_position.transpose(0, 2, 1)
+    np.testing.assert_allclose(split, joint, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(batch.transition @ prior[:4, :4], back @ prior[:, :4], rtol=1e-9, atol=1e-6)
+
+
+def test_without_attitude_there_is_no_drift():
+    batch = builder_of(*flown(TRAJECTORY)[:2]).build(np.diag(PRIOR_SIGMA[:4] ** 2))
+    assert batch.drift_position.shape == (SCANS, 2, 0)
+    assert batch.drift_reading.shape == (SCANS, 0)
+    age = 300.0 - batch.time
+    # a velocity error that ends with no tilt was, by Schuler, sin(w age) / w of a constant one
+    rate = np.sqrt(9.8 / 6.37e6)
+    np.testing.assert_allclose(batch.transition[:, 0, 2], -np.sin(rate * age) / rate, atol=0.2)
+    np.testing.assert_allclose(batch.transition[:, 1, 3], -np.sin(rate * age) / rate, atol=0.2)
+
+
+@pytest.mark.parametrize(("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)])
+def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduce):
+    position, velocity, attitude = flown(TRAJECTORY, ERRORS["all"])
+    true_position, true_velocity, true_attitude = flown(TRAJECTORY)
+    felt = felt_gravity(9.8, true_position[:, 0], 100.0, *true_velocity.T)
+    wrong = reduce(felt, position[:, 0], 100.0, *velocity.T) - reduce(
+        felt, true_position[:, 0], 100.0, *true_velocity.T
+    )
+    xi = np.concatenate([horizontal_difference(*position[-1], *true_position[-1]), (velocity - true_velocity)[-1]])
+    psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
+    batch = builder_of(position, velocity, quantity=quantity).build(independent_prior())
+    assert np.abs(wrong).max() > 2e-5
+    np.testing.assert_allclose(batch.reading_jacobian @ xi + batch.drift_reading @ psi, wrong, atol=3e-7)
+
+
+def test_other_quantities_are_not_reduced():
+    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="magnetic").build(random_covariance(PRIOR_SIGMA))
+    assert not batch.reading_jacobian.any()
+    assert not batch.drift_reading.any()
+
+
+@pytest.mark.parametrize(("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)])
+def test_correcting_brings_back_truth_and_its_readings(quantity, reduce):
+    error = np.array(ERRORS["all"])
+    position, velocity, attitude = flown(TRAJECTORY, error)
+    true_position, true_velocity, true_attitude = flown(TRAJECTORY)
+    felt = felt_gravity(9.8, true_position[:, 0], 100.0, *true_velocity.T)
+    builder = builder_of(position, velocity, reduce(felt, position[:, 0], 100.0, *velocity.T), quantity)
+    jump = np.concatenate([
+        -horizontal_difference(*position[-1], *true_position[-1]), (true_velocity - velocity)[-1],
+        (true_attitude[-1] * attitude[-1].inv()).as_rotvec(),
+    ])  # fmt: skip
+    builder.correct(300.0, jump)
+    batch = builder.build(random_covariance(PRIOR_SIGMA))
+    off = horizontal_difference(batch.latitude, batch.longitude, *true_position.T)
+    np.testing.assert_allclose(off, 0.0, atol=0.1)
+    np.testing.assert_allclose(batch.velocity, true_velocity, atol=2e-3)
+    right = reduce(felt, true_position[:, 0], 100.0, *true_velocity.T)
+    wrong = reduce(felt, position[:, 0], 100.0, *velocity.T)
+    assert np.abs(wrong - right).max() > 2e-5
+    np.testing.assert_allclose(batch.reading, right, atol=3e-7)
+
+
+def test_correcting_leaves_later_scans_alone_and_forgives_an_empty_builder():
+    position, velocity, _ = flown(TRAJECTORY)
+    builder = builder_of(position, velocity)
+    before = builder.build(independent_prior())
+    builder.correct(150.0, np.array([100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    after = builder.build(independent_prior())
+    moved = horizontal_difference(after.latitude, after.longitude, before.latitude, before.longitude)
+    np.testing.assert_allclose(moved[:15], [[100.0, 0.0]] * 15, atol=0.05)
+    assert not moved[15:].any()
+    BatchBuilder(Matcher(), "gravity").correct(10.0, np.ones(7))
+
+
+def test_batches_hold_context_and_count_what_is_new():
+    position, velocity, _ = flown(TRAJECTORY, scans=50)
+    builder = BatchBuilder(Matcher(batch_length=20, stride=10), "gravity", context=15)
+    lengths, new, first = [], [], []
+    for t in range(50):
+        assert not builder.ready or t == 0
+        builder.add_scan(float(t), *position[t], velocity[t], np.nan if t == 3 else 1e-5 * t, 1e-5)
+        if builder.ready:
+            batch = builder.build(independent_prior())
+            lengths.append(len(batch))
+            new.append(batch.new)
+            first.append(int(batch.time[0]))
+            assert batch.time[-1] == t
+    assert lengths == [20, 30, 35, 35]
+    assert first == [0, 0, 5, 15]
+    assert new == [20, 10, 10, 10]
+
+
+def test_scans_come_out_as_they_went_in():
+    position, velocity, _ = flown(TRAJECTORY)
+    batch = builder_of(position, velocity).build(independent_prior())
+    np.testing.assert_array_equal(np.column_stack([batch.latitude, batch.longitude]), position)
+    np.testing.assert_array_equal(batch.velocity, velocity)
+    np.testing.assert_array_equal(batch.reading, 1e-5 * np.arange(SCANS))
+    assert (batch.sigma == 1e-5).all()
+    assert (batch.offset == 2e-6).all()
+    assert batch.new == SCANS
