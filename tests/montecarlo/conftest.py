@@ -48,6 +48,7 @@ class Watcher:
         self.kept = 0
         self.reports = 0
         self.done: list[Chunk] = []
+        self.said: list[str] = []
 
     def begin(self, todo: Sequence[Chunk], kept: int) -> None:
         self.todo, self.kept = list(todo), kept
@@ -58,6 +59,9 @@ class Watcher:
 
     def finished(self, chunk: Chunk) -> None:
         self.done.append(chunk)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
 
 
 @pytest.fixture

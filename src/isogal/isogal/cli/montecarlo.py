@@ -1,5 +1,7 @@
 """``isogal montecarlo``: a scenario many times with other random numbers."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,8 +51,9 @@ def montecarlo(
     from isogal.maps.load import map_for_scenario
     from isogal.matching.registry import build_matcher
     from isogal.montecarlo.chunks import Case
+    from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.store import Store
-    from isogal.montecarlo.study import Backend
+    from isogal.montecarlo.study import Backend, compute_cases
     from isogal.scenario import load_scenario
     from isogal.sensors.trajectory import build_trajectory
 
@@ -65,7 +68,8 @@ def montecarlo(
     out.mkdir(parents=True, exist_ok=True)
 
     start = time.monotonic()
-    compute([case], store, backend, settings.matcher.name)
+    with ending_well(store.folder), LiveProgress(settings.matcher.name) as display:
+        compute_cases([case], store, backend, display)
     wall = time.monotonic() - start
 
     record = store.load(case)
@@ -79,24 +83,19 @@ def montecarlo(
         _print(summary, page)
 
 
-def compute(cases: Any, store: Any, backend: Any, what: str) -> None:
-    """Compute cases with live progress; ends the command with one line where that is interrupted or fails."""
-    from isogal.montecarlo.progress import LiveProgress
-    from isogal.montecarlo.study import Interrupted, compute_cases
+@contextmanager
+def ending_well(kept_in: Path) -> Iterator[None]:
+    """End the command with one line that says what is kept where the computation is interrupted or fails."""
+    from isogal.montecarlo.study import Interrupted
     from isogal.montecarlo.workers import WorkerError
 
     try:
-        with LiveProgress(what) as display:
-            compute_cases(cases, store, backend, display)
+        yield
     except Interrupted as error:
-        fail(
-            f"interrupted: {error.kept} of {error.total} runs are kept in {store.folder}; the same command goes on from there",
-            INTERRUPTED,
-        )
+        kept = f"{error.kept} of {error.total} runs are kept in {kept_in}"
+        fail(f"interrupted: {kept}; the same command goes on from there", INTERRUPTED)
     except WorkerError as error:
-        fail(f"{error}; finished runs are kept in {store.folder}", 1)
-    for line in store.damaged:
-        typer.echo(f"isogal: computed again: {line}", err=True)
+        fail(f"{error}; finished runs are kept in {kept_in}", 1)
 
 
 def _print(summary: dict[str, Any], page: Path) -> None:

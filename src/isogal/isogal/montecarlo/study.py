@@ -44,6 +44,9 @@ class Display(Protocol):
     def finished(self, chunk: Chunk) -> None:
         """Take note that a chunk is computed and kept."""
 
+    def say(self, text: str) -> None:
+        """Show a line."""
+
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C: what was finished is kept."""
@@ -85,6 +88,8 @@ def compute_cases(
     chunks = [chunk for key, case in distinct.items() for chunk in divide(case, missing[key], backend.count, memory)]
     total = sum(case.runs for case in distinct.values())
     kept = total - sum(len(runs) for runs in missing.values())
+    for damage in store.damaged:
+        display.say(f"computed again: {damage}")
     display.begin(chunks, kept)
     if not chunks:
         return

@@ -1,0 +1,85 @@
+"""``isogal paper``: the paper's tables and figures, simulated anew and set beside its values."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from isogal.cli.montecarlo import JsonOption, SchedulerOption, WorkersOption, ending_well
+
+
+def paper(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder of results, report, figures and finished runs.")
+    ],
+    runs: Annotated[
+        int, typer.Option("--runs", metavar="N", min=1, help="Runs of each case; the paper has 100.")
+    ] = 100,
+    map_: Annotated[
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="File or folder with gravity and gravity disturbance; default: the synthetic map.",
+        ),
+    ] = None,
+    duration: Annotated[
+        float, typer.Option("--duration", metavar="SECONDS", min=600.0, help="Simulated time of each run.")
+    ] = 12960.0,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Redo section 4 of the paper: Tables 4 and 6, all figures, every claim.
+
+    Writes report.html with all figures (PNG files beside it) and results.json. Finished runs are kept in DIR/runs: after Ctrl-C the same
+    command goes on from there.
+    """
+    from isogal.montecarlo.progress import LiveProgress
+    from isogal.montecarlo.study import Backend
+    from isogal.paper.cases import Plan
+    from isogal.paper.study import reproduce
+
+    backend = Backend(workers, scheduler)
+    plan = Plan(runs, None if map_ is None else str(Path(map_).expanduser()), duration)
+    with ending_well(out / "runs"), LiveProgress("paper") as display:
+        results, claims, page = reproduce(plan, out, backend, display)
+    if json:
+        typer.echo((out / "results.json").read_text(encoding="utf-8"), nl=False)
+    else:
+        _print(results, claims, page)
+
+
+def _print(results: Any, claims: Any, page: Path) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    from isogal.evaluation.report import number
+    from isogal.paper.cases import MATCHERS
+    from isogal.paper.published import ROWS
+
+    table = Table(box=SIMPLE_HEAD, title=f"Tables 4 and 6, {results.plan.runs} runs", title_justify="left")
+    for name in ("map", "sigma", "T"):
+        table.add_column(name)
+    for name in ("paper", *MATCHERS):
+        table.add_column(f"{name}\nmean (m)", justify="right")
+        table.add_column("div.", justify="right")
+    for row in ROWS:
+        cells = [
+            row.quantity,
+            f"{row.sigma:g}",
+            f"{row.batch_length}",
+            number(row.mean_error),
+            f"{row.divergence_rate:.0%}",
+        ]
+        for matcher in MATCHERS:
+            outcome = results.row(row, matcher)
+            cells += [number(outcome.mean), f"{outcome.diverged / len(outcome.run_means):.0%}"]
+        table.add_row(*cells)
+    console = Console()
+    console.print(table)
+    verdicts = [claim.verdict for claim in claims]
+    found = ", ".join(f"{verdicts.count(v)} {v}" for v in ("holds", "does not hold", "cannot tell"))
+    console.print(f"{len(claims)} claims: {found}", highlight=False)
+    console.print(f"{page}", highlight=False, soft_wrap=True)

@@ -1,0 +1,97 @@
+"""How the paper's matcher goes from the navigator's track to its fix, iteration by iteration (paper fig-64)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch, Candidates, Fix
+from isogal.matching.pmht_paper import PaperOptions, PmhtPaper
+from isogal.montecarlo.engine import simulate
+from isogal.paper.cases import Plan, Setting
+from isogal.paper.published import FIGURE_64_SCAN, ITERATIONS
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """One batch of T scans: positions in metres north and east of the true last scan."""
+
+    time: float
+    """s since the start, last scan."""
+    states: Array
+    """(I + 1, T, 2) m: where the navigator puts the scans, then after each iteration."""
+    truth: Array
+    """(T, 2) m."""
+    candidates: Array
+    """(N, 2) m."""
+    weight: Array
+    """(N,) in the last iteration."""
+
+    @property
+    def error(self) -> Array:
+        """(I + 1,) m, of the last scan."""
+        return np.hypot(self.states[:, -1, 0], self.states[:, -1, 1])
+
+    @property
+    def movement(self) -> Array:
+        """(I,) m, RMS movement of the scans in each iteration."""
+        return np.sqrt((np.diff(self.states, axis=0) ** 2).sum(axis=-1).mean(axis=-1))
+
+
+class Listener:
+    """A matcher that hands everything on to another one and keeps the batches."""
+
+    def __init__(self, inner: PmhtPaper) -> None:
+        self.inner = inner
+        self.name, self.context = inner.name, inner.context
+        self.heard: list[tuple[Batch, Any]] = []
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+        """Match (see `isogal.matching.interfaces.Matcher`)."""
+        self.heard.append((batch, memory))
+        return self.inner.match(batch, field_map, memory)
+
+
+def follow_iterations(plan: Plan) -> list[Snapshot]:
+    """Return every batch of run 0 that gives a fix, up to the paper's snapshot (T = 15, low noise, gravity)."""
+    setting = Setting(batch_length=15)
+    scenario, field_map = plan.scenario(setting), plan.field_map(setting)
+    duration = min(float(FIGURE_64_SCAN), scenario.route.duration or np.inf)
+    scenario = scenario.model_copy(update={"route": scenario.route.model_copy(update={"duration": duration})})
+    listener = Listener(PmhtPaper.from_settings(scenario.matcher))
+    simulate(scenario, [0], field_map, listener)
+    trajectory = build_trajectory(scenario)
+    snapshots = [_follow(batch, memory, field_map, trajectory) for batch, memory in listener.heard]
+    return [snapshot for snapshot in snapshots if snapshot is not None]
+
+
+def _follow(batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory) -> Snapshot | None:
+    fixes = []
+    for count in range(1, ITERATIONS + 1):
+        matcher = PmhtPaper(PaperOptions(iterations=count))
+        fix, _ = matcher.match(batch, field_map, memory)
+        if fix.scan_position is None:
+            return None
+        fixes.append(fix.scan_position)
+    candidates = fix.candidates or Candidates(np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64))
+    latitude = np.interp(batch.time, trajectory.time, trajectory.latitude)
+    longitude = np.interp(batch.time, trajectory.time, trajectory.longitude)
+    metres = np.array([float(m) for m in metres_per_radian(latitude[-1])])
+
+    def offset(there: Any) -> Array:
+        return (np.asarray(there) - [latitude[-1], longitude[-1]]) * metres
+
+    start = np.stack([batch.latitude, batch.longitude], axis=-1)
+    return Snapshot(
+        time=float(batch.time[-1]),
+        states=offset(np.stack([start, *fixes])),
+        truth=offset(np.stack([latitude, longitude], axis=-1)),
+        candidates=offset(np.stack([candidates.latitude, candidates.longitude], axis=-1)),
+        weight=candidates.weight,
+    )

@@ -1,0 +1,110 @@
+"""Examples of the map lookup function in one and in two dimensions (paper figs. 54a, 54)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.field_map import FieldMap
+from isogal.matching.lookup import lattice_spacing, lookup
+from isogal.matching.pda import association_weights, candidate_variance, combine
+from isogal.paper.cases import Plan, Setting
+from isogal.paper.published import FIGURE_54_CANDIDATES, FIGURE_54_READING_SIGMA, FIGURE_54_SIDE, LOW
+from isogal.seeds import generator
+from isogal.sensors.trajectory import build_trajectory
+
+Array = NDArray[np.float64]
+
+PROFILE_WINDOW = 4e3
+"""m, half width of the 1-D search window."""
+_REACH = 8e3
+"""m, half length of the profile."""
+_PLACES = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileExample:
+    """Map values along a line to the east, and where a reading may come from."""
+
+    offset: Array
+    """m east of the true place."""
+    profile: Array
+    centre: float
+    """m, prior."""
+    reading: float
+    candidates: Array
+    """m, within the window."""
+    ambiguous: float
+    """Share of places along the track whose reading has more than one candidate in the window."""
+
+
+def profile_example(plan: Plan) -> ProfileExample:
+    """Look readings up along the track; the example is the first place with three candidates, or as near to that as there is."""
+    trajectory, field_map = build_trajectory(plan.scenario(Setting())), plan.field_map(Setting())
+    offset = np.linspace(-_REACH, _REACH, 1601)
+    centre = 0.3 * PROFILE_WINDOW
+    error = LOW["gravity"] * generator(0, 0, "fig-54a").standard_normal()
+    examples = []
+    for place in range(0, len(trajectory), max(1, len(trajectory) // _PLACES)):
+        latitude, longitude = trajectory.latitude[place], trajectory.longitude[place]
+        profile = field_map.value(latitude, longitude + offset / float(metres_per_radian(latitude)[1]))
+        if np.isfinite(profile).all():
+            reading = float(np.interp(0.0, offset, profile)) + error
+            there = _crossings(offset, profile - reading)
+            examples.append((profile, reading, there[np.abs(there - centre) <= PROFILE_WINDOW]))
+    ambiguous = float(np.mean([len(there) > 1 for _, _, there in examples]))
+    profile, reading, candidates = min(examples, key=lambda example: abs(len(example[2]) - 3))
+    return ProfileExample(offset, profile, centre, reading, candidates, ambiguous)
+
+
+def _crossings(x: Array, y: Array) -> Array:
+    """Return where y changes its sign, by linear interpolation."""
+    at = np.flatnonzero((y[1:] > 0.0) != (y[:-1] > 0.0))
+    return x[at] - y[at] / (y[at + 1] - y[at]) * (x[at + 1] - x[at])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowExample:
+    """A search window about a wrong prior; metres north and east of its centre."""
+
+    truth: Array
+    candidates: Array
+    weight: Array
+    combined: Array
+    """PDA solution."""
+    sigma: float
+    """m, square root of R-bar."""
+    reading: float
+    latitude: float
+    longitude: float
+
+
+def window_example(plan: Plan) -> WindowExample:
+    """Look a reading up a third along the track, around a prior that errs by some hundred metres."""
+    trajectory = build_trajectory(plan.scenario(Setting()))
+    place = len(trajectory) // 3
+    latitude, longitude = float(trajectory.latitude[place]), float(trajectory.longitude[place])
+    return search_window_example(plan.field_map(Setting()), latitude, longitude)
+
+
+def search_window_example(field_map: FieldMap, latitude: float, longitude: float) -> WindowExample:
+    """Take the prior (rad) as centre of a 5 x 5 km window with 50 candidates (paper eqs. s2-01, s3-01 to s3-021)."""
+    random = generator(0, 0, "fig-54")
+    metres = tuple(float(m) for m in metres_per_radian(latitude))
+    truth = 0.12 * FIGURE_54_SIDE * random.standard_normal(2)
+    sigma = FIGURE_54_READING_SIGMA
+    value = float(field_map.value(latitude + truth[0] / metres[0], longitude + truth[1] / metres[1]))
+    reading = value + sigma * random.standard_normal()
+    half, spacing = np.full(2, 0.5 * FIGURE_54_SIDE), 250.0
+    offset, _, gradient = lookup(
+        *field_map.grid, latitude, longitude, metres, np.zeros((2, 2)), half, reading, (0.0, 0.0), spacing,
+        FIGURE_54_CANDIDATES,
+    )  # fmt: skip
+    step = lattice_spacing(field_map.grid[2], field_map.grid[4], metres, spacing)
+    variance = candidate_variance(sigma, (gradient**2).sum(axis=1), step, float(half[0] ** 2))
+    # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre
+    weight = association_weights(offset, np.zeros(2), variance + (half[0] / 3.0) ** 2)
+    combined, mean_variance = combine(offset, weight, variance)
+    return WindowExample(truth, offset, weight, combined, math.sqrt(mean_variance), float(reading), latitude, longitude)
