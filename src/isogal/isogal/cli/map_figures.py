@@ -55,7 +55,9 @@ def map_figure(
     height = frame.height + (_ACCURACY if stretches is not None else 0.0)
     figure = style.new_figure(height)
     top, bottom = figure, None
-    if stretches is not None:
+    if stretches is None:
+        figure.set_layout_engine("none")  # the maps stand where _frame puts them
+    else:
         top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(frame.height, _ACCURACY))[:, 0]
     panels = [top.add_axes(place) for place in frame.panels]
     levels = np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])

@@ -13,6 +13,9 @@ MOST_CELLS = 150_000_000
 """Cells that a reader takes into memory at once (1.2 GB); a larger map needs a window."""
 
 
+_ONCE = ", or make a file that says so with 'isogal map convert'"
+
+
 def check_size(cells: int, where: str) -> None:
     """Refuse a grid that would not fit into memory, before anything is read.
 
@@ -36,11 +39,13 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
         Not said, unknown, or not fitting.
     """
     if quantity is None:
-        raise InputError(f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}")
+        raise InputError(
+            f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}{_ONCE}"
+        )
     known = check_quantity(quantity, where)
     if unit is None:
         raise InputError(
-            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or one that converts to it)"
+            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or one that converts to it){_ONCE}"
         )
     inside, factor = unit_factor(unit, where)
     if inside != known.unit:
