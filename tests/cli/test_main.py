@@ -32,6 +32,11 @@ import typer
 from isogal.errors import InputError
 
 def plain(runs: Annotated[int, typer.Option(min=1)] = 3, out: Path = Path("out")) -> None:
+    \"\"\"Do something.
+
+    A sentence that the
+    source breaks goes on.
+    \"\"\"
     print(f"{runs} runs into {out}")
 
 def bad_input() -> None:
@@ -95,6 +100,11 @@ def test_every_listed_command_has_help() -> None:
         result = CliRunner().invoke(main.app, [name, "--help"])
         assert result.exit_code == 0, (name, result.output)
         assert "Usage: isogal " + name in " ".join(result.output.split())
+
+
+def test_the_help_fills_the_line(sample: None) -> None:
+    result = CliRunner().invoke(main.app, ["plain", "--help"], env={"COLUMNS": "100"})
+    assert any("A sentence that the source breaks goes on." in line for line in result.output.splitlines())
 
 
 def test_a_function_and_a_group_become_commands(sample: None) -> None:

@@ -55,9 +55,18 @@ def _load(name: str) -> Any:
         app = typer.Typer(add_completion=False)
         app.command(name)(target)
         target = app
-    command = get_command(target)
+    command: Any = get_command(target)
     command.name = name
+    _fill_paragraphs(command)
     return command
+
+
+def _fill_paragraphs(command: Any) -> None:
+    """Let the help of a command, which is its docstring, fill the terminal: keep paragraphs, drop the source's line ends."""
+    if command.help:
+        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in command.help.split("\n\n"))
+    for below in getattr(command, "commands", {}).values():
+        _fill_paragraphs(below)
 
 
 class _Isogal(TyperGroup):
