@@ -213,7 +213,8 @@ def _split(x, weight, most):  # type: ignore[no-untyped-def]
 def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
     """Return the separation of the best two-way cut of one group along its principal axes, and which samples it cuts off.
 
-    Along an axis the cut is Otsu's: the one with the largest variance between the sides.
+    Along an axis the cut is Otsu's: the one with the largest variance between the sides. Where neither axis separates anything, the
+    diagonals between them are tried, by two-means: four places at the corners of a square overlap when seen along a diagonal.
     """
     members = np.flatnonzero((labels == group) & (weight > 0.0))
     side = np.zeros(labels.shape[0], np.bool_)
@@ -267,4 +268,38 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
             side[:] = False
             for i in range(at + 1):
                 side[members[order[i]]] = True
+    if best <= SEPARATION:
+        for axis in range(2):
+            turn = angle + (0.25 + 0.5 * axis) * math.pi
+            cx, cy = math.cos(turn), math.sin(turn)
+            threshold = mean[0] * cx + mean[1] * cy
+            separation = 0.0
+            for _ in range(5):
+                separation, threshold = _two_means(x, weight, members, cx, cy, threshold)
+            if separation > best:
+                best = separation
+                side[:] = False
+                for s in members:
+                    side[s] = x[s, 0] * cx + x[s, 1] * cy < threshold
     return best, side
+
+
+@njit(cache=True, nogil=True)
+def _two_means(x, weight, members, cx, cy, threshold):  # type: ignore[no-untyped-def]
+    """Return separation and middle of the means on both sides of a threshold along an axis (Ridler & Calvard 1978, iterated)."""
+    w1 = s1 = q1 = w2 = s2 = q2 = 0.0
+    for s in members:
+        value = x[s, 0] * cx + x[s, 1] * cy
+        if value < threshold:
+            w1 += weight[s]
+            s1 += weight[s] * value
+            q1 += weight[s] * value * value
+        else:
+            w2 += weight[s]
+            s2 += weight[s] * value
+            q2 += weight[s] * value * value
+    if w1 <= 1e-4 * (w1 + w2) or w2 <= 1e-4 * (w1 + w2):
+        return 0.0, threshold
+    m1, m2 = s1 / w1, s2 / w2
+    spread = max(q1 / w1 - m1 * m1, 0.0) + max(q2 / w2 - m2 * m2, 0.0)
+    return math.sqrt(2.0) * (m2 - m1) / math.sqrt(spread + 1e-12), 0.5 * (m1 + m2)
