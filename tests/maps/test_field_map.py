@@ -74,6 +74,8 @@ def test_a_window_across_the_seam_of_a_global_map():
             field_map.value(0.01, np.radians(degrees)), abs=1e-16
         )
     assert np.isnan(part.value(0.01, np.radians(20.0)))
+    first = field_map.window(*np.radians([-5.0, 5.0, 1.0, 3.0]))
+    assert first.value(0.01, np.radians(1.0)) == pytest.approx(field_map.value(0.01, np.radians(1.0)), abs=1e-16)
     across = field_map.window(*np.radians([-5.0, 5.0, 175.0, -175.0]))
     assert across.value(0.01, np.radians(-179.9)) == pytest.approx(field_map.value(0.01, np.radians(180.1)), abs=1e-16)
 
