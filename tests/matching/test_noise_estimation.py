@@ -1,0 +1,111 @@
+"""A planted map error comes back: sigma within a factor of 1.4, length within 2.5, none where there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import make_batch
+from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
+from isogal.matching.noise_estimation import NoiseEstimate
+
+BASE = NoiseModel(bias_sigma=0.0)
+BATCHES = 12
+
+
+def estimate(
+    field_map,
+    sigma,
+    length,
+    batches=BATCHES,
+    scans=60,
+    noise=1e-5,
+    bias=0.0,
+    told=None,
+    error=(80.0, -60.0, 0.02, 0.01),
+):
+    it = None
+    for k in range(batches):
+        start = (-12e3 + 1500.0 * k, -12e3 + 1700.0 * (k % 5))
+        batch, _ = make_batch(
+            field_map,
+            error,
+            scans=scans,
+            sigma=noise,
+            prior_sigma=(100.0, 0.03),
+            start=start,
+            velocity=(17.0, 18.0),
+            seed=k,
+        )
+        random = np.random.default_rng(1000 + k)
+        R = residual_covariance(
+            batch.latitude, batch.longitude, np.full(scans, 1e-14), np.full(scans, sigma), length, 0.0
+        )
+        planted = np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
+        batch = replace(batch, reading=batch.reading + planted)
+        it = it or NoiseEstimate.start(batch, field_map)
+        likelihood = BatchLikelihood.of(batch, field_map, it.model(BASE))
+        it = it.update(batch, likelihood, field_map, np.zeros(4), bias if told is None else told)
+    return it
+
+
+@pytest.mark.parametrize(("sigma", "length"), [(3e-5, 4000.0), (1e-5, 2000.0), (6e-5, 1000.0)])
+def test_planted_sigma_and_length_come_back(rough_map, sigma, length):
+    model = estimate(rough_map, sigma, length).model(BASE)
+    assert sigma / 1.4 < model.map_sigma < sigma * 1.4
+    assert length / 2.5 < model.correlation_length < length * 2.5
+
+
+def test_a_right_map_is_found_right(rough_map):
+    it = estimate(rough_map, 0.0, 4000.0)
+    assert it.model(BASE).map_sigma < 3e-6  # a third of the sensor's noise
+    assert it.batches == BATCHES
+
+
+def test_a_bias_is_not_taken_for_map_error(rough_map):
+    model = estimate(rough_map, 1e-6, 4000.0, bias=1e-4).model(BASE)
+    assert model.map_sigma < 5e-6
+    not_told = estimate(rough_map, 1e-6, 4000.0, bias=1e-4, told=0.0).model(BASE)
+    assert not_told.map_sigma > 3e-5
+
+
+def test_it_sharpens_with_every_batch(rough_map):
+    few, many = (estimate(rough_map, 3e-5, 4000.0, batches=n) for n in (1, 8))
+    assert many.probability.max() > few.probability.max()
+    assert few.probability.sum() == pytest.approx(1.0)
+
+
+def test_start_knows_nothing_and_scales_with_the_map(rough_map):
+    batch, _ = make_batch(rough_map)
+    start = NoiseEstimate.start(batch, rough_map)
+    assert start.batches == 0
+    assert np.ptp(start.probability) == 0.0
+    tenfold = NoiseEstimate.start(batch, replace(rough_map, values=10.0 * rough_map.values))
+    np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
+    assert start.sigma[0] < 0.01 * rough_map.values.std() < 0.3 * rough_map.values.std() < start.sigma[-1]
+    flat = NoiseEstimate.start(batch, replace(rough_map, values=0.0 * rough_map.values))
+    assert (flat.sigma > 0.0).all()
+
+
+def test_new_readings_only_and_none_off_the_map(rough_map):
+    batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
+    start = NoiseEstimate.start(batch, rough_map)
+    half = replace(batch, new=15)
+    tail = replace(batch, reading=np.where(np.arange(30) < 15, np.nan, batch.reading))
+    results = [
+        start.update(b, BatchLikelihood.of(b, rough_map, BASE), rough_map, np.zeros(4), 0.0).log_evidence
+        for b in (half, tail)
+    ]
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-9)
+    away = np.array([1e6, 0.0, 0.0, 0.0])
+    assert start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away, 0.0) is start
+
+
+def test_differs_and_figures(rough_map):
+    batch, _ = make_batch(rough_map)
+    start = NoiseEstimate.start(batch, rough_map)
+    assert not start.differs(start)
+    shifted = replace(start, log_evidence=start.log_evidence - 100.0 * (np.arange(13)[:, None] != 3))
+    assert start.differs(shifted)
+    assert set(start.figures()) == {"map_sigma", "map_correlation_length_m"}
+    assert start.figures()["map_sigma"] == start.model(BASE).map_sigma
