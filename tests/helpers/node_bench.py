@@ -4,6 +4,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import convert, topics
 from isogal_ros.domain import claim_domain
-from isogal_ros.graph import node_class
+from isogal_ros.graph import Plan, node_class
 from isogal_ros.health import figures_of
+from isogal_ros.in_process import run_in_process
 from isogal_ros.node import graph_values
-from isogal_ros.spin import local_context, make_executor
+from isogal_ros.spin import Interrupt, local_context, make_executor
 from isogal_ros.stamps import from_seconds
 from isogal_ros.topics import Topic
 
@@ -143,3 +145,10 @@ def bench(name: str, scenario: Scenario, **own: Any):
             for node in (made.node, made.probe):
                 made.executor.remove_node(node)
                 node.destroy_node()
+
+
+def run_here(scenario: Scenario, bag: Path | None) -> Any:
+    """Run the graph in this process to its end."""
+    outcome = run_in_process(Plan(scenario, bag), Interrupt(), lambda progress: None)
+    assert not outcome.interrupted
+    return outcome

@@ -3,13 +3,13 @@
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.node_bench import run_here
 from isogal.maps.netcdf import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.domain import DOMAIN, claim_domain
@@ -68,14 +68,3 @@ def recording(tmp_path_factory: pytest.TempPathFactory, scenario: Callable[..., 
     bag = tmp_path_factory.mktemp("recording") / "bag"
     run_here(scenario(), bag)
     return bag
-
-
-def run_here(scenario: Scenario, bag: Path | None) -> Any:
-    """Run the graph in this process to its end."""
-    from isogal_ros.graph import Plan
-    from isogal_ros.in_process import run_in_process
-    from isogal_ros.spin import Interrupt
-
-    outcome = run_in_process(Plan(scenario, bag), Interrupt(), lambda progress: None)
-    assert not outcome.interrupted
-    return outcome

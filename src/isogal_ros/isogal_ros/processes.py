@@ -34,7 +34,7 @@ class Processes:
         folder.mkdir(parents=True, exist_ok=True)
         self.parameters = folder / "params.yaml"
         self.parameters.write_text(parameter_text(plan), encoding="utf-8")
-        environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid()), "ROS_LOG_DIR": str(folder)}
+        environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
         for name, value in DEFAULTS.items():
             environment.setdefault(name, value)
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -43,16 +43,10 @@ class Processes:
             self.running[name] = self._start(name, environment)
 
     def _start(self, name: str, environment: dict[str, str]) -> "subprocess.Popen[bytes]":
-        command = [
-            sys.executable,
-            "-m",
-            CLASSES[name][0],
-            "--ros-args",
-            "-r",
-            f"__node:={name}",
-            "--params-file",
-            str(self.parameters),
-        ]
+        parameters = ["--params-file", str(self.parameters)]
+        # what a node logs goes to its output, and that to a file
+        logging = ["--disable-external-lib-logs"]
+        command = [sys.executable, "-m", CLASSES[name][0], "--ros-args", "-r", f"__node:={name}", *logging, *parameters]
         with self.log(name).open("wb") as log:
             # a session of its own: Ctrl-C in the terminal reaches this process only, which ends the others in order
             return subprocess.Popen(

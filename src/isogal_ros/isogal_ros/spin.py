@@ -64,7 +64,9 @@ def local_context(domain: int) -> Iterator[Context]:
     for name, value in DEFAULTS.items():
         os.environ.setdefault(name, value)
     context = Context()
-    rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    # without log files, which would go to the user's home folder
+    arguments = ["--ros-args", "--disable-external-lib-logs"]
+    rclpy.init(args=arguments, context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield context
     finally:
