@@ -1,0 +1,215 @@
+"""The closed loop: a run's numbers are its own, fixes help, and matchers are treated as the interface says."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from helpers.navigators import ROUTE
+from isogal.earth.frames import horizontal_difference
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
+from isogal.montecarlo.engine import simulate, simulate_unaided
+from isogal.scenario import Gravimeter, InitialError, MapError, Matcher, Scenario
+from isogal.sensors.trajectory import build_trajectory
+
+MAP = field_map_of(wavy)
+
+
+def scenario(duration=600.0, **matcher) -> Scenario:
+    return Scenario(
+        route=ROUTE.model_copy(update={"duration": duration}),
+        initial_error=InitialError(position=300.0),
+        gravimeter=Gravimeter(quantity="disturbance"),
+        map_error=MapError(sigma=1e-5),
+        matcher=Matcher(**({"batch_length": 15, "map_sigma": 1e-5} | matcher)),
+    )
+
+
+def assert_same_run(a: Runs, i: int, b: Runs, j: int) -> None:
+    for name in (
+        "error",
+        "covariance",
+        "unaided_error",
+        "fix_error",
+        "fix_covariance",
+        "posterior_error",
+        "posterior_covariance",
+    ):
+        np.testing.assert_array_equal(getattr(a, name)[i], getattr(b, name)[j], err_msg=name)
+    assert a.fix_reason[i] == b.fix_reason[j]
+
+
+@pytest.mark.parametrize("settings", [
+    {"name": "pmht"}, {"name": "pmht-paper"}, {"name": "pmht", "mode": "retrodiction"}, {"name": "pmht-paper", "mode": "retrodiction"},
+    {"name": "pmht", "stride": 5}, {"name": "pmht", "map_sigma": "auto"},
+], ids=lambda s: "-".join(str(v) for v in s.values()))  # fmt: skip
+def test_a_run_alone_equals_itself_in_a_batch_bit_for_bit(settings):
+    it = scenario(duration=450.0, **settings)
+    together = simulate(it, [0, 7, 3], MAP)
+    assert any(reason is None for reasons in together.fix_reason for reason in reasons)
+    for i, run in enumerate([0, 7, 3]):
+        assert_same_run(simulate(it, [run], MAP), 0, together, i)
+    assert_same_run(simulate(it, [3, 0], MAP), 1, together, 0)
+    assert (together.error[0] != together.error[1]).any()
+
+
+@pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6)])
+def test_fixes_help(name, share):
+    runs = simulate(scenario(name=name), range(8), MAP)
+    aided, unaided = (np.sqrt((e[:, -1] ** 2).sum(axis=-1).mean()) for e in (runs.error, runs.unaided_error))
+    assert aided < share * unaided
+    published = sum(reason is None for reasons in runs.fix_reason for reason in reasons)
+    assert published > 8
+
+
+def test_record_of_the_loop():
+    it = scenario(stride=5)
+    trajectory = build_trajectory(it)
+    times = []
+    runs = simulate(it, [2, 4], MAP, progress=times.append)
+    np.testing.assert_array_equal(runs.time, np.arange(0.0, 601.0, 10.0))
+    assert times == list(runs.time[1:])
+    np.testing.assert_array_equal(runs.fix_time, np.arange(150.0, 601.0, 50.0))
+    np.testing.assert_array_equal(runs.latitude, trajectory.latitude[::10])
+    assert (runs.error[:, 0] == runs.unaided_error[:, 0]).all()
+    np.testing.assert_allclose(runs.covariance[:, 0], np.tile(300.0**2 * np.eye(2), (2, 1, 1)))
+    np.testing.assert_array_equal(runs.unaided_error, simulate_unaided(it, [2, 4], trajectory))
+    ends = np.searchsorted(runs.time, runs.fix_time)
+    np.testing.assert_array_equal(runs.posterior_error, runs.error[:, ends])
+    np.testing.assert_array_equal(runs.posterior_covariance, runs.covariance[:, ends])
+    assert (runs.fix_seconds > 0.0).all()
+    missing = np.array([[reason is not None for reason in reasons] for reasons in runs.fix_reason])
+    np.testing.assert_array_equal(np.isnan(runs.fix_error).all(axis=-1), missing)
+    detail = runs.detail
+    np.testing.assert_allclose(detail.map_value, MAP.value(runs.latitude[1:], runs.longitude[1:]))
+    assert detail.reading.shape == (60,)
+    assert np.abs(detail.reading - detail.map_value_navigator).max() < 1e-3
+
+
+@dataclass
+class Scripted:
+    """Answers by a function of the batch; remembers what it was given."""
+
+    answer: Any
+    context: int = 0
+    name: str = "scripted"
+    batches: list[Batch] = field(default_factory=list)
+    memories: list[Any] = field(default_factory=list)
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+        self.batches.append(batch)
+        self.memories.append(memory)
+        return self.answer(batch), (memory or 0) + 1
+
+
+def at(batch: Batch, latitude: float, longitude: float, sigma: float, **keys: Any) -> Fix:
+    return Fix(float(batch.time[-1]), latitude, longitude, sigma**2 * np.eye(2), **keys)
+
+
+def truth_at(it: Scenario, batch: Batch) -> tuple[float, float]:
+    trajectory = build_trajectory(it)
+    k = round(float(batch.time[-1]))
+    return float(trajectory.latitude[k]), float(trajectory.longitude[k])
+
+
+def test_without_fixes_the_navigator_only_predicts():
+    it = scenario()
+    runs = simulate(it, [0, 1], MAP, Scripted(lambda batch: declined(batch, "nothing")))
+    assert runs.fix_reason == (("nothing",) * 4,) * 2
+    assert np.isnan(runs.fix_error).all()
+    # the filter's mean goes with the strapdown but for what its known height and its nonlinearity add
+    np.testing.assert_allclose(runs.error, runs.unaided_error, atol=0.5)
+    trace = np.trace(runs.covariance[0], axis1=1, axis2=2)
+    assert (np.diff(trace) > 0.0).all()
+
+
+def test_position_fix_is_taken_by_its_covariance():
+    it = scenario()
+    runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, *truth_at(it, batch), 1.0)))
+    assert np.hypot(*runs.posterior_error[0].T).max() < 3.0
+    assert runs.posterior_covariance[0, :, 0, 0].max() < 1.0
+    np.testing.assert_allclose(runs.fix_error, 0.0, atol=1e-6)
+    vague = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, *truth_at(it, batch), 1e6)))
+    np.testing.assert_allclose(vague.error, vague.unaided_error, atol=0.5)
+
+
+def test_information_goes_before_position():
+    """A fix with information is used by that, wherever its position says it is."""
+    it = scenario(duration=150.0)
+    M = np.diag([1.0, 1.0, 0.0, 0.0]) / 10.0**2
+    shift = np.array([30.0, -20.0, 0.0, 0.0])  # the error it finds
+    information = Information(M @ shift, M)
+    runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, 0.0, 0.0, 1.0, information=information)))
+    before = simulate(it, [0], MAP, Scripted(lambda batch: declined(batch, "nothing")))
+    moved = (runs.error - before.error)[0, -1]
+    np.testing.assert_allclose(moved, -shift[:2], rtol=0.02)
+
+
+def test_a_reset_widens_even_without_a_fix():
+    it = scenario(duration=300.0)
+    scripted = Scripted(lambda batch: replace(declined(batch, "lost"), reset=batch.time[-1] == 150.0))
+    runs = simulate(it, [0], MAP, scripted)
+    assert runs.covariance[0, 15, 0, 0] > LOST_SIGMA[0] ** 2
+    assert runs.covariance[0, 14, 0, 0] < 400.0**2
+    assert scripted.batches[1].prior[0, 0] > 0.9 * LOST_SIGMA[0] ** 2
+    np.testing.assert_allclose(runs.error, runs.unaided_error, atol=20.0)
+
+
+def test_batches_come_as_the_matcher_wants_them():
+    it = scenario(stride=5)
+    scripted = Scripted(lambda batch: declined(batch, "nothing"), context=8)
+    simulate(it, [0], MAP, scripted)
+    assert [len(batch) for batch in scripted.batches] == [15, 20] + [23] * 8
+    assert [batch.new for batch in scripted.batches] == [15] + [5] * 9
+    assert [batch.time[-1] for batch in scripted.batches] == list(np.arange(150.0, 601.0, 50.0))
+    assert scripted.memories == [None, *range(1, 10)]
+
+
+def test_each_run_has_its_own_memory_and_batches():
+    it = scenario()
+    scripted = Scripted(lambda batch: declined(batch, "nothing"))
+    simulate(it, [5, 6], MAP, scripted)
+    assert scripted.memories == [None, None, 1, 1, 2, 2, 3, 3]
+    assert (scripted.batches[0].reading != scripted.batches[1].reading).all()
+
+
+def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
+    """After a perfect fix the older scans of the next, overlapping batch lie near the true track, and where the filter now says."""
+    it = scenario(stride=5)
+    scripted = Scripted(lambda batch: at(batch, *truth_at(it, batch), 0.1))
+    simulate(it, [0], MAP, scripted)
+    trajectory = build_trajectory(it)
+    first, second = scripted.batches[:2]
+    k = second.time[:10].round().astype(int)
+    assert (first.time[5:] == second.time[:10]).all()
+    before, after = (
+        np.hypot(
+            *horizontal_difference(b.latitude[s], b.longitude[s], trajectory.latitude[k], trajectory.longitude[k]).T
+        )
+        for b, s in ((first, slice(5, None)), (second, slice(0, 10)))
+    )
+    assert before.min() > 100.0
+    assert after[-1] < 1.0  # the scan of the fix
+    assert after.max() < 0.1 * before.min()
+
+
+def test_retrodiction_tells_of_the_past_states_it_corrects():
+    it = scenario(duration=300.0, mode="retrodiction")
+    told = []
+    runs = simulate(it, [0, 1], MAP, revised=lambda k, which, state: told.append((k, tuple(which), len(state))))
+    published = [b for b in range(2) if any(reasons[b] is None for reasons in runs.fix_reason)]
+    assert published
+    expected = [k for b in published for k in range(15 * b + 1, 15 * b + 16)]
+    assert [k for k, _, _ in told] == expected
+    assert all(len(which) == count for _, which, count in told)
+
+
+def test_a_map_that_does_not_cover_the_route():
+    small = field_map_of(wavy, half=3e3)
+    with pytest.raises(InputError, match="does not cover the route"):
+        simulate(scenario(), [0], small)
