@@ -54,6 +54,11 @@ class Batch:
     """(4, 4) covariance of xi according to the navigator; its mean is zero."""
     new: int
     """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
+    channel: NDArray[np.int64] | None = None
+    """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map. Rows are then scans times channels, and
+    the rows of a scan, one after the other, share its stamp."""
+    reading_covariance: Array | None = None
+    """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated; None = diag(sigma²)."""
 
     def __len__(self) -> int:
         return self.time.shape[0]

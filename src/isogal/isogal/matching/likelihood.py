@@ -8,6 +8,10 @@ and r = e + G d: e ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x
 noise of sensor and map quantisation q, map error with an exponential covariance, an unknown constant; and d ~ N(0, 1) the navigator's drift
 within the batch that xi does not explain, through the map's gradient and the reduction.
 
+A map that says how wrong it is from place to place (sigma_map on its nodes) has another R at every candidate. Its correlations are taken at
+the navigator's own place, its scale at the candidate: row t counts as r_t s_t(0) / s_t(xi) with s_t² = sigma_t² + sigma_map²(place), and
+log p loses log(s_t(xi) / s_t(0)). Exact where sensor noise or map error dominates or their ratio is even.
+
 Rows that an earlier batch has used come first (context). By the chain rule the new rows count given the old: with R = L L' and w = L⁻¹ r,
 the last components of w are the innovations of the new readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new what
 the drift does to them; the navigator's prior of d already knows the old readings. So log p = -½ (|w|² - |C⁻¹ D' w|²), C C' = 1 + D' D
@@ -24,8 +28,9 @@ from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
+from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap, Grid
-from isogal.maps.interpolation import value_and_gradient, values_and_gradients
+from isogal.maps.interpolation import bilinear_value, value_and_gradient
 from isogal.matching.interfaces import Batch
 
 Array = NDArray[np.float64]
@@ -71,10 +76,20 @@ class BatchLikelihood:
     """Row of the first reading that no earlier batch has used."""
     rows: NDArray[np.int64]
     """(T,) index of each row in the batch."""
+    channel: NDArray[np.int64]
+    """(T,) index of each row's map."""
+    sigma_grid: Array
+    """(C, n, m) 1-sigma of the maps' error at their nodes; (0,) where it is the same everywhere."""
+    least_sigma: float
+    """1-sigma that the map's error has at least."""
+    white: Array
+    """(T,) variance of what is not the map's error."""
+    total: Array
+    """(T,) that and the map's error at the navigator's place."""
 
     @classmethod
     def of(
-        cls, batch: Batch, field_map: FieldMap, noise: NoiseModel, extra_variance: Array | None = None
+        cls, batch: Batch, field_map: FieldMap | ChannelMap, noise: NoiseModel, extra_variance: Array | None = None
     ) -> "BatchLikelihood":
         """Prepare a batch; scans without a reading are left out.
 
@@ -86,15 +101,18 @@ class BatchLikelihood:
         extra = np.zeros(len(batch)) if extra_variance is None else extra_variance
         rows = np.flatnonzero(np.isfinite(batch.reading) & np.isfinite(extra))
         latitude, longitude = batch.latitude[rows], batch.longitude[rows]
-        map_sigma = np.maximum(noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude)))
+        maps = channels_of(field_map)
+        channel = np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
+        own_sigma = by_channel(field_map, channel, "sigma_at", latitude, longitude)
+        map_sigma = np.maximum(noise.map_sigma, np.nan_to_num(own_sigma))
+        rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
+        sensor = batch.sigma[rows] ** 2
+        white = sensor + extra[rows] + rounding
         covariance = residual_covariance(
-            latitude,
-            longitude,
-            batch.sigma[rows] ** 2 + extra[rows] + field_map.quantisation**2 / 12.0,
-            map_sigma,
-            noise.correlation_length,
-            noise.bias_sigma,
+            latitude, longitude, white, map_sigma, noise.correlation_length, noise.bias_sigma, channel
         )
+        if batch.reading_covariance is not None:
+            covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)
         north, east = metres_per_radian(latitude)
         likelihood = cls(
             grid=field_map.grid,
@@ -111,14 +129,23 @@ class BatchLikelihood:
             projection=np.empty((0, 0)),
             first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
             rows=rows,
+            channel=channel,
+            sigma_grid=_sigma_grid(maps),
+            least_sigma=noise.map_sigma,
+            white=white,
+            total=white + map_sigma**2,
         )
         return likelihood.with_drift_at(np.zeros(4))
 
     def log(self, xi: Array) -> Array:
         """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S, 4); -inf off the map."""
+        return self._log(xi, True)
+
+    def _log(self, xi: Array, determinant: bool) -> Array:
         return _log_likelihood(
-            *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, self.factor,
-            self.projection, self.first_new, np.ascontiguousarray(xi),
+            *self.grid, self.channel, self.sigma_grid, self.least_sigma, self.white, self.total, self.latitude, self.longitude,
+            self.radian, self.level, self.transition, self.jacobian, self.factor, self.projection, self.first_new,
+            np.ascontiguousarray(xi), determinant,
         )  # fmt: skip
 
     def residual(self, xi: Array) -> Array:
@@ -128,14 +155,26 @@ class BatchLikelihood:
     def linearise(self, xi: Array) -> tuple[Array, Array]:
         """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
         return _linearise(
-            *self.grid, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
-        )
+            *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
+        )  # fmt: skip
+
+    def covariance_at(self, xi: Array) -> Array:
+        """Return R (T, T) with the map's error as large as it is where the error xi (4,) says the readings were taken."""
+        if not self.sigma_grid.size:
+            return self.covariance
+        position = xi @ self.transition.transpose(0, 2, 1)
+        scale = _scales(
+            *self.grid[1:], self.channel, self.sigma_grid, self.least_sigma, self.white, self.total,
+            self.latitude - position[:, 0] * self.radian[:, 0], self.longitude - position[:, 1] * self.radian[:, 1],
+        )  # fmt: skip
+        return self.covariance * scale[:, None] * scale
 
     def drift_at(self, xi: Array) -> Array:
         """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the map has no gradient."""
         position = xi @ self.transition.transpose(0, 2, 1)
-        _, by_lat, by_lon = values_and_gradients(
+        by_lat, by_lon = _slopes(
             *self.grid,
+            self.channel,
             self.latitude - position[:, 0] * self.radian[:, 0],
             self.longitude - position[:, 1] * self.radian[:, 1],
         )
@@ -169,6 +208,9 @@ class BatchLikelihood:
             "drift_position",
             "drift_reading",
             "rows",
+            "channel",
+            "white",
+            "total",
         )
         kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[good]) for name in rows}
         likelihood = replace(
@@ -193,13 +235,17 @@ class BatchLikelihood:
         reduction = self.jacobian[:, 2:]
         covariance = self.covariance + sigma**2 * np.eye(len(self.level)) + reduction @ velocity @ reduction.T
         likelihood = replace(
-            self, covariance=covariance, factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+            self,
+            covariance=covariance,
+            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
+            white=self.white + sigma**2,
+            total=self.total + sigma**2,
         )
         return likelihood.with_drift_at(np.zeros(4))
 
     def misfit(self, xi: Array) -> float:
-        """Return the chi-square of the new readings at xi (4,): -2 `log`."""
-        return -2.0 * float(self.log(xi[None])[0])
+        """Return the chi-square of the new readings at xi (4,)."""
+        return -2.0 * float(self._log(xi[None], False)[0])
 
     @property
     def new_count(self) -> int:
@@ -222,15 +268,59 @@ def residual_covariance(
     map_sigma: Array,
     correlation_length: float,
     bias_sigma: float,
+    channel: NDArray[np.int64] | None = None,
 ) -> Array:
-    """Return R (T, T) of the module's equation; positions rad, the rest in the map's unit and m."""
+    """Return R (T, T) of the module's equation; positions rad, the rest in the map's unit and m.
+
+    Map errors and biases of different channels (T,) are independent.
+    """
     covariance = np.diag(white_variance)
+    together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
         apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         distance = 0.5 * (distance + distance.T)
-        covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length)
-    return covariance + bias_sigma**2
+        covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
+    return covariance + bias_sigma**2 * together
+
+
+def _sigma_grid(maps: tuple[FieldMap, ...]) -> Array:
+    """Return (C, n, m) the maps' 1-sigma at the nodes, or (0,) where each has one for all."""
+    if all(isinstance(one.sigma, float) for one in maps):
+        return np.empty(0)
+    if len(maps) == 1:
+        return np.asarray(maps[0].sigma)[None]
+    return np.stack([np.broadcast_to(one.sigma, one.values.shape) for one in maps])
+
+
+@njit(cache=True, nogil=True)
+def _scales(lat0, dlat, lon0, dlon, channel, sigma_grid, least_sigma, white, total, latitude, longitude):  # type: ignore[no-untyped-def]
+    """Return (T,) s(place) / s(navigator's place) at places (T,) rad."""
+    out = np.empty(latitude.shape[0])
+    for t in range(latitude.shape[0]):
+        sigma = bilinear_value(sigma_grid[channel[t]], lat0, dlat, lon0, dlon, latitude[t], longitude[t])
+        sigma = max(least_sigma, sigma if math.isfinite(sigma) else 0.0)
+        out[t] = math.sqrt((white[t] + sigma * sigma) / total[t])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _slopes(values, lat0, dlat, lon0, dlon, channel, latitude, longitude):  # type: ignore[no-untyped-def]
+    """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
+    by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
+    for t in range(latitude.shape[0]):
+        _, by_lat[t], by_lon[t] = _at(values, lat0, dlat, lon0, dlon, channel, t, latitude[t], longitude[t])
+    return by_lat, by_lon
+
+
+@njit(cache=True, nogil=True)
+def _at(values, lat0, dlat, lon0, dlon, channel, t, latitude, longitude):  # type: ignore[no-untyped-def]
+    """Return value and derivatives of a map (n, m), or of row t's among several (C, n, m); which it is is settled when compiling."""
+    if values.ndim == 2:
+        result = value_and_gradient(values, lat0, dlat, lon0, dlon, latitude, longitude)
+    else:
+        result = value_and_gradient(values[channel[t]], lat0, dlat, lon0, dlon, latitude, longitude)
+    return result
 
 
 @njit(cache=True, nogil=True)
@@ -240,6 +330,11 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     dlat,
     lon0,
     dlon,
+    channel,
+    sigma_grid,
+    least_sigma,
+    white,
+    variance,
     latitude,
     longitude,
     radian,
@@ -250,6 +345,7 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     projection,
     first_new,
     xi,
+    determinant,
 ):
     samples, rows = xi.shape[0], latitude.shape[0]
     out = np.empty(samples)
@@ -265,14 +361,24 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     for s in range(samples):
         a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
         total = 0.0
+        log_scale = 0.0
         for t in range(start, rows):
             f, j = transition[t], jacobian[t]
             north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
             east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
-            value, _, _ = value_and_gradient(
-                values, lat0, dlat, lon0, dlon, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-            )
+            lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+            if values.ndim == 2:  # known when compiling; not by `_at`, which would not be inlined
+                value, _, _ = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)
+            else:
+                value, _, _ = value_and_gradient(values[channel[t]], lat0, dlat, lon0, dlon, lat, lon)
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
+            if sigma_grid.ndim == 3:  # known when compiling
+                sigma = bilinear_value(sigma_grid[channel[t]], lat0, dlat, lon0, dlon, lat, lon)
+                sigma = max(least_sigma, sigma if math.isfinite(sigma) else 0.0)
+                ratio = (white[t] + sigma * sigma) / variance[t]
+                r /= math.sqrt(ratio)
+                if t >= first_new:
+                    log_scale += 0.5 * math.log(ratio)
             if not diagonal:
                 for u in range(t):
                     r -= factor[t, u] * whitened[u]
@@ -285,12 +391,14 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
             for t in range(first_new, rows):
                 explained += projection[t - first_new, m] * whitened[t]
             total -= explained * explained
+        if determinant:
+            total += 2.0 * log_scale
         out[s] = -0.5 * total if math.isfinite(total) else -np.inf
     return out
 
 
 @njit(cache=True, nogil=True)
-def _linearise(values, lat0, dlat, lon0, dlon, latitude, longitude, radian, level, transition, jacobian, xi):  # type: ignore[no-untyped-def]
+def _linearise(values, lat0, dlat, lon0, dlon, channel, latitude, longitude, radian, level, transition, jacobian, xi):  # type: ignore[no-untyped-def]
     rows = latitude.shape[0]
     residual = np.empty(rows)
     slope = np.empty((rows, 4))
@@ -302,9 +410,8 @@ def _linearise(values, lat0, dlat, lon0, dlon, latitude, longitude, radian, leve
             north += transition[t, 0, i] * xi[i]
             east += transition[t, 1, i] * xi[i]
             known -= jacobian[t, i] * xi[i]
-        value, by_lat, by_lon = value_and_gradient(
-            values, lat0, dlat, lon0, dlon, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-        )
+        lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+        value, by_lat, by_lon = _at(values, lat0, dlat, lon0, dlon, channel, t, lat, lon)
         residual[t] = known - value
         for i in range(4):
             slope[t, i] = (

@@ -337,7 +337,7 @@ def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray
     reach = slope @ covariance @ slope.T
     smooth = smooth_misfit(likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0)
     drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
+    return outliers(residual, likelihood.covariance_at(mean) + drift @ drift.T + reach + smooth, gate)
 
 
 def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArray[np.bool_]:
@@ -347,7 +347,7 @@ def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArr
     if not np.isfinite(residual).all():
         return np.zeros(len(residual), dtype=np.bool_)
     drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)
+    return outliers(residual, likelihood.covariance_at(mean) + drift @ drift.T + slope @ covariance @ slope.T, gate)
 
 
 def _consistency(result: Update, prior: Array) -> tuple[float, float, float]:
