@@ -1,10 +1,13 @@
 """The synthetic map: the same everywhere and always, like a real one along the default route."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.maps import synthetic
 from isogal.maps.axes import Window
 from isogal.maps.load import map_for_scenario, route_window
 from isogal.maps.netcdf import read_netcdf
@@ -88,19 +91,35 @@ def test_a_broken_cache_file_is_made_again(tmp_path, monkeypatch):
     np.testing.assert_array_equal(first.values, synthetic_map("gravity", part).values)
 
 
+def test_tiles_are_made_in_another_process_or_else_here(tmp_path, monkeypatch):
+    """A node must not keep the memory of the generator; without a second process the map comes all the same."""
+    part = window(20.5, 20.51, 30.5, 30.51)
+    here = []
+    real = synthetic.make_tile
+    monkeypatch.setattr(synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner))
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "one"))
+    seen = []
+    child = synthetic_map("gravity", part, lambda *a: seen.append(a))
+    assert not here and seen == [(1, 1)]
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "two"))
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    np.testing.assert_array_equal(synthetic_map("gravity", part).values, child.values)
+    assert here == [(20, 30)]
+
+
 def test_the_default_route_is_like_the_real_terrain(shared_data):
     """RMS of the disturbance and of its gradient along the default route; tolerances 10 %."""
     trajectory = build_trajectory(load_scenario())
     at = trajectory.latitude[::5], trajectory.longitude[::5]
     real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", route_window(*at))
-    synthetic = synthetic_map("disturbance", route_window(*at, 3000.0))
+    made = synthetic_map("disturbance", route_window(*at, 3000.0))
 
     def gradient_rms(field_map):
         _, north, east = field_map.value_and_gradient(*at)
         return np.sqrt(np.mean(north**2 + east**2))
 
-    assert np.sqrt(np.mean(synthetic.value(*at) ** 2)) == pytest.approx(36e-5, rel=0.1)
-    assert gradient_rms(synthetic) == pytest.approx(gradient_rms(real), rel=0.1)
+    assert np.sqrt(np.mean(made.value(*at) ** 2)) == pytest.approx(36e-5, rel=0.1)
+    assert gradient_rms(made) == pytest.approx(gradient_rms(real), rel=0.1)
 
 
 def test_scenarios_choose_it_by_quantity():

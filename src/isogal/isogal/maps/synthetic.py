@@ -21,7 +21,9 @@ gradient of gravity, RMS (median)    26.1 (8.0)      27.9 (11.4) mGal/km
 """
 
 import math
-from collections.abc import Callable, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -33,7 +35,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import MARGIN, Window
-from isogal.maps.cache import cache_folder, read_or_make
+from isogal.maps.cache import cache_folder, read_or_make, read_part
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import values_at
 from isogal.maps.noise import sum_of_octaves
@@ -101,20 +103,23 @@ def synthetic_map(quantity: str, window: Window, progress: Callable[[int, int], 
     check_size((high - low) * (right - left), "synthetic map")
     values = np.empty((high - low, right - left))
     makers: dict[Path, Callable[[], Sequence[bytes]]] = {}
+    index = list(QUANTA).index(quantity)
     places: dict[Path, list[tuple[int, int]]] = {}
     for row in range(low // CELLS, -(-high // CELLS)):
         for column in range(left // CELLS, -(-right // CELLS)):
             name = (row - 90, (column + 180) % 360 - 180)
-            path = cache_folder() / f"synthetic-{VERSION}" / _tile_name(*name)
+            path = _tile_path(*name)
             makers[path] = partial(make_tile, *name)
             places.setdefault(path, []).append((row * CELLS - low, column * CELLS - left))
-    for path, body in read_or_make(makers, list(QUANTA).index(quantity)):
+    absent = [path for path in makers if read_part(path, index) is None]
+    for done in _made_in_child(absent):
+        if progress is not None:
+            progress(len(makers) - len(absent) + done, len(makers))
+    for path, body in read_or_make(makers, index):
         tile = np.frombuffer(body, dtype="<i4").reshape(CELLS, CELLS)
         for top, side in places.pop(path):
             rows, columns = slice(max(-top, 0), high - low - top), slice(max(-side, 0), right - left - side)
             values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = tile[rows, columns]
-        if progress is not None:
-            progress(len(makers) - len(places), len(makers))
     return assemble(
         np.radians(-90.0 + STEP_DEG * (np.arange(low, high) + 0.5)),
         np.radians(STEP_DEG * (np.arange(left, right) + 0.5)),
@@ -130,8 +135,44 @@ def _cell(degrees: float) -> int:
     return math.floor(degrees / STEP_DEG)
 
 
-def _tile_name(south: int, west: int) -> str:
-    return f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}.tile"
+def _tile_path(south: int, west: int) -> Path:
+    name = f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}.tile"
+    return cache_folder() / f"synthetic-{VERSION}" / name
+
+
+def _corner(name: str) -> tuple[int, int]:
+    """Return south and west (deg) of a tile's file name."""
+    return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (-1 if name[3] == "W" else 1)
+
+
+def _made_in_child(paths: list[Path]) -> Iterator[int]:
+    """Make tiles in another process, so that this one never takes the memory that it needs (70 MB, most of it never given back).
+
+    Gives the number of tiles made. What the other process did not make, for whatever reason, `read_or_make` makes here.
+    """
+    if not paths:
+        return
+    command = [sys.executable, "-m", __spec__.name, *(path.name for path in paths)]
+    try:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as child:
+            assert child.stdout is not None
+            try:
+                for done, _ in enumerate(child.stdout, start=1):
+                    yield done
+            except BaseException:
+                child.terminate()
+                raise
+    except OSError:
+        return
+
+
+def _make_here(names: list[str]) -> None:
+    """Make tiles; print the name of each when it is there."""
+    makers: dict[Path, Callable[[], Sequence[bytes]]] = {
+        _tile_path(*_corner(name)): partial(make_tile, *_corner(name)) for name in names
+    }
+    for path, _ in read_or_make(makers, 0):
+        print(path.name, flush=True)
 
 
 def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
@@ -207,3 +248,7 @@ def _terrain_correction(height: Array, reach: tuple[int, int], cell: tuple[float
     first, second = (oaconvolve(power, kernel, mode="valid") for power in (level, level**2))
     integral = second - 2.0 * here * first + here**2 * kernel.sum()
     return _PLATE / (4.0 * math.pi) * cell[0] * cell[1] * integral
+
+
+if __name__ == "__main__":
+    _make_here(sys.argv[1:])
