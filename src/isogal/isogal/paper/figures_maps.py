@@ -59,7 +59,11 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
     )
     for number, place in enumerate(candidates, start=1):
         panel.annotate(
-            f"$x_{number}$", (place / 1e3, float(scale(reading))), xytext=(4, -13), textcoords="offset points"
+            f"$x_{number}$",
+            (place / 1e3, float(scale(reading))),
+            xytext=(0, 8),
+            textcoords="offset points",
+            ha="center",
         )
     panel.set_xlim(float(km[0]), float(km[-1]))
     panel.set_xlabel("east of the true place (km)")

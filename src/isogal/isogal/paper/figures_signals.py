@@ -85,10 +85,11 @@ def iterations_figure(results: Results) -> "Figure":
             markersize=7 if style_ == "*" else 5.5, linewidth=2.0, label=label,
         )  # fmt: skip
     path = np.concatenate([shot.truth, shot.states.reshape(-1, 2)])
-    low, high = path.min(axis=0) - 900.0, path.max(axis=0) + 900.0
-    panel.set_xlim(low[1] * km, high[1] * km)
-    panel.set_ylim(low[0] * km, high[0] * km)
-    panel.set_aspect("equal", adjustable="datalim")
+    centre = 0.5 * (path.min(axis=0) + path.max(axis=0)) * km
+    half = 0.5 * float(np.ptp(path, axis=0).max()) * km + 0.9
+    panel.set_xlim(centre[1] - half, centre[1] + half)
+    panel.set_ylim(centre[0] - half, centre[0] + half)
+    panel.set_aspect("equal")
     panel.set_xlabel("east of the last scan (km)")
     panel.set_ylabel("north of the last scan (km)")
     panel.set_title(f"batch that ends at {shot.time:.0f} s", loc="left")

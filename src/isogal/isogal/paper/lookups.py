@@ -103,8 +103,10 @@ def search_window_example(field_map: FieldMap, latitude: float, longitude: float
         FIGURE_54_CANDIDATES,
     )  # fmt: skip
     step = lattice_spacing(field_map.grid[2], field_map.grid[4], metres, spacing)
-    variance = candidate_variance(sigma, (gradient**2).sum(axis=1), step, float(half[0] ** 2))
+    variance = candidate_variance(sigma, gradient, step, float(half[0] ** 2))
     # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre
     weight = association_weights(offset, np.zeros(2), variance + (half[0] / 3.0) ** 2)
-    combined, mean_variance = combine(offset, weight, variance)
-    return WindowExample(truth, offset, weight, combined, math.sqrt(mean_variance), float(reading), latitude, longitude)
+    north, east, mean_variance = combine(offset, weight, variance)
+    return WindowExample(
+        truth, offset, weight, np.array([north, east]), math.sqrt(mean_variance), float(reading), latitude, longitude
+    )

@@ -1,0 +1,200 @@
+"""Verdicts follow from the numbers: made-up outcomes, both ways."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isogal.paper import claims
+from isogal.paper.cases import DEFAULT, PAPER, Plan, Setting, table_settings, unaided_settings
+from isogal.paper.claims import FAILS, HOLDS, OPEN, benefit_time, decide, paired, quantum_gain, rate_interval
+from isogal.paper.iterations import Snapshot
+from isogal.paper.measure import Outcome, Tracks, roughness
+from isogal.paper.results import AlongTrack, Results
+
+TIME = np.arange(0.0, 12961.0, 60.0)
+RUNS = 100
+
+
+def outcome(setting: Setting, mean: float = 100.0, diverged: int = 0, spread: float = 0.1, seed: int = 0) -> Outcome:
+    """Runs whose errors scatter about a constant, beside a drift of 1 km in 3.6 h."""
+    random = np.random.default_rng(seed)
+    per_run = mean * (1.0 + spread * random.standard_normal(RUNS))
+    error = per_run[:, None] * np.ones(TIME.size)
+    drift = 1000.0 * (TIME / TIME[-1]) * np.abs(1.0 + 0.3 * random.standard_normal((RUNS, 1)))
+    summary: dict[str, Any] = {"diverged": diverged}
+    return Outcome(setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], None)
+
+
+def all_outcomes(change: Callable[[Setting], dict[str, Any]] = lambda _: {}) -> dict[Setting, Outcome]:
+    settings = [*table_settings(), *unaided_settings(), Setting(matcher="tercom")]
+    return {setting: outcome(setting, **change(setting)) for setting in settings}
+
+
+def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
+    noise = np.random.default_rng(1).standard_normal((1, TIME.size, 2))
+    rough, smooth = 20.0 * noise, np.cumsum(noise, axis=1)
+    kinds = {
+        (length, mode): Setting(batch_length=length, mode=mode)
+        for length in (30, 15)
+        for mode in ("standard", "retrodiction")
+    }
+    tracks = {s: Tracks(s, TIME, rough, smooth if mode == "retrodiction" else rough) for (_, mode), s in kinds.items()}
+    variability = np.where(TIME <= 3600.0, 1e-10, 4e-10)
+    values: dict[str, Any] = {
+        "plan": Plan(RUNS, None, 12960.0),
+        "outcomes": MappingProxyType(outcomes),
+        "spreads": (),
+        "tracks": tracks,
+        "snapshots": (),
+        "drift": {(3e-4, "precision"): 1380.0, (3e-4, "quantum_accelerometer"): 1379.0},
+        "signal": {
+            q: AlongTrack(TIME, np.sin(TIME / 500.0), variability, variability / 2e-10)
+            for q in ("gravity", "disturbance")
+        },
+        "profile": None,
+        "window": None,
+    }
+    return Results(**(values | changes))
+
+
+def verdict(key: str, measured: Results) -> str:
+    (function,) = [decide_ for name, _, _, decide_ in claims._REGISTER if name == key]
+    text, answer = function(measured)
+    assert text.endswith((".", ")."))
+    return answer
+
+
+def test_decide() -> None:
+    assert [decide(True, False), decide(False, True), decide(False, False)] == [HOLDS, FAILS, OPEN]
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "low", "high"),
+    [(0, 100, 0.0, 0.0362), (6, 100, 0.0223, 0.1260), (100, 100, 0.9638, 1.0), (1, 2, 0.0126, 0.9874)],
+)
+def test_interval_of_a_share(count: int, total: int, low: float, high: float) -> None:
+    # tabulated 95 % intervals, for example Fleiss, Levin and Paik (2003)
+    assert rate_interval(count, total) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_paired_difference_uses_common_runs() -> None:
+    a, b = outcome(Setting(), 100.0), outcome(Setting(), 101.0)  # the same random numbers
+    assert paired(b, a) > 50.0
+    assert paired(a, b) == -paired(b, a)
+    assert abs(paired(outcome(Setting(), 100.0, seed=3), outcome(Setting(), 100.5, seed=4))) < 2.0
+    assert paired(a, a) == 0.0
+
+
+def test_noise_and_batch_length_trends() -> None:
+    worse_by_noise = all_outcomes(
+        lambda s: {"mean": 100.0 * (5 if s.sigma > 1.5e-5 else 1) * (2 if s.batch_length == 15 else 1)}
+    )
+    assert verdict("sensor", results(worse_by_noise)) == HOLDS
+    assert verdict("shorter batches", results(worse_by_noise)) == HOLDS
+    assert verdict("T and noise", results(worse_by_noise)) == HOLDS
+    turned = all_outcomes(
+        lambda s: {"mean": 100.0 / (5 if s.sigma > 1.5e-5 else 1) / (2 if s.batch_length == 15 else 1)}
+    )
+    assert verdict("sensor", results(turned)) == FAILS
+    assert verdict("shorter batches", results(turned)) == FAILS
+    assert verdict("sensor", results(all_outcomes(lambda s: {"seed": hash(s) % 1000}))) == OPEN
+
+
+def test_divergence() -> None:
+    as_published = all_outcomes(lambda s: {"diverged": 22 if s.sigma > 1.5e-5 else 0})
+    assert verdict("divergence by noise", results(as_published)) == HOLDS
+    assert verdict("no divergence", results(as_published)) == HOLDS
+    assert verdict("short batch suffices", results(as_published)) == HOLDS
+    none = all_outcomes()
+    assert verdict("divergence by noise", results(none)) == FAILS  # 0 of 100 excludes even 6 %
+    few = {setting: replace(value, error=value.error[:20]) for setting, value in none.items()}
+    assert verdict("divergence by noise", results(few)) == OPEN
+    often = all_outcomes(lambda s: {"diverged": 10})
+    assert verdict("no divergence", results(often)) == FAILS
+
+
+def test_published_level() -> None:
+    assert verdict("500 m", results(all_outcomes(lambda s: {"mean": 520.0}))) == HOLDS
+    assert verdict("500 m", results(all_outcomes(lambda s: {"mean": 135.0}))) == FAILS
+
+
+def test_unaided_and_bounded() -> None:
+    assert verdict("unbounded", results(all_outcomes())) == HOLDS
+    assert verdict("bounded", results(all_outcomes())) == HOLDS
+    growing = all_outcomes()
+    for setting, value in growing.items():
+        growing[setting] = replace(value, error=value.unaided, unaided=np.full_like(value.unaided, 100.0))
+    assert verdict("bounded", results(growing)) == FAILS
+    assert verdict("unbounded", results(growing)) == FAILS
+
+
+def test_benefit_begins_where_the_aided_error_stays_below() -> None:
+    made = outcome(Setting(), 500.0)
+    crossing = TIME[np.flatnonzero(made.rms >= made.unaided_rms)[-1] + 1]
+    assert benefit_time(made) == crossing
+    assert np.isnan(benefit_time(outcome(Setting(), 5000.0)))
+    assert verdict("benefit", results(all_outcomes(lambda s: {"mean": 570.0}))) == HOLDS
+    assert verdict("benefit", results(all_outcomes(lambda s: {"mean": 10.0}))) == FAILS
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(0.94, HOLDS), (0.997, FAILS)])
+def test_quantum_gain(factor: float, expected: str) -> None:
+    outcomes = all_outcomes()
+    random = np.random.default_rng(5)
+    better = Setting(grade="quantum_accelerometer", aided=False)
+    scatter = factor * (1.0 + 0.01 * random.standard_normal((RUNS, 1)))
+    outcomes[better] = replace(outcomes[better], unaided=outcomes[Setting(aided=False)].unaided * scatter)
+    gain, error = quantum_gain(results(outcomes))
+    assert abs(gain - (1.0 - factor)) < 4 * error < 0.02
+    assert verdict("quantum gain", results(outcomes)) == expected
+
+
+def test_first_hour_needs_its_premise() -> None:
+    outcomes = all_outcomes()
+    key = Setting("disturbance", 1e-6, 30)
+    large_first = np.where(TIME <= 3600.0, 5.0, 1.0) * outcomes[key].error
+    outcomes[key] = replace(outcomes[key], error=large_first)
+    assert verdict("first hour", results(outcomes)) == HOLDS
+    flat = AlongTrack(TIME, np.sin(TIME), np.full(TIME.size, 1e-10), np.ones(TIME.size))
+    assert verdict("first hour", results(outcomes, signal={"disturbance": flat})) == OPEN
+    assert verdict("first hour", results(all_outcomes())) == FAILS
+
+
+def snapshot(movement: float, before: float, after: float) -> Snapshot:
+    states = np.zeros((16, 15, 2))
+    states[:, :, 0] = after + movement * np.arange(16)[::-1, None]
+    states[0, -1, 0] = before
+    return Snapshot(150.0, states, np.zeros((15, 2)), np.zeros((1, 2)), np.ones(1))
+
+
+def test_iterations() -> None:
+    good = tuple(snapshot(0.01, 500.0, 50.0) for _ in range(30))
+    bad = tuple(snapshot(50.0, 50.0, 500.0) for _ in range(30))
+    assert verdict("iterations", results(all_outcomes(), snapshots=good)) == HOLDS
+    assert verdict("drag", results(all_outcomes(), snapshots=good)) == HOLDS
+    assert verdict("iterations", results(all_outcomes(), snapshots=bad)) == FAILS
+    assert verdict("drag", results(all_outcomes(), snapshots=bad)) == FAILS
+    assert verdict("drag", results(all_outcomes())) == OPEN
+
+
+def test_smoothness() -> None:
+    assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(np.sqrt(12.5))
+    assert verdict("retrodiction", results(all_outcomes())) == HOLDS
+
+
+def test_area_correlation() -> None:
+    worse = all_outcomes(lambda s: {"mean": 400.0 if s.matcher == "tercom" else 100.0})
+    better = all_outcomes(lambda s: {"mean": 50.0 if s.matcher == "tercom" else 100.0})
+    assert verdict("little data", results(worse)) == HOLDS
+    assert verdict("little data", results(better)) == FAILS
+
+
+def test_the_verdicts_are_the_papers_matcher_s() -> None:
+    only_default = all_outcomes(lambda s: {"mean": 520.0 if s.matcher == DEFAULT else 100.0})
+    only_paper = all_outcomes(lambda s: {"mean": 520.0 if s.matcher == PAPER else 100.0})
+    assert verdict("500 m", results(only_default)) == FAILS
+    assert verdict("500 m", results(only_paper)) == HOLDS

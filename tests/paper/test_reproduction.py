@@ -1,0 +1,77 @@
+"""`isogal paper` in miniature: two runs of half an hour on a small map."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from isogal.paper.claims import FAILS, HOLDS, OPEN
+from isogal.paper.published import ROWS
+
+ISOGAL = Path(sys.executable).with_name("isogal")
+FIGURES = ["51", "52", "54", "54a", "56", "56a", "56b", "57", "60", "61", "61a", "64"]
+EXTRA = ["retrodiction", "sensitivity", "unaided-spread"]
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def reproduce(out: Path, map_: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [ISOGAL, "paper", "--out", out, "--map", map_, "--runs", "2", "--duration", "1800", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+
+
+@pytest.fixture(scope="module")
+def page(two_maps: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("paper")
+    result = reproduce(out, two_maps)
+    assert result.returncode == 0, result.stderr
+    assert "Tables 4 and 6, 2 runs" in result.stdout
+    return out
+
+
+def test_every_figure_is_there_alone_and_in_the_page(page: Path) -> None:
+    names = [*(f"fig-{name}" for name in FIGURES), *EXTRA]
+    for name in names:
+        assert (page / f"{name}.png").stat().st_size > 15_000, name
+    html = (page / "report.html").read_text()
+    assert html.count("<img") == len(names)
+    for name in FIGURES:
+        assert f"Paper fig. {name}." in html
+    assert not re.search(r'src="(?!data:)', html)
+
+
+def test_every_row_and_claim_is_there(page: Path) -> None:
+    document = json.loads((page / "results.json").read_text())
+    rows = [row for table in ("4", "6") for row in document["tables"][table]]
+    assert [(r["batch_length"], r["sigma"]) for r in rows] == [(r.batch_length, r.sigma) for r in ROWS]
+    for row in rows:
+        for matcher in ("pmht-paper", "pmht"):
+            assert row[matcher]["mean"] > 0.0
+            assert 0.0 <= row[matcher]["divergence_rate"] <= 1.0
+    assert [entry["grade"] for entry in document["unaided"]] == ["precision", "quantum_accelerometer", "quantum"]
+    assert len(document["claims"]) >= 20
+    html = (page / "report.html").read_text()
+    for claim in document["claims"]:
+        assert claim["verdict"] in (HOLDS, FAILS, OPEN)
+        assert claim["measured"]
+        assert claim["where"] in html
+    assert "nan" not in json.dumps(document["claims"]).lower()
+
+
+def test_once_more_from_disk_with_other_workers_gives_the_same(page: Path, two_maps: Path) -> None:
+    before = json.loads((page / "results.json").read_text())
+    files = sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
+    result = reproduce(page, two_maps, "--workers", "1", "--json")
+    assert result.returncode == 0, result.stderr
+    assert {**json.loads(result.stdout), "time": None} == {**before, "time": None}
+    assert files == sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
+
+
+def test_map_that_does_not_cover_the_route_is_one_line(two_maps: Path, tmp_path: Path) -> None:
+    result = reproduce(tmp_path / "out", two_maps, "--duration", "9000")
+    assert result.returncode == 2
+    assert re.fullmatch(r"isogal: --map: .*does not cover the route.*\n", result.stderr)
+    assert not (tmp_path / "out").exists()
