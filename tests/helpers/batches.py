@@ -68,9 +68,10 @@ def make_batch(
     transition[:, 0, 0] = transition[:, 1, 1] = 1.0
     transition[:, 0, 2] = transition[:, 1, 3] = -age
     at_scan = np.concatenate([transition @ xi, np.broadcast_to(xi[2:], (scans, 2))], axis=1)
-    metres = np.array(metres_per_radian(ORIGIN[0]))
+    metres = np.array(metres_per_radian(ORIGIN[0] + start[0] / metres_per_radian(ORIGIN[0])[0]))
     true = np.array(start) + np.array(velocity) * (INTERVAL * np.arange(scans))[:, None]
-    latitude, longitude = (np.array(ORIGIN) + true / metres).T
+    middle = np.array(metres_per_radian(ORIGIN[0]))
+    latitude, longitude = (np.array(ORIGIN) + np.array(start) / middle + (true - np.array(start)) / metres).T
     noise = np.zeros(scans) if seed is None else sigma * np.random.default_rng(seed).standard_normal(scans)
     slope = np.einsum("i,tij->tj", np.array(jacobian)[:2], transition)
     slope[:, 2:] += np.array(jacobian)[2:]

@@ -13,6 +13,12 @@ from isogal.scenario import Matcher as MatcherSettings
 MATCHERS: dict[str, str] = {
     "pmht-paper": "isogal.matching.pmht_paper:PmhtPaper.from_settings",
     "pmht": "isogal.matching.pmht:Pmht.from_settings",
+    "tercom": "isogal.matching.tercom:Tercom.from_settings",
+    "iccp": "isogal.matching.iccp:Iccp.from_settings",
+    "sitan": "isogal.matching.sitan:Sitan.from_settings",
+    "particle": "isogal.matching.particle:Particle.from_settings",
+    "point-mass": "isogal.matching.point_mass:PointMass.from_settings",
+    "viterbi": "isogal.matching.viterbi:Viterbi.from_settings",
 }
 
 

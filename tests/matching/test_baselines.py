@@ -1,0 +1,153 @@
+"""What holds for every baseline matcher; what each alone does is in its own file."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, make_batch
+from isogal.errors import InputError
+from isogal.matching.registry import MATCHERS, build_matcher
+from isogal.scenario import Matcher
+
+NAMES = ["tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"]
+BAYESIAN = ["sitan", "particle", "point-mass", "viterbi"]
+DRIFT = (300.0, -200.0, 0.05, 0.03)
+GRAVIMETER = (-8e-9, 0.0, 6e-6, 1.2e-4)
+"""What wrong latitude and velocity do to a disturbance (SCIENCE: 0.8 mGal/km, Eötvös)."""
+
+
+def build(name, **settings):
+    return build_matcher(Matcher(name=name, **settings))
+
+
+def test_all_names_of_a_scenario_are_registered():
+    assert set(NAMES) <= set(MATCHERS)
+    for name in NAMES:
+        matcher = build(name)
+        assert (matcher.name, matcher.context) == (name, 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_knows_where_the_vehicle_is_and_how_well(rough_map, name):
+    # the same prior that the errors are drawn from; the posterior is what a filter has after the fix
+    prior = np.diag([150.0**2, 150.0**2, 0.05**2, 0.05**2])
+    nees, ratio = [], []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        xi = np.sqrt(np.diag(prior)) * random.standard_normal(4)
+        batch, truth = make_batch(
+            rough_map, xi, seed=seed, sigma=2e-5, prior=prior, start=random.uniform(-25e3, 20e3, 2), jacobian=GRAVIMETER
+        )
+        fix, _ = build(name).match(batch, rough_map, None)
+        if not fix.published:
+            continue
+        gain = prior[:2, :2] @ np.linalg.inv(prior[:2, :2] + fix.covariance)
+        error = xi[:2] - gain @ (xi[:2] - truth.error_of(fix))
+        covariance = (np.eye(2) - gain) @ prior[:2, :2]
+        nees.append(error @ np.linalg.solve(covariance, error) / 2.0)
+        ratio.append(np.hypot(*error) / np.hypot(*xi[:2]))
+    assert len(nees) >= 50
+    assert np.median(ratio) < {"iccp": 0.8}.get(name, 0.55)
+    # 60 values of chi-square(2)/2: mean 1 +- 0.13, 99.9 % below 1.45; ICCP is cautious, none may be overconfident
+    assert 0.15 < np.mean(nees) < 1.6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_same_batch_same_fix_and_memory_untouched(rough_map, name):
+    batch, _ = make_batch(rough_map, DRIFT)
+    one, memory = build(name).match(batch, rough_map, None)
+    other, _ = build(name).match(batch, rough_map, None)
+    assert memory is None
+    assert (one.latitude, one.longitude) == (other.latitude, other.longitude)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_less_to_say_with_a_bad_sensor(rough_map, name):
+    variances = []
+    for sigma in (1e-5, 8e-5):
+        batch, _ = make_batch(rough_map, DRIFT, sigma=sigma, prior_sigma=(300.0, 0.05))
+        fix, _ = build(name).match(batch, rough_map, None)
+        variances.append(np.trace(fix.covariance) if fix.published else np.inf)
+    assert variances[0] < variances[1]
+    assert np.isfinite(variances[0])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_map_error_is_white_noise(rough_map, name):
+    batch, _ = make_batch(rough_map, DRIFT, sigma=1e-5)
+    doubted, _ = build(name, map_sigma=np.sqrt(15.0) * 1e-5).match(batch, rough_map, None)
+    noisy, _ = build(name).match(dataclasses.replace(batch, sigma=np.full(30, 4e-5)), rough_map, None)
+    assert doubted.reason == noisy.reason
+    np.testing.assert_allclose(doubted.covariance, noisy.covariance, rtol=1e-6)
+    automatic, _ = build(name, map_sigma="auto").match(batch, rough_map, None)
+    plain, _ = build(name).match(batch, rough_map, None)
+    np.testing.assert_array_equal(automatic.covariance, plain.covariance)
+
+
+@pytest.mark.parametrize("name", ["tercom", "sitan", "particle", "point-mass"])
+def test_an_unknown_bias_is_put_up_with(rough_map, name):
+    bias = 5e-5
+    batch, truth = make_batch(rough_map, (150.0, -100.0, 0.02, 0.02), sigma=2e-6, prior_sigma=(200.0, 0.05))
+    batch = dataclasses.replace(batch, reading=batch.reading + bias)
+    fix, _ = build(name, bias_sigma=bias).match(batch, rough_map, None)
+    assert fix.published
+    error = truth.error_of(fix)
+    assert error @ np.linalg.solve(fix.covariance, error) < 18.4  # chi-square(2), 1e-4
+    assert np.hypot(*error) < 100.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_offsets_belong_to_the_readings(rough_map, name):
+    batch, _ = make_batch(rough_map, DRIFT)
+    plain, _ = build(name).match(batch, rough_map, None)
+    offset = 1e-4 * np.sin(np.arange(30.0))
+    shifted, _ = build(name).match(
+        dataclasses.replace(batch, offset=offset, reading=batch.reading + offset), rough_map, None
+    )
+    np.testing.assert_allclose([shifted.latitude, shifted.longitude], [plain.latitude, plain.longitude], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_declines_with_a_reason(rough_map, name):
+    matcher = build(name)
+    batch, _ = make_batch(rough_map, DRIFT)
+    missing, _ = matcher.match(dataclasses.replace(batch, reading=np.full(30, np.nan)), rough_map, None)
+    assert missing.reason.startswith("only 0 of 30 scans have a reading")
+    assert np.isnan(missing.covariance).all()
+    outside, _ = make_batch(rough_map, start=(0.0, 80e3), reading=np.zeros(30))
+    fix, _ = matcher.match(outside, rough_map, None)
+    assert "have the map around them" in fix.reason
+    flat = field_map_of(lambda n, e: 0.0 * n * e)
+    nothing, _ = matcher.match(make_batch(flat)[0], flat, None)
+    assert nothing.reason is not None
+    odd, _ = matcher.match(dataclasses.replace(batch, prior=np.full((4, 4), np.nan)), rough_map, None)
+    assert odd.reason == "prior of the navigator is not finite"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_works_with_a_few_readings_missing(rough_map, name):
+    batch, truth = make_batch(rough_map, (60.0, -40.0, 0.01, 0.01), prior_sigma=(100.0, 0.03))
+    reading = batch.reading.copy()
+    reading[[2, 3, 17]] = np.nan
+    fix, _ = build(name).match(dataclasses.replace(batch, reading=reading), rough_map, None)
+    assert fix.published
+    error = truth.error_of(fix)
+    assert error @ np.linalg.solve(fix.covariance, error) < 18.4
+
+
+@pytest.mark.parametrize("name", BAYESIAN)
+def test_takes_new_readings_only(rough_map, name):
+    batch, _ = make_batch(rough_map, DRIFT, new=10)
+    garbled = batch.reading.copy()
+    garbled[:20] += 1.0
+    one, _ = build(name).match(batch, rough_map, None)
+    other, _ = build(name).match(dataclasses.replace(batch, reading=garbled), rough_map, None)
+    assert (one.latitude, one.longitude, one.reason) == (other.latitude, other.longitude, other.reason)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bad_options_are_one_clear_line(name):
+    with pytest.raises(InputError, match=rf"^matcher.options of {name}: unknown key 'no_such'"):
+        build(name, options={"no_such": 1})
