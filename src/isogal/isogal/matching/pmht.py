@@ -30,6 +30,7 @@ from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise_estimation import NoiseEstimate
 from isogal.matching.registry import check_options
@@ -51,7 +52,7 @@ class Settings(BaseModel):
     context: int | None = Field(
         None, ge=0, description="older scans whose residuals predict the map error; null = batch_length"
     )
-    samples: int = Field(1024, ge=64, le=65536, description="points per round of the sampler")
+    samples: int = Field(512, ge=64, le=65536, description="points per round of the sampler")
     hypotheses: int = Field(256, ge=1, le=1000, description="hypotheses kept at most")
     confidence: float = Field(
         0.999, gt=0.5, lt=1.0, description="probability a hypothesis needs before it is published"
@@ -124,8 +125,10 @@ class Pmht:
         context = matcher.batch_length if settings.context is None else settings.context
         return cls(noise, adaptive, settings, context)
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Memory | None) -> tuple[Fix, Memory]:
+    def match(self, batch: Batch, field_map: FieldMap, memory: Memory | None) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
+        if reason := unusable(batch):
+            return declined(batch, reason), memory
         excluded = memory.excluded if memory else frozenset()
         batch = _without(batch, excluded)
         estimate = (
