@@ -72,13 +72,15 @@ def make_batch(
     true = np.array(start) + np.array(velocity) * (INTERVAL * np.arange(scans))[:, None]
     middle = np.array(metres_per_radian(ORIGIN[0]))
     latitude, longitude = (np.array(ORIGIN) + np.array(start) / middle + (true - np.array(start)) / metres).T
+    # the navigator's error counts in metres at the navigator's own latitude
+    there = np.stack(metres_per_radian(latitude + at_scan[:, 0] / metres[0]))
     noise = np.zeros(scans) if seed is None else sigma * np.random.default_rng(seed).standard_normal(scans)
     slope = np.einsum("i,tij->tj", np.array(jacobian)[:2], transition)
     slope[:, 2:] += np.array(jacobian)[2:]
     keys = {
         "time": 1000.0 + INTERVAL * np.arange(scans),
-        "latitude": latitude + at_scan[:, 0] / metres[0],
-        "longitude": longitude + at_scan[:, 1] / metres[1],
+        "latitude": latitude + at_scan[:, 0] / there[0],
+        "longitude": longitude + at_scan[:, 1] / there[1],
         "velocity": np.array(velocity) + at_scan[:, 2:],
         "reading": field_map.value(latitude, longitude) + slope @ xi + noise,
         "sigma": np.full(scans, sigma),
