@@ -10,6 +10,10 @@ from isogal.matching.interfaces import Batch
 
 Array = NDArray[np.float64]
 
+_FINITE = (
+    "latitude", "longitude", "velocity", "offset", "transition", "reading_jacobian", "drift_position", "drift_reading", "prior",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class LocalPlane:
@@ -48,15 +52,17 @@ def unusable(batch: Batch) -> str | None:
     """Why no matcher can use a batch, in one line; None where it can."""
     if len(batch) < 2:
         return f"a batch needs at least 2 scans, has {len(batch)}"
-    if not (np.diff(batch.time) > 0.0).all():
+    steps = np.diff(batch.time)
+    if not ((steps > 0.0) if batch.channel is None else (steps >= 0.0)).all():  # rows of several channels share a stamp
         return "the stamps of the scans do not increase"
-    for name in ("latitude", "longitude", "velocity", "offset", "transition", "reading_jacobian", "prior"):
+    for name in _FINITE:
         if not np.isfinite(getattr(batch, name)).all():
             return f"{name} of the navigator is not finite"
     sigma = batch.sigma[np.isfinite(batch.reading)]
     if not (np.isfinite(sigma) & (sigma > 0.0)).all():
         return "sigma of a reading is not positive"
-    if not np.linalg.eigvalsh(0.5 * (batch.prior + batch.prior.T))[0] > 0.0:
+    deviation = np.sqrt(np.maximum(np.diag(batch.prior), 0.0))
+    if not deviation.all() or not np.linalg.eigvalsh(batch.prior / deviation / deviation[:, None])[0] > 0.0:
         return "the navigator's covariance is not positive definite"
     return None
 
