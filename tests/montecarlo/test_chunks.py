@@ -7,17 +7,21 @@ from hypothesis import strategies as st
 
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks
-from isogal.montecarlo.chunks import Case, consecutive, divide, fitting
+from isogal.montecarlo.chunks import MOST_RUNS, Case, consecutive, divide, fair_share, fitting
 from montecarlo.conftest import small_scenario
 
 
-@given(missing=st.sets(st.integers(0, 300)), workers=st.integers(1, 40), memory=st.integers(10**5, 10**8))
-def test_chunks_cover_what_is_missing_once(small_case: Case, missing: set[int], workers: int, memory: int) -> None:
-    parts = divide(small_case, sorted(missing), workers, memory)
+@given(missing=st.sets(st.integers(0, 300)), share=st.integers(1, 40), memory=st.integers(10**5, 10**8))
+def test_chunks_cover_what_is_missing_once(small_case: Case, missing: set[int], share: int, memory: int) -> None:
+    parts = divide(small_case, sorted(missing), share, memory)
     assert [run for part in parts for run in part.runs] == sorted(missing)
     for part in parts:
         assert list(part.runs) == list(range(part.runs[0], part.runs[-1] + 1))
-        assert 1 <= len(part.runs) <= max(1, fitting(small_case.scenario, 600.0, memory))
+        assert 1 <= len(part.runs) <= min(share, fitting(small_case.scenario, 600.0, memory))
+
+
+def test_shares() -> None:
+    assert [fair_share(runs, 2) for runs in (1, 8, 100, 10_000)] == [1, 1, 13, MOST_RUNS]
 
 
 def test_consecutive_numbers() -> None:

@@ -104,6 +104,11 @@ def divide(case: Case, missing: Sequence[int], workers: int, memory: int = MEMOR
     ]
 
 
+def fair_share(runs: int, workers: int) -> int:
+    """How many runs a chunk may have so that so many runs keep all workers busy to the end."""
+    return min(MOST_RUNS, max(1, math.ceil(runs / (4 * workers))))
+
+
 def fitting(scenario: Scenario, duration: float, memory: int = MEMORY) -> int:
     """How many runs of a scenario of so many seconds can be computed together within so many bytes, at least one.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from isogal.errors import InputError
-from isogal.montecarlo.chunks import MEMORY, Case, Chunk, divide, map_digest
+from isogal.montecarlo.chunks import MEMORY, Case, Chunk, divide, fair_share, map_digest
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.workers import available_cores, local_results
 
@@ -85,9 +85,9 @@ def compute_cases(
         if case.runs > known.runs:
             distinct[case.key] = case
     missing = {key: store.missing(case) for key, case in distinct.items()}
-    chunks = [chunk for key, case in distinct.items() for chunk in divide(case, missing[key], backend.count, memory)]
-    total = sum(case.runs for case in distinct.values())
-    kept = total - sum(len(runs) for runs in missing.values())
+    total, left = sum(case.runs for case in distinct.values()), sum(len(runs) for runs in missing.values())
+    share, kept = fair_share(left, backend.count), total - left
+    chunks = [chunk for key, case in distinct.items() for chunk in divide(case, missing[key], share, memory)]
     for damage in store.damaged:
         display.say(f"computed again: {damage}")
     display.begin(chunks, kept)

@@ -1,0 +1,124 @@
+"""`isogal montecarlo` as a user runs it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from isogal.maps.netcdf import write_netcdf
+from montecarlo.conftest import wavy_map
+
+ISOGAL = Path(sys.executable).with_name("isogal")
+KEYS = [
+    *(
+        "scenario",
+        "matcher",
+        "runs",
+        "diverged",
+        "position_error",
+        "unaided",
+        "bound",
+        "nees_per_axis",
+        "fixes",
+        "time",
+    ),
+    "rms_over_time",
+]
+
+
+@pytest.fixture(scope="module")
+def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    path = tmp_path_factory.mktemp("map") / "waves.nc"
+    write_netcdf(wavy_map(), path)
+    settings = [
+        "route.duration=600",
+        "gravimeter.quantity=disturbance",
+        f"map.source={path}",
+        "matcher.batch_length=20",
+    ]
+    return ["montecarlo", "--matcher", "pmht-paper", *(word for item in settings for word in ("--set", item))]
+
+
+def call(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([ISOGAL, *words], capture_output=True, text=True, timeout=280, check=False)
+
+
+@pytest.fixture(scope="module")
+def finished(arguments: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("whole")
+    result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(out))
+    assert result.returncode == 0, result.stderr
+    assert "mean position error" in result.stdout
+    return out
+
+
+def test_what_it_writes(finished: Path) -> None:
+    document = json.loads((finished / "results.json").read_text())
+    assert list(document) == KEYS
+    assert document["runs"] == 3
+    assert document["matcher"] == document["scenario"]["matcher"]["name"] == "pmht-paper"
+    assert document["fixes"]["published"] + document["fixes"]["declined"] == 3 * 3
+    assert len(document["rms_over_time"]["time"]) == len(document["rms_over_time"]["aided"]) == 11
+    assert "<img" in (finished / "report.html").read_text()
+    assert (finished / "position_error.png").stat().st_size > 10_000
+
+
+def test_again_with_json_computes_nothing_and_says_the_same(arguments: list[str], finished: Path) -> None:
+    before = json.loads((finished / "results.json").read_text())
+    files = sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
+    result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(finished), "--json")
+    assert result.returncode == 0, result.stderr
+    printed = json.loads(result.stdout)
+    assert {**printed, "time": None} == {**before, "time": None}
+    assert files == sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
+
+
+def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
+    arguments: list[str], finished: Path, tmp_path: Path
+) -> None:
+    words = [*arguments, "--workers", "1", "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        [ISOGAL, *words, "--runs", "60"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 200.0
+    while not list(tmp_path.rglob("*.npz")) and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert err.strip().splitlines()[-1].startswith("isogal: interrupted: ")
+    assert f"of 60 runs are kept in {tmp_path / 'runs'}; the same command goes on from there" in err
+    assert "Traceback" not in err
+    result = call(*words, "--runs", "3", "--json")
+    assert result.returncode == 0, result.stderr
+    expected = json.loads((finished / "results.json").read_text())
+    assert {**json.loads(result.stdout), "time": None} == {**expected, "time": None}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--runs", "0"], "--runs"),
+        (["--runs", "2", "--workers", "0"], "--workers"),
+        (["--runs", "2", "--workers", "2", "--scheduler", "tcp://h:1"], "give one of them"),
+        (["--runs", "2", "--matcher", "phmt"], "matcher.name"),
+        (["--runs", "2", "--set", "map.source=/nowhere.nc"], "/nowhere.nc"),
+        (["--runs", "2", "--set", "gravimeter.sigma=-1"], "gravimeter.sigma"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, words: list[str], message: str) -> None:
+    result = call(*arguments, "--out", str(tmp_path / "out"), *words)
+    assert result.returncode == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
