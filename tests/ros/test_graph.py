@@ -200,6 +200,18 @@ def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
     same(record(tmp_path / "bag", short), simulate(short, [0]))
 
 
+def test_without_lock_step_fixes_come_late_and_count_all_the_same(scenario, tmp_path) -> None:
+    short = scenario("route.duration=400.0")
+    plan = Plan(short, tmp_path / "bag", rate=100.0, lock_step=False)
+    run_in_process(plan, Interrupt(), lambda progress: None)
+    graph, library = record(tmp_path / "bag", short), simulate(short, [0])
+    np.testing.assert_array_equal(graph.fix_time, library.fix_time)
+    np.testing.assert_array_equal(graph.published, library.published)
+    # the last state has all fixes in it, late or not
+    np.testing.assert_allclose(graph.fix_error, library.fix_error, atol=5.0)
+    np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
+
+
 def test_an_interrupt_keeps_the_bag(scenario, tmp_path) -> None:
     interrupt = Interrupt()
 

@@ -127,7 +127,7 @@ class Collector:
         reasons: list[str | None] = []
         seconds = np.full(len(ends), np.nan)
         for i, ns in enumerate(ends):
-            truth = _position(self.truth[ns])
+            latitude, longitude = _position(self.truth[ns])
             message = deserialize_message(self.fixes[ns], topics.FIX.type)
             figures = self.batches.get(ns, {})
             seconds[i] = float(figures.get("seconds", "nan"))
@@ -135,9 +135,10 @@ class Collector:
                 reasons.append(figures.get("message") or "not said")
             else:
                 reasons.append(None)
-                error[i] = horizontal_difference(*read_position(message)[:2], *truth)
+                found = read_position(message)
+                error[i] = horizontal_difference(found[0], found[1], latitude, longitude)
                 covariance[i] = read_covariance(message)[:2, :2]
-            posterior[i] = horizontal_difference(*_position(self.last_nav[ns]), *truth)
+            posterior[i] = horizontal_difference(*_position(self.last_nav[ns]), latitude, longitude)
             posterior_covariance[i] = self._covariance(self.last_nav[ns])
         return {
             "fix_time": np.array([to_seconds(ns) for ns in ends]),

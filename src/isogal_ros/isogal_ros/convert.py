@@ -251,10 +251,8 @@ def candidates_cloud(ns: int, candidates: Candidates | None) -> PointCloud2:
     set_stamp(cloud.header.stamp, ns)
     cloud.header.frame_id = GEODETIC
     cloud.fields = [
-        PointField(
-            name=name, offset=_CANDIDATE.fields[name][1], datatype=kinds[_CANDIDATE.fields[name][0].str], count=1
-        )
-        for name in _CANDIDATE.names or ()
+        PointField(name=name, offset=offset, datatype=kinds[kind.str], count=1)
+        for name, (kind, offset, *_) in (_CANDIDATE.fields or {}).items()
     ]
     cloud.data = points.tobytes()
     return cloud

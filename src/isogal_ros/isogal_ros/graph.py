@@ -49,6 +49,8 @@ class Plan:
     rate: float = 0.0
     """Simulated seconds per second; 0 = as fast as the graph can."""
     replace_bag: bool = True
+    lock_step: bool = True
+    """Whether a step waits for the graph's answers; without, nodes work as they would with real sensors."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,7 +61,7 @@ class Plan:
         """Return the node's own parameters."""
         values: dict[str, Any] = {"run": self.run, "recorders": int(self.bag is not None)}
         if name == topics.INS_SIM:
-            values |= {"rate": float(self.rate), "lock_step": True}
+            values |= {"rate": float(self.rate), "lock_step": self.lock_step}
         if name == RECORDER:
             values |= {"bag": str(self.bag), "replace": self.replace_bag}
         return values

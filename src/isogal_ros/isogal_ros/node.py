@@ -59,6 +59,10 @@ class GraphNode(Node):
     mutable: ClassVar[Collection[str]] = ()
     """Parameters that may change at run time."""
 
+    settings: Any
+    """Own parameters, a `settings_model`."""
+    scenario: Scenario
+
     def __init__(self, name: str, values: Mapping[str, Any] | None = None, context: Context | None = None) -> None:
         super().__init__(
             name,

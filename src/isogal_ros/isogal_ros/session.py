@@ -176,14 +176,16 @@ class _Display:
 
     def __init__(self, bar: Any, task: Any) -> None:
         self.bar, self.task = bar, task
-        self.begun = self.told = time.monotonic()
+        self.told = time.monotonic()
+        self.begun: float | None = None
 
     def __call__(self, simulated: Progress | float, duration: float = 0.0) -> None:
         """Show how far it is: a `Progress`, or simulated time and duration (s)."""
         if isinstance(simulated, Progress):
             progress = simulated
         else:
-            progress = Progress(simulated, duration, simulated / max(time.monotonic() - self.begun, 1e-6), float("nan"))
+            self.begun = self.begun or time.monotonic() - 1e-3
+            progress = Progress(simulated, duration, simulated / (time.monotonic() - self.begun), float("nan"))
         error = "" if progress.position_error != progress.position_error else f"error {progress.position_error:.0f} m"
         text = f"{_clock(progress.simulated)} of {_clock(progress.duration)}, {progress.speed:.0f} x real time"
         if self.bar is not None:

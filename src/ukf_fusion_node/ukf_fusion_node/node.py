@@ -213,7 +213,8 @@ class UkfFusionNode(GraphNode):
         covariance = state.covariance[0]
         nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])
         fill_numbers(self._m_covariance, self._ns, state.batch_prior[0])
-        fill_fix(self._m_fix, self._ns, *state.position[0].tolist(), covariance[:3, :3])
+        latitude, longitude, height = state.position[0].tolist()
+        fill_fix(self._m_fix, self._ns, latitude, longitude, height, covariance[:3, :3])
         fill_odom(self._m_odom, self._ns, self._frame, nav, self._turn_rate(state), covariance)
         self._covariance.publish(self._m_covariance)
         self._fix.publish(self._m_fix)
