@@ -91,11 +91,9 @@ def compute(chunk: Chunk, field_map: FieldMap, progress: Progress | None = None)
     return simulate(chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress)
 
 
-def divide(case: Case, missing: Sequence[int], workers: int, memory: int = MEMORY) -> list[Chunk]:
-    """Cut the missing runs of a case into chunks that fit into memory and keep all workers busy to the end."""
-    size = min(
-        MOST_RUNS, fitting(case.scenario, case.duration, memory), max(1, math.ceil(len(missing) / (4 * workers)))
-    )
+def divide(case: Case, missing: Sequence[int], share: int, memory: int = MEMORY) -> list[Chunk]:
+    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that fit into memory."""
+    size = min(share, fitting(case.scenario, case.duration, memory))
     key, map_key = case.key, map_digest(case.field_map)
     return [
         Chunk(case.name, key, map_key, case.scenario, case.aided, tuple(part[i : i + size]), case.duration)
