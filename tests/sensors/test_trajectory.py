@@ -133,3 +133,10 @@ def test_samples_and_length():
     assert trajectory.dt == 0.25
     assert trajectory.specific_force.shape == trajectory.angular_rate.shape == (400, 3)
     assert trajectory.latitude.shape == (401,)
+
+
+def test_a_point_inside_the_turning_circle_is_refused() -> None:
+    points = "[[-38, 144.5, 22], [-37.9, 144.6, 22], [-37.9, 144.603, 22]]"
+    scenario = load_scenario(None, [f"route.waypoints={points}", "route.duration=null"])
+    with pytest.raises(InputError, match=r"route\.waypoints: point 3 is never reached"):
+        build_trajectory(scenario)

@@ -80,6 +80,11 @@ def _build(route: Route, rate: float) -> Trajectory:
                 f"route.duration: the route ends after {len(rates) * dt:.0f} s, duration asks for {route.duration:.0f} s;"
                 " shorten duration, or give null to drive to the end"
             )
+        if len(rates) > guide.most_steps:
+            raise InputError(
+                f"route.waypoints: point {guide.leg + 1} is never reached with turn_rate {route.turn_rate:g} rad/s"
+                " (the vehicle circles round it); raise turn_rate, or move the points apart"
+            )
         turn, acceleration = guide.command(lat, lon, heading, speed)
         lat, lon = _runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
         heading += turn * dt
@@ -190,6 +195,12 @@ class _Guide:
         self.speed = self.points[0][2]
         self.heading = self._azimuth(*self.start)
         self.manoeuvring = len(self.points) > 2 or self.points[0][2] != self.points[1][2]
+        slowest = min(v for _, _, v in self.points)
+        legs = zip(self.points[:-1], self.points[1:], strict=True)
+        length = sum(self._between(a[0], a[1], b) for a, b in legs)
+        turns = len(self.points) * 2.0 * math.pi / self.turn_limit
+        self.most_steps = int((3.0 * length / slowest + turns) / dt) + 1000
+        """Far more than any route takes that arrives."""
 
     def _azimuth(self, lat: float, lon: float, leg: int | None = None) -> float:
         target = self.points[self.leg if leg is None else leg]
@@ -203,7 +214,9 @@ class _Guide:
         return rhumb_azimuth(lat, lon, target[0], target[1])
 
     def _distance(self, lat: float, lon: float) -> float:
-        target = self.points[self.leg]
+        return self._between(lat, lon, self.points[self.leg])
+
+    def _between(self, lat: float, lon: float, target: tuple[float, float, float]) -> float:
         north, east = _position_rates(0.5 * (lat + target[0]), math.pi / 4, math.sqrt(2.0), self.height)
         return math.hypot((target[0] - lat) / north, math.remainder(target[1] - lon, 2.0 * math.pi) / east)
 
