@@ -234,18 +234,9 @@ def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
 def test_a_node_that_falls_silent(scenario, tmp_path, monkeypatch) -> None:
     from ukf_fusion_node.node import UkfFusionNode
 
-    publish = UkfFusionNode._publish
+    publish, own = UkfFusionNode._publish, Plan.own
     monkeypatch.setattr(UkfFusionNode, "_publish", lambda self: publish(self) if self.samples < 20 else None)
-    monkeypatch.setattr("ins_sim_node.node.InsSimSettings.model_fields", _with_default("reply_timeout", 1.0))
+    impatient = {"reply_timeout": 1.0}
+    monkeypatch.setattr(Plan, "own", lambda plan, name: own(plan, name) | (impatient if name == topics.INS_SIM else {}))
     with pytest.raises(GraphError, match=r"no answer to the step at 20\.000 s .* missing nav/odom \(0 of 1\)"):
         run_here(scenario(), tmp_path / "bag")
-
-
-def _with_default(name: str, value: float) -> dict:
-    from copy import deepcopy
-
-    from ins_sim_node.node import InsSimSettings
-
-    fields = deepcopy(InsSimSettings.model_fields)
-    fields[name].default = value
-    return fields

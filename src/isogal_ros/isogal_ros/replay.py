@@ -236,7 +236,7 @@ class _Steps:
     def _settled(self, readings: int) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
         done = self.matcher.taken >= readings and not self.matcher.waiting
-        return bool(done and self.filter.answered >= self.matcher.published)
+        return bool(done and self.filter.answered >= self.matcher.outputs.fixes)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + PATIENCE

@@ -6,24 +6,20 @@ import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-from sensor_msgs.msg import NavSatStatus
-
 from isogal.maps.load import map_for_scenario
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher
 from isogal_ros import params, topics
-from isogal_ros.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_information, read_accel
+from isogal_ros.convert import read_accel
 from isogal_ros.health import OK, BadMessageError, status
 from isogal_ros.nav_buffer import NavBuffer, NavSample
 from isogal_ros.node import GraphNode
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, to_ns, to_seconds
+from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.warm_up import warm_up
 
-Array = NDArray[np.float64]
 MOST_MISSING = 1000
 """Longest run of missing scans that is filled in, scans."""
 
@@ -43,8 +39,6 @@ class PmhtMmNode(GraphNode):
         """Load the map and make publishers and subscriptions."""
         self.taken = 0
         """Readings received, whatever became of them."""
-        self.published = 0
-        """Messages on pmht_mm/fix published."""
         self._fixes = self._declined = self._missing = 0
         self._matcher, self._memory = build_matcher(self.scenario.matcher), None
         self._map = map_for_scenario(self.scenario)
@@ -55,11 +49,7 @@ class PmhtMmNode(GraphNode):
         self.waiting: list[tuple[int, float]] = []
         """Readings (stamp, value) for which the navigator's state is still to come."""
         self._newest, self._last = -1, -1
-        self._message = topics.FIX.type()
-        self._message.header.frame_id = BASE
-        self._m_information = topics.INFORMATION.type()
-        self._candidates, self._fix = self.advertise(topics.CANDIDATES), self.advertise(topics.FIX)
-        self._information = self.advertise(topics.INFORMATION)
+        self.outputs = Outputs(self)
         self._nav = NavBuffer(self, self.scenario, self._process)
         self._topic = topics.readings(settings.quantity)
         self.listen(self._topic, self._take)
@@ -95,14 +85,15 @@ class PmhtMmNode(GraphNode):
             ns, reading = self.waiting[0]
             try:
                 nav = self._nav.at(ns)
-            except BadMessageError as error:
-                self.health.drop(topics.NAV_ODOM.name, str(error))
-            else:
                 if nav is None:
                     return
+            except BadMessageError as error:
+                self.health.drop(topics.NAV_ODOM.name, str(error))
+                nav = None
+            del self.waiting[0]
+            if nav is not None:
                 self._fill_missing(ns)
                 self._scan(nav, reading)
-            del self.waiting[0]
             self.health.tick(ns)
 
     def _fill_missing(self, ns: int) -> None:
@@ -144,41 +135,13 @@ class PmhtMmNode(GraphNode):
         self._declined += not fix.published
         self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
         self._say(nav.ns, fix, seconds)
-        self._candidates.publish(candidates_cloud(nav.ns, fix.candidates))
-        retrodict = self.scenario.matcher.mode == "retrodiction" and not fix.reset
-        if fix.published and retrodict and fix.scan_position is not None and fix.scan_covariance is not None:
-            # a fix for each scan that no earlier batch has used; the last one is that of the batch end
-            for stamp, position, covariance in zip(batch.time, fix.scan_position, fix.scan_covariance, strict=True):
-                if np.isfinite(covariance).all():
-                    self._publish(from_seconds(stamp), (*position, nav.height), covariance)
-        else:
-            position = fix.latitude, fix.longitude, nav.height
-            self._publish(nav.ns, position, fix.covariance if fix.published else None, fix.information, fix.reset)
+        self.outputs.publish(nav.ns, batch, fix, nav.height)
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""
         self.health.state(OK, "matching")
         figures = {"stamp": f"{to_seconds(ns):.9f}", "published": fix.published, "seconds": seconds, **fix.diagnostics}
         self.health.publish(status(f"{self.health.name}: batch", OK, fix.reason or "fix published", figures))
-
-    def _publish(
-        self,
-        ns: int,
-        position: tuple[float, float, float],
-        covariance: Array | None,
-        information: Information | None = None,
-        reset: bool = False,
-    ) -> None:
-        """Publish a fix, or that there is none, after what belongs to it."""
-        code, full = NavSatStatus.STATUS_NO_FIX, None
-        if covariance is not None:
-            code, full = NavSatStatus.STATUS_FIX, np.diag([0.0, 0.0, NOT_MEASURED])
-            full[:2, :2] = covariance
-        fill_information(self._m_information, ns, reset, information)
-        self._information.publish(self._m_information)
-        fill_fix(self._message, ns, *position, full, code)
-        self._fix.publish(self._message)
-        self.published += 1
 
 
 def main(args: Sequence[str] | None = None) -> None:

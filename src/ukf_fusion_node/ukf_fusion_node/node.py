@@ -1,66 +1,26 @@
 """The navigator: an unscented filter over the IMU, corrected by map matching fixes of any age."""
 
-import math
 import sys
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
-from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState
-from isogal.inertial.rotations import rotate
 from isogal.matching.interfaces import LOST_SIGMA
 from isogal_ros import topics
-from isogal_ros.convert import (
-    BASE,
-    MAP,
-    fill_fix,
-    fill_numbers,
-    fill_odom,
-    map_frame,
-    read_covariance,
-    read_imu,
-    read_information,
-    read_position,
-)
+from isogal_ros.convert import read_covariance, read_imu, read_information, read_position
 from isogal_ros.health import ERROR, OK, WARN, BadMessageError
 from isogal_ros.node import GraphNode, NodeSettings
 from isogal_ros.spin import run_node
-from isogal_ros.stamps import from_ns, from_seconds, peek_numbers_ns, to_ns, to_seconds
+from isogal_ros.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
+from ukf_fusion_node.answer import Answer
+from ukf_fusion_node.fixes import Extra, FixQueue
+from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.start import initial_state
-
-Array = NDArray[np.float64]
-KEPT = 4096
-"""Pieces of information kept for fixes that are still to come."""
-PATIENCE_NS = 30_000_000_000
-"""How long a fix waits for the information that belongs to it, in the navigator's time."""
-
-
-class UkfFusionSettings(NodeSettings):
-    """Own parameters of ukf_fusion_node."""
-
-    imu_frame: str = Field(BASE, description="frame of imu/data_raw, axes forward, left, up; empty = take any")
-    horizon: float = Field(1200.0, ge=0.0, le=86400.0, description="how old a fix may be, s")
-    max_gap: float = Field(
-        10.0, gt=0.0, description="longest gap between IMU samples that is bridged without an error, s"
-    )
-    path_interval: float = Field(60.0, gt=0.0, description="time between the poses of nav/path, s")
-    start_position: tuple[float, float, float] = Field(
-        (math.nan, math.nan, math.nan),
-        description="first latitude deg, longitude deg, height m; NaN = the scenario's start with its errors drawn",
-    )
-    start_velocity: tuple[float, float, float] = Field(
-        (math.nan, math.nan, math.nan), description="first velocity north, east, down m/s; NaN likewise"
-    )
-    start_attitude: tuple[float, float, float] = Field(
-        (math.nan, math.nan, math.nan), description="first roll, pitch, heading deg; NaN likewise"
-    )
 
 
 class UkfFusionNode(GraphNode):
@@ -81,21 +41,13 @@ class UkfFusionNode(GraphNode):
         self._model = FilterModel.from_scenario(self.scenario)
         self._navigator: BufferedNavigator | None = None
         self._ns = -1
-        self._waiting: list[Any] = []
-        self._information: dict[int, Any] = {}
         self._rate = np.zeros(3)
-        self._frame = map_frame(self.scenario)
         self._warm_up()
-        self._covariance, self._fix = self.advertise(topics.NAV_COVARIANCE), self.advertise(topics.NAV_FIX)
-        self._odom, self._path = self.advertise(topics.NAV_ODOM), self.advertise(topics.NAV_PATH)
-        self._m_covariance, self._m_fix = topics.NAV_COVARIANCE.type(), topics.NAV_FIX.type()
-        self._m_fix.header.frame_id = BASE
-        self._m_odom = topics.NAV_ODOM.type(child_frame_id=BASE)
-        self._m_path = topics.NAV_PATH.type()
-        self._m_odom.header.frame_id = self._m_path.header.frame_id = MAP
+        self._answer = Answer(self)
         self.listen(topics.IMU, self._take_imu)
         self.listen(topics.FIX, self._take_fix)
-        self._informants = self.listen(topics.INFORMATION, self._take_information, raw=True)
+        informants = self.listen(topics.INFORMATION, self._take_information, raw=True)
+        self._fixes = FixQueue(informants.get_publisher_count)
 
     def _warm_up(self) -> None:
         """Compile, or load, the filter's kernels before the first sample comes."""
@@ -125,7 +77,7 @@ class UkfFusionNode(GraphNode):
             raise BadMessageError(str(error)) from None
         self._ns, self._rate = ns, rate
         self._publish()
-        if self._waiting:
+        if self._fixes:
             self._settle()
         self.health.tick(ns)
 
@@ -136,33 +88,24 @@ class UkfFusionNode(GraphNode):
             return
         self._gaps += missing
         self.health.figures["IMU samples missing"] = self._gaps
+        end = to_seconds(self._ns) + interval
         level = ERROR if interval > self.settings.max_gap else WARN
-        self.health.state(
-            level,
-            f"{missing} IMU samples missing before {to_seconds(self._ns) + interval:.3f} s, bridged with the next one",
-        )
+        self.health.state(level, f"{missing} IMU samples missing before {end:.3f} s, bridged with the next one")
 
     def _take_information(self, data: bytes) -> None:
-        ns = peek_numbers_ns(data)
-        self._information[ns] = read_information(deserialize_message(data, topics.INFORMATION.type))
-        while len(self._information) > KEPT:
-            del self._information[next(iter(self._information))]
+        extra = read_information(deserialize_message(data, topics.INFORMATION.type))
+        self._fixes.add_extra(peek_numbers_ns(data), extra)
         self._settle()
 
     def _take_fix(self, message: Any) -> None:
-        self._waiting.append(message)
+        self._fixes.add_fix(message)
         self._settle()
 
     def _settle(self) -> None:
-        """Apply, in order, the fixes whose information is there; answer each, whatever it is: a lock-step simulation waits for that."""
-        while self._waiting:
-            message = self._waiting[0]
-            ns = to_ns(message.header.stamp)
-            if ns not in self._information and self._may_come(ns):
-                return
-            del self._waiting[0]
+        """Apply the fixes that are complete; answer each, whatever it is: a lock-step simulation waits for that."""
+        for message, extra in self._fixes.complete(self._ns):
             try:
-                self._apply(message, self._information.pop(ns, None))
+                self._apply(message, extra)
             except BadMessageError as error:
                 self.health.drop(topics.FIX.name, str(error))
             except Exception as error:
@@ -172,13 +115,8 @@ class UkfFusionNode(GraphNode):
             if self._navigator is not None:
                 self._publish()
 
-    def _may_come(self, ns: int) -> bool:
-        """Whether information that belongs to a fix may still be under way."""
-        newest = next(reversed(self._information), -1)
-        return self._informants.get_publisher_count() > 0 and newest <= ns and self._ns - ns < PATIENCE_NS
-
-    def _apply(self, message: Any, information: Any) -> None:
-        lost, likelihood = information or (False, None)
+    def _apply(self, message: Any, extra: Extra) -> None:
+        lost, information = extra
         no_fix = message.status.status == NavSatStatus.STATUS_NO_FIX
         if no_fix and not lost:
             return
@@ -189,8 +127,8 @@ class UkfFusionNode(GraphNode):
             self._navigator.widen(stamp, LOST_SIGMA)
         if no_fix:
             return
-        if likelihood is not None:
-            result = self._navigator.update_information(stamp, likelihood.vector, likelihood.matrix)
+        if information is not None:
+            result = self._navigator.update_information(stamp, information.vector, information.matrix)
         else:
             latitude, longitude, _ = read_position(message)
             result = self._navigator.update(stamp, latitude, longitude, read_covariance(message)[:2, :2])
@@ -209,41 +147,7 @@ class UkfFusionNode(GraphNode):
 
     def _publish(self) -> None:
         assert self._navigator is not None
-        state = self._navigator.state
-        covariance = state.covariance[0]
-        nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])
-        fill_numbers(self._m_covariance, self._ns, state.batch_prior[0])
-        latitude, longitude, height = state.position[0].tolist()
-        fill_fix(self._m_fix, self._ns, latitude, longitude, height, covariance[:3, :3])
-        fill_odom(self._m_odom, self._ns, self._frame, nav, self._turn_rate(state), covariance)
-        self._covariance.publish(self._m_covariance)
-        self._fix.publish(self._m_fix)
-        self._odom.publish(self._m_odom)
-        self._extend_path()
-
-    def _turn_rate(self, state: FilterState) -> Array:
-        """Return the angular rate relative to the Earth (3,) FRD: the gyroscopes' without their biases and the Earth's rotation."""
-        latitude = state.position[0, 0]
-        w, x, y, z = state.attitude[0]
-        earth = rotate(w, -x, -y, -z, EARTH_RATE * math.cos(latitude), 0.0, -EARTH_RATE * math.sin(latitude))
-        return self._rate - state.gyroscope_bias[0] - np.array(earth)
-
-    def _extend_path(self) -> None:
-        poses = self._m_path.poses
-        if poses and self._ns - to_ns(poses[-1].header.stamp) < from_seconds(self.settings.path_interval):
-            return
-        pose = type(self)._pose(self._m_odom)
-        poses.append(pose)
-        self._m_path.header.stamp = from_ns(self._ns)
-        self._path.publish(self._m_path)
-
-    @staticmethod
-    def _pose(odom: Any) -> Any:
-        from copy import deepcopy
-
-        from geometry_msgs.msg import PoseStamped
-
-        return PoseStamped(header=deepcopy(odom.header), pose=deepcopy(odom.pose.pose))
+        self._answer.publish(self._ns, self._navigator.state, self._rate)
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -1,0 +1,56 @@
+"""Fixes with the information that belongs to them, which comes on a topic of its own."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from isogal.matching.interfaces import Information
+from isogal_ros.stamps import to_ns
+
+Extra = tuple[bool, Information | None]
+"""Whether the matcher found the navigator lost, and what it knows beyond the position."""
+
+KEPT = 4096
+"""Pieces of information kept for fixes that are still to come."""
+PATIENCE_NS = 30_000_000_000
+"""How long a fix waits for the information that belongs to it, in the navigator's time."""
+
+
+class FixQueue:
+    """Pairs the two topics by stamp; fixes leave in the order they came.
+
+    Parameters
+    ----------
+    informants : callable
+        Returns how many publishers the topic of the information has; where there are none, a fix waits for nothing.
+    """
+
+    def __init__(self, informants: Callable[[], int]) -> None:
+        self._informants = informants
+        self._waiting: list[Any] = []
+        self._extras: dict[int, Extra] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add_fix(self, message: Any) -> None:
+        """Take a NavSatFix."""
+        self._waiting.append(message)
+
+    def add_extra(self, ns: int, extra: Extra) -> None:
+        """Take what belongs to the fix of a stamp."""
+        self._extras[ns] = extra
+        while len(self._extras) > KEPT:
+            del self._extras[next(iter(self._extras))]
+
+    def complete(self, now_ns: int) -> Iterator[tuple[Any, Extra]]:
+        """Take out the fixes that need not wait any longer, at a time of the navigator (ns)."""
+        while self._waiting:
+            ns = to_ns(self._waiting[0].header.stamp)
+            if ns not in self._extras and self._may_come(ns, now_ns):
+                return
+            yield self._waiting.pop(0), self._extras.pop(ns, (False, None))
+
+    def _may_come(self, ns: int, now_ns: int) -> bool:
+        """Whether the information of a stamp may still be under way: it is published in order, before the fix."""
+        newest = next(reversed(self._extras), -1)
+        return self._informants() > 0 and newest <= ns and now_ns - ns < PATIENCE_NS
