@@ -8,7 +8,7 @@ from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import map_for_scenario
 from isogal.montecarlo.chunks import Case
-from isogal.paper.published import LOW, ROWS
+from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import build_trajectory
@@ -95,6 +95,11 @@ class Plan:
     runs: int
     map_path: str | None
     duration: float
+
+    @property
+    def gain_time(self) -> float:
+        """When the grades are compared, s: as in the paper, or at the end of shorter runs."""
+        return min(GAIN_TIME, self.duration)
 
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""

@@ -142,10 +142,10 @@ def _unbounded(results: Results) -> Decision:
     return text, decide(quarters[3] > 1.2 * quarters[1], quarters[3] < 1.05 * quarters[1])
 
 
-def quantum_gain(results: Results, time: float = GAIN_TIME) -> tuple[float, float]:
-    """Share by which quantum accelerometers reduce the unaided RMS error at a time (s), and its standard error (jackknife over runs)."""
+def quantum_gain(results: Results) -> tuple[float, float]:
+    """Share by which quantum accelerometers reduce the unaided RMS error, and its standard error (jackknife over runs)."""
     precision, quantum = results.unaided("precision"), results.unaided("quantum_accelerometer")
-    index = int(np.argmin(np.abs(precision.time - time)))
+    index = int(np.argmin(np.abs(precision.time - results.plan.gain_time)))
     a, b = precision.unaided[:, index] ** 2, quantum.unaided[:, index] ** 2
     gain = 1.0 - float(np.sqrt(b.mean() / a.mean()))
     if len(a) < 2:
@@ -166,7 +166,7 @@ def _quantum_gain(results: Results) -> Decision:
     text = f"{100 * gain:.2f} ± {100 * error:.2f} % (2 standard errors: {200 * error:.2f} %); by theory " + ", ".join(
         f"{100 * value:.2f} % with {heading:g} rad of heading error" for heading, value in theory.items()
     )
-    if results.unaided("precision").time[-1] < GAIN_TIME:
+    if results.plan.gain_time < GAIN_TIME:
         return text + ".", OPEN
     near = abs(gain - QUANTUM_GAIN) < max(2 * error, 0.01)
     return text + ".", decide(near and 2 * error < 0.02, not near)

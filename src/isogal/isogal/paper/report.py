@@ -15,7 +15,7 @@ from isogal.paper.figures_errors import (
 )
 from isogal.paper.figures_maps import lookup_1d_figure, map_figure, search_window_figure
 from isogal.paper.figures_signals import iterations_figure, readings_figure, variability_figure
-from isogal.paper.published import GAIN_TIME, JOURNEY, TABLE_4, TABLE_6
+from isogal.paper.published import JOURNEY, TABLE_4, TABLE_6
 from isogal.paper.results import Results
 from isogal.paper.tables import aiding_table, claims_table, comparison_table, sensitivity_table, spread_table
 
@@ -32,7 +32,7 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path, journ
     journey : float
         s, how long the vehicle takes for the whole route.
     perfect : float
-        m, RMS error of the unaided INS (precision grade) at `published.GAIN_TIME` without any initial error.
+        m, RMS error of the unaided INS (precision grade) at `Plan.gain_time` without any initial error.
     """
     by_key = {claim.key: claim for claim in claims}
     duration = results.plan.duration / 3600.0
@@ -80,7 +80,7 @@ def _limits(results: Results, journey: float, perfect: float, claims: Mapping[st
         f"The first {results.plan.duration / 3600:.1f} h are simulated here.",
         "Initial errors. The paper does not state any, but its unaided errors need them: with the sensors of its "
         "Table 1 and a perfect start the "
-        f"RMS error after {GAIN_TIME / 3600:.1f} h would be {number(perfect)} m. Assumed here (1-sigma): 50 m, 0.05 "
+        f"RMS error after {results.plan.gain_time / 3600:.1f} h would be {number(perfect)} m. Assumed here (1-sigma): 50 m, 0.05 "
         f"m/s, 2.5e-5 rad of tilt, "
         f"3e-4 rad of heading; the unaided error is then {number(unaided['rms'])} m RMS over the run.",
         f"Gain by quantum accelerometers. Measured: {claims['quantum gain'].measured} The paper's value cannot come "

@@ -57,7 +57,7 @@ class Results:
     """Of both ways of aiding."""
     snapshots: tuple[Snapshot, ...]
     drift: Mapping[tuple[float, str], float]
-    """m, RMS of the unaided INS at `published.GAIN_TIME` by theory, by heading error (rad) and grade."""
+    """m, RMS of the unaided INS at `Plan.gain_time` by theory, by heading error (rad) and grade."""
     signal: Mapping[str, AlongTrack]
     """By quantity."""
     profile: ProfileExample

@@ -4,6 +4,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import isogal
 from isogal.evaluation.bound import unaided_covariance
 from isogal.evaluation.summary import write_json
@@ -15,7 +17,6 @@ from isogal.paper.claims import Claim, judge
 from isogal.paper.iterations import follow_iterations
 from isogal.paper.lookups import profile_example, window_example
 from isogal.paper.measure import Outcome, drift_by_theory, measure_spread, measure_tracks
-from isogal.paper.published import GAIN_TIME
 from isogal.paper.report import write_page
 from isogal.paper.results import Results, along_track
 from isogal.paper.tables import as_json
@@ -97,7 +98,7 @@ def measure(plan: Plan, cases: dict[Setting, Case], store: Store) -> Results:
         tracks={setting: measure_tracks(plan, setting) for setting in both},
         snapshots=tuple(follow_iterations(plan)),
         drift={
-            (heading, grade): drift_by_theory(plan, Setting(heading=heading, grade=grade), GAIN_TIME)
+            (heading, grade): drift_by_theory(plan, Setting(heading=heading, grade=grade), plan.gain_time)
             for heading in SWEEP_HEADINGS
             for grade in GRADES
         },
@@ -115,8 +116,7 @@ def journey_time(plan: Plan) -> float:
 
 
 def drift_without_initial_errors(plan: Plan) -> float:
-    """RMS error (m) of the unaided INS at `published.GAIN_TIME` (or at the end) after a perfect start."""
+    """RMS error (m) of the unaided INS at `Plan.gain_time` after a perfect start."""
     scenario = plan.scenario(Setting())
     perfect = scenario.model_copy(update={"initial_error": InitialError(position=0, velocity=0, tilt=0, heading=0)})
-    theory = unaided_covariance(perfect, build_trajectory(perfect))
-    return float(theory.rms_at(theory.time[-1:].clip(max=GAIN_TIME))[0])
+    return float(unaided_covariance(perfect, build_trajectory(perfect)).rms_at(np.array([plan.gain_time]))[0])
