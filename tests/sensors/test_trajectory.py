@@ -136,7 +136,7 @@ def test_samples_and_length():
 
 
 def test_a_point_inside_the_turning_circle_is_refused() -> None:
-    points = "[[-38, 144.5, 22], [-37.9, 144.6, 22], [-37.9, 144.603, 22]]"
-    scenario = load_scenario(None, [f"route.waypoints={points}", "route.duration=null"])
+    points = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.95, 144.65, 22.0))
+    scenario = Scenario(route=Route(waypoints=points, duration=None, turn_rate=0.001))
     with pytest.raises(InputError, match=r"route\.waypoints: point 3 is never reached"):
         build_trajectory(scenario)
