@@ -51,8 +51,9 @@ class IccpOptions(BaseModel):
     iterations: int = Field(50, ge=1, le=1000, description="most iterations")
     tolerance: float = Field(0.1, gt=0.0, description="m; a smaller move ends the iteration")
     covariance_factor: float = Field(
-        8.0, ge=1.0, description="on the covariance: nearest contours are not always the right ones"
+        12.0, ge=1.0, description="on the covariance: nearest contours are not always the right ones"
     )
+    largest_misfit: float = Field(25.0, gt=1.0, description="misfit per degree of freedom above which there is no fix")
     min_scans: int = Field(8, ge=3, description="readings with a contour in the window that a fix needs")
 
 
@@ -120,7 +121,9 @@ class Iccp:
         apart = np.array(ends) - ends[best]
         covariance = covariance + np.einsum("i,ij,ik->jk", weight / weight.sum(), apart, apart)
         covariance = options.covariance_factor * covariance
-        figures = {"misfit": float(misfit[best] / (len(scans) - 2)), "turn": turns[best]}
+        figures = {"misfit": excess, "turn": turns[best]}
+        if excess > options.largest_misfit:
+            return declined(batch, "no track in the search window fits its contours", **figures)
         if np.linalg.eigvalsh(covariance)[1] > half**2:
             return declined(batch, "the contours leave the track free to move", **figures)
         return publish_measured(batch, ends[best], covariance, figures, _listed(scans, point, nearests[best]))
