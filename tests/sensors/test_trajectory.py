@@ -10,7 +10,7 @@ from isogal.earth.frames import enu_axes, geodetic_to_ecef, horizontal_differenc
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.scenario import Imu, Route, Scenario
-from isogal.sensors.trajectory import build_trajectory, rhumb_azimuth
+from isogal.sensors.trajectory import _Guide, build_trajectory, rhumb_azimuth
 
 CORNERS = ((-38.0, 144.5, 22.0), (-37.9, 144.9, 40.0), (-38.0, 145.1, 15.0), (-37.8, 145.2, 22.0))
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -135,8 +135,36 @@ def test_samples_and_length():
     assert trajectory.latitude.shape == (401,)
 
 
-def test_a_point_inside_the_turning_circle_is_refused() -> None:
-    points = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.95, 144.65, 22.0))
-    scenario = Scenario(route=Route(waypoints=points, duration=None, turn_rate=0.001))
-    with pytest.raises(InputError, match=r"route\.waypoints: point 3 is never reached"):
-        build_trajectory(scenario)
+CLOSE = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.9, 144.603, 22.0))
+
+
+@pytest.mark.parametrize(("points", "turn_rate"), [(CLOSE, 0.02), ((*CLOSE[:2], (-37.95, 144.65, 22.0)), 0.001)])
+def test_a_point_inside_the_turning_circle_is_not_circled_for_ever(points, turn_rate):
+    trajectory = route(waypoints=points, turn_rate=turn_rate)
+    away = horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(points[-1][:2]))
+    assert np.hypot(*away) < 22.0
+    assert np.abs(np.diff(np.unwrap(headings(trajectory)))).max() <= turn_rate + 1e-12
+
+
+def test_survey_lines_close_together_are_driven():
+    """Lines 11 km long and two turning radii apart: turns start near their ends, not kilometres before."""
+    lines = [((-38.0, -37.9)[(k + end) % 2], 144.5 + 0.025 * k, 22.0) for k in range(4) for end in (0, 1)]
+    trajectory = route(waypoints=tuple(lines))
+    for latitude, longitude, _ in lines:
+        away = horizontal_difference(trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude]))
+        assert np.hypot(*away.T).min() < 0.5 * 22.0 / 0.02
+    assert trajectory.time[-1] < 1.2 * (4 * 11.1e3 + 3 * 2.2e3) / 22.0
+
+
+def test_a_line_that_misses_its_end_by_its_height_ends_abeam_of_it():
+    """A rhumb line flown 50 km up for 7000 km passes hundreds of metres beside its end on the ellipsoid."""
+    end = (40.0, 60.0)
+    trajectory = route(start=(0.0, 0.0), end=end, speed=130.0, height=50e3)
+    missed = np.hypot(*horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(end)))
+    assert 130.0 < missed < 1000.0
+
+
+def test_a_vehicle_that_never_arrives_is_refused(monkeypatch):
+    monkeypatch.setattr(_Guide, "command", lambda self, lat, lon, heading, speed: (self.turn_limit, 0.0))
+    with pytest.raises(InputError, match=r"route\.waypoints: point 2 is never reached with turn_rate 0\.03 rad/s"):
+        route(waypoints=CORNERS, turn_rate=0.03)

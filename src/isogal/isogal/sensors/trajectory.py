@@ -8,6 +8,7 @@ continuous specific force and angular rate, so the readings do not share the str
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def _build(route: Route, rate: float) -> Trajectory:
     rows: list[tuple[float, float, float, float]] = [(lat, lon, heading, speed)]
     rates: list[tuple[float, float]] = []
     while steps is None or len(rates) < steps:
-        if guide.arrived(lat, lon):
+        if guide.arrived(lat, lon, heading, speed):
             if steps is None:
                 break
             raise InputError(
@@ -195,11 +196,10 @@ class _Guide:
         self.speed = self.points[0][2]
         self.heading = self._azimuth(*self.start)
         self.manoeuvring = len(self.points) > 2 or self.points[0][2] != self.points[1][2]
+        self.lengths = [self._between(*start[:2], end) for start, end in pairwise(self.points)]
         slowest = min(v for _, _, v in self.points)
-        legs = zip(self.points[:-1], self.points[1:], strict=True)
-        length = sum(self._between(a[0], a[1], b) for a, b in legs)
         turns = len(self.points) * 2.0 * math.pi / self.turn_limit
-        self.most_steps = int((3.0 * length / slowest + turns) / dt) + 1000
+        self.most_steps = int((3.0 * sum(self.lengths) / slowest + turns) / dt) + 1000
         """Far more than any route takes that arrives."""
 
     def _azimuth(self, lat: float, lon: float, leg: int | None = None) -> float:
@@ -220,9 +220,16 @@ class _Guide:
         north, east = _position_rates(0.5 * (lat + target[0]), math.pi / 4, math.sqrt(2.0), self.height)
         return math.hypot((target[0] - lat) / north, math.remainder(target[1] - lon, 2.0 * math.pi) / east)
 
-    def arrived(self, lat: float, lon: float) -> bool:
-        """Whether the last point is reached (within one step)."""
-        return self.leg == len(self.points) - 1 and self._distance(lat, lon) < max(self.points[-1][2] * self.dt, 1.0)
+    def arrived(self, lat: float, lon: float, heading: float, speed: float) -> bool:
+        """Whether the last point is reached (within one step) or, on a straight route, has just been passed by."""
+        if self.leg < len(self.points) - 1:
+            return False
+        distance = self._distance(lat, lon)
+        if distance < max(speed * self.dt, 1.0):
+            return True
+        # at a height or over thousands of km the line misses its end by metres
+        near = not self.manoeuvring and distance < 0.01 * self.lengths[-1]
+        return near and math.cos(self._azimuth(lat, lon) - heading) < 0.0
 
     def command(self, lat: float, lon: float, heading: float, speed: float) -> tuple[float, float]:
         """Return (heading rate rad/s, acceleration m/s²) for the coming interval."""
@@ -233,14 +240,20 @@ class _Guide:
             mid = lat + 0.5 * self.dt * _position_rates(lat, heading, speed, self.height)[0]
             n = A / math.sqrt(1.0 - E2 * math.sin(mid) ** 2)
             return speed * math.sin(heading) * math.tan(mid) / (n + self.height), 0.0
-        target_speed = self.points[self.leg][2]
+        radius = speed / self.turn_limit
         if self.leg < len(self.points) - 1:
             corner = math.remainder(self._azimuth(*self.points[self.leg][:2], self.leg + 1) - heading, 2.0 * math.pi)
-            lead = speed / self.turn_limit * math.tan(min(abs(corner), 2.8) / 2.0)
+            # a corner is rounded off where the turn fits into both legs; a sharper one is overshot
+            lead = radius * math.tan(min(abs(corner), 0.5 * math.pi) / 2.0)
+            lead = min(lead, 0.5 * self.lengths[self.leg - 1], 0.5 * self.lengths[self.leg])
             if self._distance(lat, lon) <= max(lead, speed * self.dt):
                 self.leg += 1
-                target_speed = self.points[self.leg][2]
+        target_speed = self.points[self.leg][2]
         error = math.remainder(self._azimuth(lat, lon) - heading, 2.0 * math.pi)
         turn = max(-self.turn_limit, min(self.turn_limit, error / self.dt))
+        distance = self._distance(lat, lon)
+        ahead, aside = distance * math.cos(error), distance * abs(math.sin(error))
+        if math.hypot(ahead, aside - radius) < 0.999 * radius:
+            turn = 0.0  # the point lies within the turning circle: turning would go round it for ever
         acceleration = max(-self.acceleration_limit, min(self.acceleration_limit, (target_speed - speed) / self.dt))
         return turn, acceleration
