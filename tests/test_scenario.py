@@ -55,7 +55,7 @@ def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
 
 def test_words_with_an_e_stay_words():
     assert load_scenario(None, ["map.source=1e5_tiles.nc"]).map.source == "1e5_tiles.nc"
-    assert load_scenario(None, ["map.source=east.nc"]).map.source == "east.nc"
+    assert load_scenario(None, ["map.source=1e5"]).map.source == "1e5"
 
 
 def test_waypoints():
@@ -70,7 +70,10 @@ def test_all_matchers_of_the_contract_may_be_named(name):
     assert load_scenario(None, [f"matcher.name={name}"]).matcher.name == name
 
 
-def test_map_sigma_may_be_auto():
+def test_map_sigma_may_be_auto_or_a_number_either_way_it_is_written():
+    assert load_scenario(None, ["matcher.map_sigma=3e-5"]).matcher.map_sigma == 3e-5
+    assert load_scenario(None, ["matcher.map_sigma=3.0e-5"]).matcher.map_sigma == 3e-5
+    assert load_scenario(None, ["route.waypoints=[[-38, 144, 2e1], [-37, 145, 1e1]]"]).route.waypoints[0][2] == 20.0
     assert load_scenario(None, ["matcher.map_sigma=auto"]).matcher.map_sigma == "auto"
 
 

@@ -190,9 +190,12 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
 
 
 def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> Scenario:
-    """Validate an already parsed document; raises InputError with one line."""
+    """Validate an already parsed document; raises InputError with one line.
+
+    YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant, where a number belongs.
+    """
     try:
-        return Scenario.model_validate(_resolve_exponents(document))
+        return Scenario.model_validate(document)
     except ValidationError as error:
         raise InputError(f"{where}: {describe(error)}") from None
 
@@ -255,17 +258,3 @@ def _override(document: dict[str, Any], item: str) -> None:
         if not isinstance(target, dict):
             raise InputError(f"--set {item}: '{parent}' is a value, not a section")
     target[last] = value
-
-
-def _resolve_exponents(value: Any) -> Any:
-    """YAML 1.1 reads 1e-5 (no dot) as a string; users mean the number."""
-    if isinstance(value, Mapping):
-        return {k: _resolve_exponents(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_resolve_exponents(v) for v in value]
-    if isinstance(value, str):
-        try:
-            return float(value) if any(c in "eE" for c in value) and value[:1] in "+-.0123456789" else value
-        except ValueError:
-            return value
-    return value
