@@ -10,10 +10,20 @@ import pytest
 
 from isogal.paper import claims
 from isogal.paper.cases import DEFAULT, PAPER, Plan, Setting, table_settings, unaided_settings
-from isogal.paper.claims import FAILS, HOLDS, OPEN, benefit_time, decide, paired, quantum_gain, rate_interval
 from isogal.paper.iterations import Snapshot
 from isogal.paper.measure import Outcome, Tracks, roughness
 from isogal.paper.results import AlongTrack, Results
+from isogal.paper.verdicts import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    REGISTER,
+    benefit_time,
+    decide,
+    paired,
+    quantum_gain,
+    rate_interval,
+)
 
 TIME = np.arange(0.0, 12961.0, 60.0)
 RUNS = 100
@@ -25,8 +35,8 @@ def outcome(setting: Setting, mean: float = 100.0, diverged: int = 0, spread: fl
     per_run = mean * (1.0 + spread * random.standard_normal(RUNS))
     error = per_run[:, None] * np.ones(TIME.size)
     drift = 1000.0 * (TIME / TIME[-1]) * np.abs(1.0 + 0.3 * random.standard_normal((RUNS, 1)))
-    summary: dict[str, Any] = {"diverged": diverged}
-    return Outcome(setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], None)
+    summary: dict[str, Any] = {"diverged": diverged, "nees_per_axis": {"mean": 3.0}, "bound": {"rms": 50.0}}
+    return Outcome(setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], 0.01, None)
 
 
 def all_outcomes(change: Callable[[Setting], dict[str, Any]] = lambda _: {}) -> dict[Setting, Outcome]:
@@ -61,11 +71,32 @@ def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
     return Results(**(values | changes))
 
 
+class NoMap(Plan):
+    """A plan whose maps are not looked at but for their cells."""
+
+    def field_map(self, setting: Setting) -> Any:
+        return type("Map", (), {"cell_size_m": staticmethod(lambda latitude: (222.0, 222.0))})()
+
+
+def replace_plan(measured: Results) -> Results:
+    example = type("Example", (), {"ambiguous": 0.5})()
+    return replace(measured, plan=NoMap(RUNS, None, 12960.0), profile=example)
+
+
 def verdict(key: str, measured: Results) -> str:
-    (function,) = [decide_ for name, _, _, decide_ in claims._REGISTER if name == key]
-    text, answer = function(measured)
+    (entry,) = [entry for entry in REGISTER if entry.key == key]
+    text, answer = entry.decide(measured)
     assert text.endswith((".", ")."))
     return answer
+
+
+def test_what_does_not_hold_is_explained() -> None:
+    judged = claims.judge(replace_plan(results(all_outcomes())))
+    assert len(judged) == len(REGISTER)
+    for claim in judged:
+        assert claim.why == "" or claim.verdict != HOLDS
+    explained = {claim.key for claim in judged if claim.why}
+    assert {"500 m", "benefit", "divergence by noise"} <= explained
 
 
 def test_decide() -> None:

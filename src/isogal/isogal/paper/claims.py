@@ -5,102 +5,67 @@ of diverged runs are compared by their exact binomial 95 % intervals. The paper'
 verdicts.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 
 from isogal.evaluation.report import number
+from isogal.paper import reasons
 from isogal.paper.cases import DEFAULT, PAPER, RIVAL, Setting
 from isogal.paper.measure import Outcome, roughness
 from isogal.paper.published import BENEFIT_TIME, GAIN_TIME, HIGH, LOW, QUANTUM_GAIN, ROWS, TABLE_4
 from isogal.paper.results import Results
-
-Verdict = Literal["holds", "does not hold", "cannot tell"]
-HOLDS: Verdict = "holds"
-FAILS: Verdict = "does not hold"
-OPEN: Verdict = "cannot tell"
-HOUR = 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A claim, what was measured about it, and what follows."""
-
-    key: str
-    source: str
-    text: str
-    measured: str
-    verdict: Verdict
-
-
-Decision = tuple[str, Verdict]
-_REGISTER: list[tuple[str, str, str, Callable[[Results], Decision]]] = []
-
-
-def _claim(
-    key: str, source: str, text: str
-) -> Callable[[Callable[[Results], Decision]], Callable[[Results], Decision]]:
-    def register(decide: Callable[[Results], Decision]) -> Callable[[Results], Decision]:
-        _REGISTER.append((key, source, text, decide))
-        return decide
-
-    return register
+from isogal.paper.verdicts import (
+    FAILS,
+    HOLDS,
+    HOUR,
+    OPEN,
+    REGISTER,
+    Claim,
+    Decision,
+    after,
+    benefit_time,
+    claim,
+    decide,
+    metres,
+    paired,
+    quantum_gain,
+    rate_interval,
+)
 
 
 def judge(results: Results) -> tuple[Claim, ...]:
     """Decide all claims, in the paper's order."""
-    return tuple(Claim(key, source, text, *decide(results)) for key, source, text, decide in _REGISTER)
+    claims = []
+    for entry in REGISTER:
+        measured, verdict = entry.decide(results)
+        why = entry.why(results) if entry.why is not None and verdict != HOLDS else ""
+        claims.append(Claim(entry.key, entry.source, entry.text, measured, verdict, why))
+    return tuple(claims)
 
 
-def decide(condition: bool, opposite: bool) -> Verdict:
-    """Return the verdict of two exclusive findings; neither = cannot tell."""
-    return HOLDS if condition else FAILS if opposite else OPEN
-
-
-def paired(a: Outcome, b: Outcome) -> float:
-    """Difference of the mean errors of the same runs over its standard error; 0 for a single run."""
-    count = min(len(a.run_means), len(b.run_means))
-    difference = a.run_means[:count] - b.run_means[:count]
-    if count < 2 or not difference.any():
-        return 0.0
-    return float(difference.mean() / max(difference.std(ddof=1) / np.sqrt(count), 1e-12))
-
-
-def rate_interval(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact interval of a share (Clopper and Pearson 1934)."""
-    from scipy.stats import beta
-
-    tail = (1.0 - confidence) / 2.0
-    low = 0.0 if count == 0 else float(beta.ppf(tail, count, total - count + 1))
-    high = 1.0 if count == total else float(beta.ppf(1.0 - tail, count + 1, total - count))
-    return low, high
-
-
-def _metres(value: float) -> str:
-    return f"{number(value)} m"
-
-
-@_claim("ambiguity", "section 2", "One reading may match more than one place in the search window.")
+@claim("ambiguity", "section 2", "One reading may match more than one place in the search window.")
 def _ambiguity(results: Results) -> Decision:
     share = results.profile.ambiguous
     text = f"Along a line to the east it does at {100 * share:.0f} % of the places along the track (window of 8 km)."
     return text, decide(share > 0.1, share < 0.01)
 
 
-@_claim("iterations", "section 3.2", "After 15 iterations, hardly any difference between two iterations is left.")
+@claim(
+    "iterations",
+    "section 3.2",
+    "After 15 iterations, hardly any difference between two iterations is left.",
+    why=reasons.ambiguous,
+)
 def _iterations(results: Results) -> Decision:
     last = np.median([snapshot.movement[-1] for snapshot in results.snapshots]) if results.snapshots else np.nan
     most = np.median([snapshot.movement.max() for snapshot in results.snapshots]) if results.snapshots else np.nan
     text = (
-        f"The 15th iteration moves the batch by {_metres(float(last))} (median of {len(results.snapshots)} batches), "
-        f"the largest step is {_metres(float(most))}."
+        f"The 15th iteration moves the batch by {metres(float(last))} (median of {len(results.snapshots)} batches), "
+        f"the largest step is {metres(float(most))}."
     )
     return text, decide(last < 0.05 * most, last > 0.1 * most)
 
 
-@_claim("retrodiction", "section 3.3", "The estimated trajectory is smoother with retrodiction.")
+@claim("retrodiction", "section 3.3", "The estimated trajectory is smoother with retrodiction.")
 def _retrodiction(results: Results) -> Decision:
     parts, ratios = [], []
     for setting, tracks in results.tracks.items():
@@ -108,14 +73,14 @@ def _retrodiction(results: Results) -> Decision:
             standard = results.tracks[Setting(batch_length=setting.batch_length)]
             a, b, c = roughness(standard.live), roughness(tracks.live), roughness(tracks.revised)
             parts.append(
-                f"T = {setting.batch_length}: the error changes by {_metres(a)} RMS from scan to scan with standard aiding, "
-                f"by {_metres(c)} in the track that retrodiction leaves behind (as output at the time: {_metres(b)})"
+                f"T = {setting.batch_length}: the error changes by {metres(a)} RMS from scan to scan with standard aiding, "
+                f"by {metres(c)} in the track that retrodiction leaves behind (as output at the time: {metres(b)})"
             )
             ratios.append(c / a)
     return "; ".join(parts) + ".", decide(max(ratios) < 0.8, min(ratios) > 1.0)
 
 
-@_claim("variability", "section 3.3", "The map feature variability reflects how much the data vary along the track.")
+@claim("variability", "section 3.3", "The map feature variability reflects how much the data vary along the track.")
 def _variability(results: Results) -> Decision:
     from scipy.stats import spearmanr
 
@@ -129,7 +94,7 @@ def _variability(results: Results) -> Decision:
     return text, decide(correlation > 0.4, correlation < 0.2)
 
 
-@_claim(
+@claim(
     "unbounded", "section 4.2.1, first", "Without aiding the RMS error grows without bound, even with high-end sensors."
 )
 def _unbounded(results: Results) -> Decision:
@@ -142,28 +107,17 @@ def _unbounded(results: Results) -> Decision:
     return text, decide(quarters[3] > 1.2 * quarters[1], quarters[3] < 1.05 * quarters[1])
 
 
-def quantum_gain(results: Results) -> tuple[float, float]:
-    """Share by which quantum accelerometers reduce the unaided RMS error, and its standard error (jackknife over runs)."""
-    precision, quantum = results.unaided("precision"), results.unaided("quantum_accelerometer")
-    index = int(np.argmin(np.abs(precision.time - results.plan.gain_time)))
-    a, b = precision.unaided[:, index] ** 2, quantum.unaided[:, index] ** 2
-    gain = 1.0 - float(np.sqrt(b.mean() / a.mean()))
-    if len(a) < 2:
-        return gain, float("nan")
-    left_out = 1.0 - np.sqrt((b.sum() - b) / (a.sum() - a))
-    return gain, float(np.sqrt((len(a) - 1) * np.mean((left_out - left_out.mean()) ** 2)))
-
-
-@_claim(
+@claim(
     "quantum gain",
     "section 4.2.1, second",
     "Quantum accelerometers reduce the RMS error after 3.5 h by a little over 6 %.",
+    why=reasons.accelerometers,
 )
 def _quantum_gain(results: Results) -> Decision:
     gain, error = quantum_gain(results)
     theory = {heading: 1 - results.drift[heading, "quantum_accelerometer"] / results.drift[heading, "precision"]
               for heading, grade in results.drift if grade == "precision"}  # fmt: skip
-    text = f"{100 * gain:.2f} ± {100 * error:.2f} % (2 standard errors: {200 * error:.2f} %); by theory " + ", ".join(
+    text = f"{100 * gain:.2f} % (2 standard errors: {200 * error:.2f} %); by theory " + ", ".join(
         f"{100 * value:.2f} % with {heading:g} rad of heading error" for heading, value in theory.items()
     )
     if results.plan.gain_time < GAIN_TIME:
@@ -172,16 +126,16 @@ def _quantum_gain(results: Results) -> Decision:
     return text + ".", decide(near and 2 * error < 0.02, not near)
 
 
-@_claim("quantum drift", "section 4.2.1, second", "With quantum accelerometers the drift is still unbounded.")
+@claim("quantum drift", "section 4.2.1, second", "With quantum accelerometers the drift is still unbounded.")
 def _quantum_drift(results: Results) -> Decision:
     outcome = results.unaided("quantum_accelerometer")
     end = float(outcome.time[-1])
     half, whole = (float(np.interp(f * end, outcome.time, outcome.unaided_rms)) for f in (0.5, 1.0))
-    text = f"{_metres(half)} RMS after {end / HOUR / 2:.1f} h, {_metres(whole)} after {end / HOUR:.1f} h."
+    text = f"{metres(half)} RMS after {end / HOUR / 2:.1f} h, {metres(whole)} after {end / HOUR:.1f} h."
     return text, OPEN if end < 2 * HOUR else decide(whole > 1.2 * half, whole < 1.05 * half)
 
 
-@_claim("bounded", "section 4.2.1, third", "With aiding the error is bounded and stable.")
+@claim("bounded", "section 4.2.1, third", "With aiding the error is bounded and stable.")
 def _bounded(results: Results) -> Decision:
     parts, ratios = [], []
     for quantity, sigma in LOW.items():
@@ -193,20 +147,12 @@ def _bounded(results: Results) -> Decision:
     return "; ".join(parts) + ".", decide(max(ratios) < 1.5, max(ratios) > 2.0)
 
 
-def benefit_time(outcome: Outcome) -> float:
-    """Time (s) from which on the aided RMS error stays below the unaided one; NaN where it does not in the end."""
-    worse = np.flatnonzero(outcome.rms >= outcome.unaided_rms)
-    last = int(worse[-1]) if worse.size else -1
-    return float(outcome.time[last + 1]) if last + 1 < len(outcome.time) else float("nan")
-
-
-@_claim("benefit", "section 4.2.1, fourth", "The benefit of aiding appears after 2 hours.")
+@claim("benefit", "section 4.2.1, fourth", "The benefit of aiding appears after 2 hours.", why=reasons.early)
 def _benefit(results: Results) -> Decision:
     times = {quantity: benefit_time(results.at(quantity, sigma, 30)) for quantity, sigma in LOW.items()}
     default = {quantity: benefit_time(results.at(quantity, sigma, 30, DEFAULT)) for quantity, sigma in LOW.items()}
     text = "; ".join(
-        f"{quantity}: after {number(times[quantity] / HOUR)} h ({DEFAULT}: {number(default[quantity] / HOUR)} h)"
-        for quantity in times
+        f"{quantity}: {after(times[quantity])} ({DEFAULT}: {after(default[quantity])})" for quantity in times
     )
     if results.unaided("precision").time[-1] < BENEFIT_TIME:
         return text + ".", OPEN
@@ -214,7 +160,7 @@ def _benefit(results: Results) -> Decision:
     return text + ".", decide(all(near), not any(near))
 
 
-@_claim(
+@claim(
     "jagged",
     "section 4.2.1, fifth",
     "The aided curves are jagged by the aiding interval of 300 s, though averaged over 100 runs.",
@@ -226,7 +172,7 @@ def _jagged(results: Results) -> Decision:
     if not at_fix.any():
         return "no batch.", OPEN
     jump, between = float(np.median(steps[at_fix])), float(np.median(steps[~at_fix]))
-    text = f"The RMS error changes by {_metres(jump)} (median) at a batch end, by {_metres(between)} from scan to scan elsewhere."
+    text = f"The RMS error changes by {metres(jump)} (median) at a batch end, by {metres(between)} from scan to scan elsewhere."
     return text, decide(jump > 3.0 * between, jump < 1.5 * between)
 
 
@@ -239,21 +185,28 @@ def _trend(results: Results, pairs: list[tuple[Outcome, Outcome]], names: list[s
     return text + ".", decide(min(scores) > 2.0, min(scores) < -2.0)
 
 
-@_claim("sensor", "section 4.2.1, fifth; discussion, third", "The error depends on the precision of the field sensor.")
+@claim(
+    "sensor",
+    "section 4.2.1, fifth; discussion, third",
+    "The error depends on the precision of the field sensor.",
+    why=reasons.overconfident,
+)
 def _sensor(results: Results) -> Decision:
     cases = [(quantity, length) for quantity in LOW for length in (30, 15)]
     pairs = [(results.at(q, HIGH[q], length), results.at(q, LOW[q], length)) for q, length in cases]
     return _trend(results, pairs, [f"{q}, T = {length}, high against low noise" for q, length in cases])
 
 
-@_claim("resolution", "section 4.2.1, fifth", "The error depends on the resolution of the map.")
+@claim("resolution", "section 4.2.1, fifth", "The error depends on the resolution of the map.")
 def _resolution(results: Results) -> Decision:
     cells = [results.plan.field_map(Setting(quantity=quantity)).cell_size_m(-0.64) for quantity in LOW]
     text = f"Both maps have the same cells here ({cells[0][0]:.0f} m and {cells[1][0]:.0f} m north-south), so nothing was compared."
     return text, OPEN
 
 
-@_claim("500 m", "section 4.2.2", "With gravity at 1e-5 m/s² the mean error is somewhat above 500 m.")
+@claim(
+    "500 m", "section 4.2.2", "With gravity at 1e-5 m/s² the mean error is somewhat above 500 m.", why=reasons.method
+)
 def _five_hundred(results: Results) -> Decision:
     outcomes = [results.row(row) for row in TABLE_4[:2]]
     text = "; ".join(
@@ -266,7 +219,9 @@ def _five_hundred(results: Results) -> Decision:
     return text + ".", decide(min(high) > 500.0 and max(low) < 600.0, max(high) < 500.0 or min(low) > 600.0)
 
 
-@_claim("divergence by noise", "section 4.2.2", "Runs diverge more often when the sensor is noisier.")
+@claim(
+    "divergence by noise", "section 4.2.2", "Runs diverge more often when the sensor is noisier.", why=reasons.windows
+)
 def _divergence_by_noise(results: Results) -> Decision:
     return _divergence(results, [(q, s) for q, s in HIGH.items()], [(q, s) for q, s in LOW.items()])
 
@@ -285,7 +240,12 @@ def _divergence(results: Results, more: list[tuple[str, float]], less: list[tupl
     return "; ".join(parts) + " (low and high noise).", decide(any(higher), all(lower))
 
 
-@_claim("T and noise", "section 4.2.2", "The two noise levels differ more with T = 15 than with T = 30.")
+@claim(
+    "T and noise",
+    "section 4.2.2",
+    "The two noise levels differ more with T = 15 than with T = 30.",
+    why=reasons.windows,
+)
 def _batch_and_noise(results: Results) -> Decision:
     parts, scores = [], []
     for quantity in LOW:
@@ -303,7 +263,12 @@ def _batch_and_noise(results: Results) -> Decision:
     return "; ".join(parts) + ".", decide(min(scores) > 2.0, max(scores) < 2.0 and min(scores) < -2.0)
 
 
-@_claim("shorter batches", "section 4.1", "Short batches (T = 15) err and diverge more than long ones (T = 30).")
+@claim(
+    "shorter batches",
+    "section 4.1",
+    "Short batches (T = 15) err and diverge more than long ones (T = 30).",
+    why=reasons.windows,
+)
 def _shorter(results: Results) -> Decision:
     cases = [(row.quantity, row.sigma) for row in ROWS if row.batch_length == 30]
     pairs = [(results.at(q, s, 15), results.at(q, s, 30)) for q, s in cases]
@@ -312,7 +277,12 @@ def _shorter(results: Results) -> Decision:
     return f"{text[:-1]}; diverged runs in all: {counts[0]} against {counts[1]}.", verdict
 
 
-@_claim("no divergence", "section 4.2.2", "With gravity at low noise no run diverges, with T = 15 as with T = 30.")
+@claim(
+    "no divergence",
+    "section 4.2.2",
+    "With gravity at low noise no run diverges, with T = 15 as with T = 30.",
+    why=reasons.overconfident,
+)
 def _no_divergence(results: Results) -> Decision:
     counts = [results.row(row).diverged for row in TABLE_4[:2]]
     runs = results.plan.runs
@@ -320,8 +290,11 @@ def _no_divergence(results: Results) -> Decision:
     return text, decide(counts == [0, 0] and runs >= 30, rate_interval(max(counts), runs)[0] > 0.01)
 
 
-@_claim(
-    "maps alike", "section 4.2.3", "The disturbance map gives no significantly different errors than the gravity map."
+@claim(
+    "maps alike",
+    "section 4.2.3",
+    "The disturbance map gives no significantly different errors than the gravity map.",
+    why=reasons.overconfident,
 )
 def _maps_alike(results: Results) -> Decision:
     cases = [(level, length) for level in (LOW, HIGH) for length in (30, 15)]
@@ -336,7 +309,7 @@ def _maps_alike(results: Results) -> Decision:
     return text + ".", decide(min(ratios) > 0.67 and max(ratios) < 1.5, min(ratios) < 0.5 or max(ratios) > 2.0)
 
 
-@_claim(
+@claim(
     "first hour",
     "section 4.2.3",
     "The error is overwhelmingly large in the first hour, because the map varies little there.",
@@ -358,10 +331,11 @@ def _first_hour(results: Results) -> Decision:
     return text, decide(first > 1.5 * later, first < 1.1 * later)
 
 
-@_claim(
+@claim(
     "little data",
     "discussion, first",
     "Local and temporal correlation make the match robust with few samples, where area correlation needs very many.",
+    why=reasons.ambiguous,
 )
 def _little_data(results: Results) -> Decision:
     ours, rival = results.at("gravity", LOW["gravity"], 30), results.outcomes[Setting(matcher=RIVAL)]
@@ -372,10 +346,11 @@ def _little_data(results: Results) -> Decision:
     return text, decide(score > 2.0 and rival.mean > 1.5 * mine, score < -2.0)
 
 
-@_claim(
+@claim(
     "drag",
     "discussion, second",
     "The iterations drag the navigator's belief to the place where the signals were sensed.",
+    why=reasons.ambiguous,
 )
 def _drag(results: Results) -> Decision:
     if not results.snapshots:
@@ -385,16 +360,17 @@ def _drag(results: Results) -> Decision:
     closer = int((after < before).sum())
     text = (
         f"In {closer} of {len(before)} batches of the first run the last scan ends closer to the truth than it began; "
-        f"median error {_metres(float(np.median(before)))} before, {_metres(float(np.median(after)))} after."
+        f"median error {metres(float(np.median(before)))} before, {metres(float(np.median(after)))} after."
     )
     low, high = rate_interval(closer, len(before))
     return text, decide(low > 0.5, high < 0.5)
 
 
-@_claim(
+@claim(
     "short batch suffices",
     "discussion, third",
     "With a low-noise sensor a short batch gives robust aiding without divergence.",
+    why=reasons.overconfident,
 )
 def _short_suffices(results: Results) -> Decision:
     outcomes = [results.at(quantity, sigma, 15) for quantity, sigma in LOW.items()]
@@ -404,6 +380,6 @@ def _short_suffices(results: Results) -> Decision:
     return text + ".", decide(counts == [0, 0] and runs >= 30, rate_interval(max(counts), runs)[0] > 0.01)
 
 
-@_claim("other sensors", "discussion, fourth", "The algorithm may be used with gradients, magnetometers or terrain.")
+@claim("other sensors", "discussion, fourth", "The algorithm may be used with gradients, magnetometers or terrain.")
 def _other_sensors(results: Results) -> Decision:
     return "Not simulated by this command; `isogal match` takes recorded tracks of any scalar field.", OPEN

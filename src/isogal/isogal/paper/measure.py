@@ -13,6 +13,7 @@ from isogal.evaluation.consistency import SpreadTest, spread_test
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.summary import summarise
 from isogal.fusion.navigator import FilterState
+from isogal.matching.pmht_paper import PaperOptions
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.sensors.trajectory import build_trajectory
@@ -42,6 +43,8 @@ class Outcome:
     """(K,) m."""
     fix_time: Array
     """(B,) s."""
+    excluded: float
+    """Share of the batch ends at which the true place was outside the paper's search window."""
     detail: RunDetail | None
 
     @classmethod
@@ -57,6 +60,7 @@ class Outcome:
             runs.unaided_horizontal_error,
             bound,
             runs.fix_time - runs.time[0],
+            excluded_share(runs),
             runs.detail,
         )
 
@@ -95,6 +99,15 @@ class Outcome:
         """RMS error over a stretch of time (s), m; NaN where the runs are shorter."""
         inside = (self.time > start) & (self.time <= end)
         return float(np.sqrt(np.mean(self.error[:, inside] ** 2))) if inside.any() else float("nan")
+
+
+def excluded_share(runs: Runs) -> float:
+    """Share of the batch ends that the navigator came to with the true place outside the window of eq. s2-02 (a rectangle)."""
+    options = PaperOptions()
+    before = np.searchsorted(runs.time, runs.fix_time - 1e-6) - 1
+    half = np.sqrt(options.gamma * np.diagonal(runs.covariance[:, before], axis1=-2, axis2=-1))
+    outside = np.abs(runs.error[:, before]) > np.maximum(half, options.min_half_width)
+    return float(outside.any(axis=-1).mean()) if outside.size else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

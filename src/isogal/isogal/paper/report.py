@@ -5,7 +5,6 @@ from pathlib import Path
 
 from isogal.evaluation.report import Illustration, Section, number, write_report
 from isogal.paper.cases import DEFAULT, PAPER, Setting
-from isogal.paper.claims import Claim
 from isogal.paper.figures_errors import (
     noise_figure,
     overview_figure,
@@ -18,6 +17,7 @@ from isogal.paper.figures_signals import iterations_figure, readings_figure, var
 from isogal.paper.published import JOURNEY, TABLE_4, TABLE_6
 from isogal.paper.results import Results
 from isogal.paper.tables import aiding_table, claims_table, comparison_table, sensitivity_table, spread_table
+from isogal.paper.verdicts import Claim
 
 
 def write_page(results: Results, claims: Sequence[Claim], out: str | Path, journey: float, perfect: float) -> Path:

@@ -5,17 +5,26 @@ from typing import Any
 
 from isogal.evaluation.report import Table, number
 from isogal.paper.cases import MATCHERS, PAPER, SWEEP_HEADINGS, SWEEP_SPEEDS, Setting
-from isogal.paper.claims import Claim, quantum_gain, rate_interval
 from isogal.paper.figures_errors import GRADE_LABELS
 from isogal.paper.measure import Outcome, roughness
 from isogal.paper.published import QUANTUM_GAIN, TABLE_4, TABLE_6, PublishedRow
 from isogal.paper.results import Results
+from isogal.paper.verdicts import Claim, quantum_gain, rate_interval
 
 
 def percent(count: int, total: int) -> str:
     """Write a share of runs with its 95 % interval."""
     low, high = rate_interval(count, total)
-    return f"{100 * count / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+    return _whole(f"{100 * count / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
+
+
+def _whole(text: str) -> str:
+    """Keep a cell's text in one line."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}").replace("-", "\N{NON-BREAKING HYPHEN}")
+
+
+def _mean(outcome: Outcome) -> str:
+    return _whole(f"{number(outcome.mean)} ± {number(outcome.mean_uncertainty, 2)}")
 
 
 def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) -> Table:
@@ -23,7 +32,7 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
     cells: list[tuple[str, ...]] = []
     for row in rows:
         title = (f"{row.batch_length}", f"{row.sigma:g}", f"{row.snr:.0f} / {results.snr(row):.0f}")
-        cells.append((*title, "the paper", number(row.mean_error), *("–",) * 6, f"{100 * row.divergence_rate:.0f} %"))
+        cells.append((*title, "paper", number(row.mean_error), *("–",) * 6, f"{100 * row.divergence_rate:.0f} %"))
         cells += [("", "", "", *_outcome_cells(results.row(row, matcher))) for matcher in MATCHERS]
     header = (
         *("T", "sigma (m/s²)", "SNR (dB): paper / here", "from", "mean error (m)", "RMS (m)", "RMS after 1 h (m)"),
@@ -45,13 +54,13 @@ def _outcome_cells(outcome: Outcome) -> tuple[str, ...]:
         ratio = error["rms_after_1h"] / bound["rms_after_1h"]
     total = fixes["published"] + fixes["declined"]
     return (
-        outcome.setting.matcher,
-        f"{number(outcome.mean)} ± {number(outcome.mean_uncertainty, 2)}",
+        _whole(outcome.setting.matcher),
+        _mean(outcome),
         number(error["rms"]),
         number(error["rms_after_1h"]),
         number(ratio),
         number(nees["mean"]),
-        " to ".join(number(end) for end in nees["interval"]),
+        _whole(" to ".join(number(end) for end in nees["interval"])),
         f"{100 * fixes['declined'] / max(total, 1):.1f} %",
         percent(outcome.diverged, len(outcome.run_means)),
     )
@@ -97,7 +106,7 @@ def aiding_table(results: Results) -> Table:
                 (
                     f"{length}",
                     mode,
-                    f"{number(outcome.mean)} ± {number(outcome.mean_uncertainty, 2)}",
+                    _mean(outcome),
                     number(error["rms"]),
                     number(outcome.summary["nees_per_axis"]["mean"]),
                     number(roughness(tracks.live)),
@@ -135,7 +144,7 @@ def sensitivity_table(results: Results) -> Table:
                 number(theory[0] if swept else None),
                 gain,
                 number(unaided["rms"]),
-                *(f"{number(o.mean)} ± {number(o.mean_uncertainty, 2)}" for o in aided),
+                *(_mean(o) for o in aided),
             )
         )
     header = (
@@ -159,7 +168,7 @@ def _sweep() -> list[dict[str, Any]]:
 
 def claims_table(claims: Sequence[Claim]) -> Table:
     """Return every claim with what was measured and the verdict."""
-    rows = [(claim.source, claim.text, claim.measured, claim.verdict) for claim in claims]
+    rows = [(claim.source, claim.text, f"{claim.measured} {claim.why}".strip(), claim.verdict) for claim in claims]
     return Table("What the paper says, and what is found here.", ("where", "claim", "measured here", "verdict"), rows)
 
 
@@ -215,7 +224,14 @@ def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
             for setting, tracks in results.tracks.items()
         ],
         "claims": [
-            {"key": c.key, "where": c.source, "claim": c.text, "measured": c.measured, "verdict": c.verdict}
+            {
+                "key": c.key,
+                "where": c.source,
+                "claim": c.text,
+                "measured": c.measured,
+                "verdict": c.verdict,
+                "why": c.why,
+            }
             for c in claims
         ],
         "cases": {setting.name: without_time(outcome) for setting, outcome in results.outcomes.items()},
