@@ -59,12 +59,13 @@ def _print(results: Any, claims: Any, page: Path) -> None:
     from isogal.paper.cases import MATCHERS
     from isogal.paper.published import ROWS
 
-    table = Table(box=SIMPLE_HEAD, title=f"Tables 4 and 6, {results.plan.runs} runs", title_justify="left")
+    title = f"Mean error (m) and diverged runs, {results.plan.runs} runs a case"
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, collapse_padding=True)
     for name in ("map", "sigma", "T"):
-        table.add_column(name)
+        table.add_column(name, no_wrap=True)
     for name in ("paper", *MATCHERS):
-        table.add_column(f"{name}\nmean (m)", justify="right")
-        table.add_column("div.", justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column("div.", justify="right", no_wrap=True)
     for row in ROWS:
         cells = [
             row.quantity,
