@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.interfaces import Batch
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel
 from isogal.matching.particle import Particle, ParticleOptions
-from isogal.matching.point_mass import PointMass, PointMassOptions
-from isogal.matching.scans import WhiteNoise
+from isogal.matching.point_mass import PointMass, PointMassOptions, _nodes
+from isogal.matching.scans import Scans, WhiteNoise
 
 GRAVIMETER = (-8e-9, 0.0, 6e-6, 1.2e-4)
 
@@ -60,6 +61,29 @@ def test_moments_of_the_posterior(rough_map, sigma, bias_sigma, name):
     if name == "point-mass":  # velocity as well
         np.testing.assert_allclose(told / spread, mean / spread, atol=0.1)
         np.testing.assert_allclose(np.sqrt(np.diag(told_covariance)), spread, rtol=0.06)
+
+
+def test_velocity_and_bias_are_integrated_out(rough_map):
+    batch, _ = make_batch(rough_map, (200.0, 150.0, 0.05, -0.04), sigma=1e-5, jacobian=GRAVIMETER)
+    scans = Scans.of(batch, rough_map, WhiteNoise(), whole=True)
+    gain = np.array([[1e-4, 0.0], [2e-5, 3e-4]])
+    # so large that the determinant counts
+    linear = np.diag([0.3**2, 0.2**2, 2e-5**2])
+    position = np.array([[0.0, 0.0], [400.0, -300.0], [-700.0, 900.0]])
+    log, velocity, spread = _nodes(
+        *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**-2.0, scans.transition,
+        scans.jacobian, position, gain, linear,
+    )  # fmt: skip
+    dense = np.empty(3)
+    for k, p in enumerate(position):
+        residual, slope = scans.linearise(rough_map, np.concatenate([p, gain @ p]))
+        D = np.column_stack([-slope[:, 2:], np.ones(30)])
+        S = np.diag(scans.sigma**2) + D @ linear @ D.T
+        dense[k] = multivariate_normal.logpdf(residual, np.zeros(30), S)
+        K = linear @ D.T @ np.linalg.inv(S)
+        np.testing.assert_allclose(velocity[k], (gain @ p) + (K @ residual)[:2], rtol=1e-3)
+        np.testing.assert_allclose(spread[k], (linear - K @ D @ linear)[:2, :2], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(np.diff(log), np.diff(dense), rtol=1e-4, atol=0.02)
 
 
 def test_a_posterior_between_the_nodes_is_found(rough_map):
