@@ -1,6 +1,7 @@
 """Workers on this machine: one process each, started afresh (spawn), replaced and its chunk done again where it dies.
 
-Python's own pools give up when a worker is killed, and do not say which task it had; here the parent holds a pipe to each worker.
+Python's own pools give up when a worker is killed, and do not say which task it had; here the parent holds a pipe to each worker. A
+script that computes by workers needs the guard ``if __name__ == "__main__"``, since each of them imports it.
 """
 
 import contextlib
