@@ -148,7 +148,8 @@ def test_rounding_and_sigma_of_the_map_are_in_the_covariance():
     np.testing.assert_allclose(BatchLikelihood.of(batch, rounded, NoiseModel()).covariance, expected, rtol=1e-12)
     side = np.linspace(1e-5, 9e-5, PLANE.values.shape[1]) * np.ones((PLANE.values.shape[0], 1))
     uneven = replace(PLANE, sigma=side)
-    covariance = BatchLikelihood.of(batch, uneven, CORRELATED).covariance
+    here = (np.zeros(4), np.zeros((4, 4)))
+    covariance = BatchLikelihood.of(batch, uneven, CORRELATED, belief=here).covariance
     own = np.maximum(uneven.sigma_at(batch.latitude, batch.longitude), 3e-5)  # the larger of what map and user say
     np.testing.assert_allclose(np.diag(covariance), batch.sigma**2 + own**2 + 2e-5**2, rtol=1e-12)
     assert own.max() > 3e-5

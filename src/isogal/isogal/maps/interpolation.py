@@ -138,32 +138,26 @@ def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bilinear_value(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: float, lon: float) -> float:
-    """Interpolate linearly between the four nodes around a point; NaN where one is missing or outside.
+def bilinear_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
+    """Interpolate linearly between the four nodes around each point; NaN where one is missing or outside.
 
     For fields that must not overshoot, such as a 1-sigma.
     """
     n, m = values.shape
-    y = (lat - lat0) / dlat
-    x = column_position(m, lon0, dlon, lon)
-    if not (0.0 <= y <= n - 1.0 and x >= 0.0):
-        return math.nan
-    if not (x <= m - 1.0 or is_periodic(m, dlon)):
-        return math.nan
-    i = min(int(y), n - 2)
-    j = int(x) if is_periodic(m, dlon) else min(int(x), m - 2)
-    t, u, right = y - i, x - j, (j + 1) % m
-    j %= m
-    return (1.0 - t) * ((1.0 - u) * values[i, j] + u * values[i, right]) + t * (
-        (1.0 - u) * values[i + 1, j] + u * values[i + 1, right]
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def bilinear_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
-    """Interpolate linearly at many points: `bilinear_value` over ``lat`` (N,) and ``lon`` (N,)."""
     count = lat.shape[0]
-    out = np.empty(count)
+    out = np.full(count, math.nan)
     for k in range(count):
-        out[k] = bilinear_value(values, lat0, dlat, lon0, dlon, lat[k], lon[k])
+        y = (lat[k] - lat0) / dlat
+        x = column_position(m, lon0, dlon, lon[k])
+        if not (0.0 <= y <= n - 1.0 and x >= 0.0):
+            continue
+        if not (x <= m - 1.0 or is_periodic(m, dlon)):
+            continue
+        i = min(int(y), n - 2)
+        j = int(x) if is_periodic(m, dlon) else min(int(x), m - 2)
+        t, u, right = y - i, x - j, (j + 1) % m
+        j %= m
+        out[k] = (1.0 - t) * ((1.0 - u) * values[i, j] + u * values[i, right]) + t * (
+            (1.0 - u) * values[i + 1, j] + u * values[i + 1, right]
+        )
     return out

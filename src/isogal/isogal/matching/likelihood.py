@@ -8,9 +8,9 @@ and r = e + G d: e ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x
 noise of sensor and map quantisation q, map error with an exponential covariance, an unknown constant; and d ~ N(0, 1) the navigator's drift
 within the batch that xi does not explain, through the map's gradient and the reduction.
 
-A map that says how wrong it is from place to place (sigma_map on its nodes) has another R at every candidate. Its correlations are taken at
-the navigator's own place, its scale at the candidate: row t counts as r_t s_t(0) / s_t(xi) with s_t² = sigma_t² + sigma_map²(place), and
-log p loses log(s_t(xi) / s_t(0)). Exact where sensor noise or map error dominates or their ratio is even.
+Where a map says how wrong it is from place to place, R is taken with the mean of sigma_map² over where the readings may have been taken
+(the belief): the same R for every candidate. With an R of its own for each, the determinants would decide between candidates, and they
+know the map's error far less well than an exponential covariance of dense readings pretends.
 
 Rows that an earlier batch has used come first (context). By the chain rule the new rows count given the old: with R = L L' and w = L⁻¹ r,
 the last components of w are the innovations of the new readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new what
@@ -20,6 +20,7 @@ the drift does to them; the navigator's prior of d already knows the old reading
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap, Grid
-from isogal.maps.interpolation import bilinear_value, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.interfaces import Batch
 
 Array = NDArray[np.float64]
@@ -78,18 +79,15 @@ class BatchLikelihood:
     """(T,) index of each row in the batch."""
     channel: NDArray[np.int64]
     """(T,) index of each row's map."""
-    sigma_grid: Array
-    """(C, n, m) 1-sigma of the maps' error at their nodes; (0,) where it is the same everywhere."""
-    least_sigma: float
-    """1-sigma that the map's error has at least."""
-    white: Array
-    """(T,) variance of what is not the map's error."""
-    total: Array
-    """(T,) that and the map's error at the navigator's place."""
 
     @classmethod
     def of(
-        cls, batch: Batch, field_map: FieldMap | ChannelMap, noise: NoiseModel, extra_variance: Array | None = None
+        cls,
+        batch: Batch,
+        field_map: FieldMap | ChannelMap,
+        noise: NoiseModel,
+        extra_variance: Array | None = None,
+        belief: tuple[Array, Array] | None = None,
     ) -> "BatchLikelihood":
         """Prepare a batch; scans without a reading are left out.
 
@@ -97,19 +95,28 @@ class BatchLikelihood:
         ----------
         extra_variance : (len(batch),) array, optional
             Added to the white variance of each scan (inf = leave the scan out), for readings that are not trusted.
+        belief : ((4,), (4, 4)) arrays, optional
+            Mean and covariance of xi over which a map error that differs from place to place is averaged; default: the batch's prior.
         """
         extra = np.zeros(len(batch)) if extra_variance is None else extra_variance
         rows = np.flatnonzero(np.isfinite(batch.reading) & np.isfinite(extra))
         latitude, longitude = batch.latitude[rows], batch.longitude[rows]
         maps = channels_of(field_map)
         channel = np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
-        own_sigma = by_channel(field_map, channel, "sigma_at", latitude, longitude)
-        map_sigma = np.maximum(noise.map_sigma, np.nan_to_num(own_sigma))
+        belief = belief or (np.zeros(4), batch.prior)
+        own_sigma = _map_sigma(field_map, channel, latitude, longitude, batch.transition[rows], *belief)
+        map_sigma = np.maximum(noise.map_sigma, own_sigma)
         rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
         sensor = batch.sigma[rows] ** 2
         white = sensor + extra[rows] + rounding
         covariance = residual_covariance(
-            latitude, longitude, white, map_sigma, noise.correlation_length, noise.bias_sigma, channel
+            latitude,
+            longitude,
+            white,
+            map_sigma,
+            noise.correlation_length,
+            noise.bias_sigma,
+            channel if len(maps) > 1 else None,
         )
         if batch.reading_covariance is not None:
             covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)
@@ -130,22 +137,14 @@ class BatchLikelihood:
             first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
             rows=rows,
             channel=channel,
-            sigma_grid=_sigma_grid(maps),
-            least_sigma=noise.map_sigma,
-            white=white,
-            total=white + map_sigma**2,
         )
         return likelihood.with_drift_at(np.zeros(4))
 
     def log(self, xi: Array) -> Array:
         """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S, 4); -inf off the map."""
-        return self._log(xi, True)
-
-    def _log(self, xi: Array, determinant: bool) -> Array:
         return _log_likelihood(
-            *self.grid, self.channel, self.sigma_grid, self.least_sigma, self.white, self.total, self.latitude, self.longitude,
-            self.radian, self.level, self.transition, self.jacobian, self.factor, self.projection, self.first_new,
-            np.ascontiguousarray(xi), determinant,
+            *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian,
+            self.factor, self.projection, self.first_new, np.ascontiguousarray(xi),
         )  # fmt: skip
 
     def residual(self, xi: Array) -> Array:
@@ -157,17 +156,6 @@ class BatchLikelihood:
         return _linearise(
             *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
         )  # fmt: skip
-
-    def covariance_at(self, xi: Array) -> Array:
-        """Return R (T, T) with the map's error as large as it is where the error xi (4,) says the readings were taken."""
-        if not self.sigma_grid.size:
-            return self.covariance
-        position = xi @ self.transition.transpose(0, 2, 1)
-        scale = _scales(
-            *self.grid[1:], self.channel, self.sigma_grid, self.least_sigma, self.white, self.total,
-            self.latitude - position[:, 0] * self.radian[:, 0], self.longitude - position[:, 1] * self.radian[:, 1],
-        )  # fmt: skip
-        return self.covariance * scale[:, None] * scale
 
     def drift_at(self, xi: Array) -> Array:
         """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the map has no gradient."""
@@ -209,8 +197,6 @@ class BatchLikelihood:
             "drift_reading",
             "rows",
             "channel",
-            "white",
-            "total",
         )
         kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[good]) for name in rows}
         likelihood = replace(
@@ -235,17 +221,13 @@ class BatchLikelihood:
         reduction = self.jacobian[:, 2:]
         covariance = self.covariance + sigma**2 * np.eye(len(self.level)) + reduction @ velocity @ reduction.T
         likelihood = replace(
-            self,
-            covariance=covariance,
-            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
-            white=self.white + sigma**2,
-            total=self.total + sigma**2,
+            self, covariance=covariance, factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         )
         return likelihood.with_drift_at(np.zeros(4))
 
     def misfit(self, xi: Array) -> float:
-        """Return the chi-square of the new readings at xi (4,)."""
-        return -2.0 * float(self._log(xi[None], False)[0])
+        """Return the chi-square of the new readings at xi (4,): -2 `log`."""
+        return -2.0 * float(self.log(xi[None])[0])
 
     @property
     def new_count(self) -> int:
@@ -284,24 +266,45 @@ def residual_covariance(
     return covariance + bias_sigma**2 * together
 
 
-def _sigma_grid(maps: tuple[FieldMap, ...]) -> Array:
-    """Return (C, n, m) the maps' 1-sigma at the nodes, or (0,) where each has one for all."""
-    if all(isinstance(one.sigma, float) for one in maps):
-        return np.empty(0)
-    if len(maps) == 1:
-        return np.asarray(maps[0].sigma)[None]
-    return np.stack([np.broadcast_to(one.sigma, one.values.shape) for one in maps])
+def uneven(field_map: FieldMap | ChannelMap) -> bool:
+    """Whether a map says that it is more wrong in some places than in others."""
+    return any(not isinstance(one.sigma, float) for one in channels_of(field_map))
 
 
-@njit(cache=True, nogil=True)
-def _scales(lat0, dlat, lon0, dlon, channel, sigma_grid, least_sigma, white, total, latitude, longitude):  # type: ignore[no-untyped-def]
-    """Return (T,) s(place) / s(navigator's place) at places (T,) rad."""
-    out = np.empty(latitude.shape[0])
-    for t in range(latitude.shape[0]):
-        sigma = bilinear_value(sigma_grid[channel[t]], lat0, dlat, lon0, dlon, latitude[t], longitude[t])
-        sigma = max(least_sigma, sigma if math.isfinite(sigma) else 0.0)
-        out[t] = math.sqrt((white[t] + sigma * sigma) / total[t])
-    return out
+def _map_sigma(
+    field_map: FieldMap | ChannelMap,
+    channel: NDArray[np.int64],
+    latitude: Array,
+    longitude: Array,
+    transition: Array,
+    mean: Array,
+    covariance: Array,
+) -> Array:
+    """Return (T,) the root mean square of the map's own sigma over where each row may have been taken; 0 where it has none."""
+    if not uneven(field_map):
+        return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    xi = mean + _disc() * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    north, east = metres_per_radian(latitude)
+    moved = np.einsum("tij,sj->sti", transition, xi)
+    there = by_channel(
+        field_map,
+        np.tile(channel, len(xi)),
+        "sigma_at",
+        (latitude - moved[..., 0] / north).reshape(-1),
+        (longitude - moved[..., 1] / east).reshape(-1),
+    ).reshape(len(xi), -1)
+    known = np.isfinite(there)
+    return np.sqrt((np.nan_to_num(there) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+
+
+@lru_cache(maxsize=1)
+def _disc() -> Array:
+    """Return (64, 4) quasi-random standard normal points."""
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    return np.asarray(ndtri(qmc.Sobol(4, seed=np.random.default_rng(20230102)).random(64)), dtype=np.float64)
 
 
 @njit(cache=True, nogil=True)
@@ -331,10 +334,6 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     lon0,
     dlon,
     channel,
-    sigma_grid,
-    least_sigma,
-    white,
-    variance,
     latitude,
     longitude,
     radian,
@@ -345,7 +344,6 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     projection,
     first_new,
     xi,
-    determinant,
 ):
     samples, rows = xi.shape[0], latitude.shape[0]
     out = np.empty(samples)
@@ -361,7 +359,6 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     for s in range(samples):
         a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
         total = 0.0
-        log_scale = 0.0
         for t in range(start, rows):
             f, j = transition[t], jacobian[t]
             north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
@@ -372,13 +369,6 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
             else:
                 value, _, _ = value_and_gradient(values[channel[t]], lat0, dlat, lon0, dlon, lat, lon)
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
-            if sigma_grid.ndim == 3:  # known when compiling
-                sigma = bilinear_value(sigma_grid[channel[t]], lat0, dlat, lon0, dlon, lat, lon)
-                sigma = max(least_sigma, sigma if math.isfinite(sigma) else 0.0)
-                ratio = (white[t] + sigma * sigma) / variance[t]
-                r /= math.sqrt(ratio)
-                if t >= first_new:
-                    log_scale += 0.5 * math.log(ratio)
             if not diagonal:
                 for u in range(t):
                     r -= factor[t, u] * whitened[u]
@@ -391,8 +381,6 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
             for t in range(first_new, rows):
                 explained += projection[t - first_new, m] * whitened[t]
             total -= explained * explained
-        if determinant:
-            total += 2.0 * log_scale
         out[s] = -0.5 * total if math.isfinite(total) else -np.inf
     return out
 

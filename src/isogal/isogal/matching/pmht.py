@@ -29,7 +29,7 @@ from isogal.matching.contours import contour_candidates
 from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood, NoiseModel, uneven
 from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise_estimation import NoiseEstimate
@@ -141,13 +141,15 @@ class Pmht:
         if np.isfinite(batch.reading[-batch.new :]).sum() < 3:
             return self._decline(batch, "fewer than three readings in the batch", memory, prior)
 
-        every = BatchLikelihood.of(batch, field_map, noise)
         scale = memory.scale.factor if memory else 1.0
-        every = every.scaled(scale) if scale > 1.0 else every
+        every = _likelihood(batch, field_map, noise, prior, scale)
         bad = _spikes(every, prior, self.settings.outlier_gate + 2.0)
         result = self._update(every.without(bad), prior)
         if result is None:
             return self._decline(batch, "the search area lies outside the map", memory, prior)
+        if uneven(field_map):  # now that the place is known, so is how wrong the map is there
+            every = _likelihood(batch, field_map, noise, result.belief, scale)
+            result = self._update(every.without(bad), prior) or result
         misfits = _misfits(
             every, result.belief, self.settings.outlier_gate
         )  # with everybody in, now that the place is known
@@ -157,7 +159,7 @@ class Pmht:
         if estimate is not None:
             updated = estimate.update(batch, result.likelihood, field_map, result.belief.mean[0], self.noise.bias_sigma)
             if estimate.differs(updated):
-                every = BatchLikelihood.of(batch, field_map, updated.model(self.noise))
+                every = _likelihood(batch, field_map, updated.model(self.noise), result.belief)
                 result = self._update(every.without(bad), prior) or result
             estimate = updated
         keep = Memory(
@@ -323,6 +325,13 @@ class Pmht:
         return declined(batch, reason), keep
 
 
+def _likelihood(
+    batch: Batch, field_map: FieldMap, noise: NoiseModel, belief: Mixture, scale: float = 1.0
+) -> BatchLikelihood:
+    likelihood = BatchLikelihood.of(batch, field_map, noise, belief=belief.moments())
+    return likelihood.scaled(scale) if scale > 1.0 else likelihood
+
+
 def _without(batch: Batch, stamps: frozenset[float]) -> Batch:
     """Return the batch with the readings of the given stamps removed."""
     if not stamps:
@@ -340,7 +349,7 @@ def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray
     reach = slope @ covariance @ slope.T
     smooth = smooth_misfit(likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0)
     drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance_at(mean) + drift @ drift.T + reach + smooth, gate)
+    return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
 
 
 def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArray[np.bool_]:
@@ -350,7 +359,7 @@ def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArr
     if not np.isfinite(residual).all():
         return np.zeros(len(residual), dtype=np.bool_)
     drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance_at(mean) + drift @ drift.T + slope @ covariance @ slope.T, gate)
+    return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)
 
 
 def _consistency(result: Update, prior: Array) -> tuple[float, float, float]:
