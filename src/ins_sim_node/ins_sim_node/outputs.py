@@ -29,20 +29,20 @@ class Outputs:
         self._m_imu.orientation_covariance[0] = -1.0  # no orientation
 
     def publish(self, k: int, ns: int) -> None:
-        """Publish step k: the clock first, the IMU, which sets the graph going, last. The start (k = 0) has no IMU sample."""
+        """Publish step k: the clock, then the IMU, so that the filter works while the rest is made. The start (k = 0) has no sample."""
         run = self.simulation
         set_stamp(self._m_clock.clock, ns)
+        self._clock.publish(self._m_clock)
+        if k > 0:
+            fill_imu(self._m_imu, ns, run.imu.specific_force[0, k - 1], run.imu.angular_rate[0, k - 1])
+            self._imu.publish(self._m_imu)
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)
         fill_fix(self._m_ins, ns, run.unaided[k, 0], run.unaided[k, 1], height)
         fill_odom(self._m_odom, ns, self._frame, run.states[k], run.turn_rate[k])
-        self._clock.publish(self._m_clock)
         self._truth_odom.publish(self._m_odom)
         self._ins_fix.publish(self._m_ins)
         self._truth_fix.publish(self._m_truth)
-        if k > 0:
-            fill_imu(self._m_imu, ns, run.imu.specific_force[0, k - 1], run.imu.angular_rate[0, k - 1])
-            self._imu.publish(self._m_imu)
 
     def error_of(self, odometry: bytes) -> float:
         """Return the horizontal distance (m) of a serialised nav/odom from the truth last published."""

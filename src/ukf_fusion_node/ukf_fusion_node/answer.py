@@ -36,12 +36,13 @@ class Answer:
         covariance = state.covariance[0]
         latitude, longitude, height = state.position[0].tolist()
         nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])
-        fill_numbers(self._m_covariance, ns, state.batch_prior[0])
-        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
+        # the odometry first: a lock-step simulation goes on with it while the rest is made
         fill_odom(self._m_odom, ns, self._frame, nav, _turn_rate(state, angular_rate), covariance)
-        self._covariance.publish(self._m_covariance)
-        self._fix.publish(self._m_fix)
         self._odom.publish(self._m_odom)
+        fill_numbers(self._m_covariance, ns, state.batch_prior[0])
+        self._covariance.publish(self._m_covariance)
+        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
+        self._fix.publish(self._m_fix)
         self._extend_path(ns)
 
     def _extend_path(self, ns: int) -> None:
