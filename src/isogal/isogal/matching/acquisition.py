@@ -56,9 +56,8 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
     while True:
         place = cells * size
-        value = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest).log(
-            mean + _with_velocity(place, follow)
-        )
+        blurred = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest)
+        value = blurred.log(mean + _with_velocity(place, follow))
         value = value - 0.5 * np.einsum("si,ij,sj->s", place, precision, place)
         top = float(value.max())
         if not math.isfinite(top):
@@ -73,6 +72,8 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     weight = np.exp(value[keep] - top)
     normaliser = math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance[:2, :2])[1])
     evidence = top + math.log(float(weight.sum())) + 2.0 * math.log(size) - normaliser
+    # the widened likelihood leaves out a smaller constant than the given one, which others are compared by
+    evidence += blurred.log_normaliser - likelihood.log_normaliser
     return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence
 
 

@@ -1,0 +1,82 @@
+"""Several hypotheses and one batch: weights go by evidence, dead ones are dropped, equal ones joined."""
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, make_batch
+from isogal.matching.hypotheses import update
+from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.mixture import Mixture
+from isogal.matching.sampler import Sampling, sample
+
+ERROR = np.array([250.0, -300.0, 0.0, 0.0])
+NORTH = np.array([60.0, 0.0, 0.0, 0.0])
+SIGMA = (100.0, 0.02)
+SAMPLING = Sampling(samples=1024)
+
+
+def likelihood_of(field_map, error=ERROR, **keys):
+    batch, _ = make_batch(field_map, error, **({"prior_sigma": SIGMA} | keys))
+    return BatchLikelihood.of(batch, field_map, NoiseModel()), batch.prior
+
+
+def places(prior, means, weight):
+    return Mixture(np.array(weight), np.array(means, float), np.stack([prior] * len(means)))
+
+
+def test_the_wrong_place_dies_by_its_evidence(rough_map):
+    likelihood, prior = likelihood_of(rough_map)
+    result = update(likelihood, places(prior, [[4000.0, 4000.0, 0, 0], ERROR], [0.9, 0.1]), SAMPLING, 16)
+    assert len(result.belief) == 1
+    assert result.belief.weight[0] == 1.0
+    assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
+    assert result.resolved
+    assert result.effective > 0.3
+
+
+def test_weights_go_by_prior_times_evidence():
+    """A map of two equal halves: the same readings fit 8 km apart, with equal evidence, so the prior's weights stay."""
+    waves = field_map_of(
+        lambda n, e: 5e-5 * (np.sin(2 * np.pi * n / 8000.0) + np.sin(2 * np.pi * (e + 0.4 * n) / 5000.0))
+    )
+    likelihood, prior = likelihood_of(waves, np.zeros(4))
+    there = [8000.0, 0.4 * -8000.0 + 5000.0, 0.0, 0.0]
+    result = update(likelihood, places(prior, [np.zeros(4), there], [0.3, 0.7]), SAMPLING, 16)
+    np.testing.assert_allclose(result.belief.weight, [0.7, 0.3], atol=0.05)
+    np.testing.assert_allclose(result.belief.mean[0, :2], there[:2], atol=60.0)
+    one, _ = sample(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING)
+    assert result.log_evidence == pytest.approx(one.log_evidence, abs=0.1)
+
+
+def test_two_that_come_to_the_same_place_are_joined(rough_map):
+    likelihood, prior = likelihood_of(rough_map)
+    around = [ERROR + NORTH, ERROR - NORTH]
+    result = update(likelihood, places(prior, around, [0.5, 0.5]), SAMPLING, 16)
+    assert len(result.belief) == 1
+    whole, _ = sample(likelihood, places(prior, around, [0.5, 0.5]), SAMPLING)
+    deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
+    np.testing.assert_allclose((result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.2)
+    assert result.log_evidence == pytest.approx(whole.log_evidence, abs=0.1)
+
+
+def test_at_most_so_many(rough_map):
+    likelihood, _ = likelihood_of(rough_map, sigma=1e-2)  # readings that decide nothing
+    prior = np.diag([50.0**2, 50.0**2, 1e-4, 1e-4])
+    means = [[2000.0 * i, 0.0, 0.0, 0.0] for i in range(6)]
+    result = update(likelihood, places(prior, means, [1 / 6] * 6), SAMPLING, 4)
+    assert len(result.belief) == 4
+    assert result.belief.weight.sum() == pytest.approx(1.0)
+
+
+def test_none_on_the_map(rough_map):
+    likelihood, prior = likelihood_of(rough_map)
+    assert update(likelihood, places(prior, [[1e6, 0, 0, 0], [0, 1e6, 0, 0]], [0.5, 0.5]), SAMPLING, 16) is None
+    one_left = update(likelihood, places(prior, [[1e6, 0, 0, 0], ERROR], [0.999, 0.001]), SAMPLING, 16)
+    assert np.linalg.norm(one_left.belief.mean[0, :2] - ERROR[:2]) < 100.0
+
+
+def test_a_wide_prior_is_searched(rough_map):
+    error = np.array([9000.0, 7000.0, 0.0, 0.0])
+    likelihood, prior = likelihood_of(rough_map, error, scans=60, prior_sigma=(10e3, 0.05))
+    result = update(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING, 64)
+    assert np.linalg.norm(result.belief.mean[:, :2] - error[:2], axis=1).min() < 300.0
