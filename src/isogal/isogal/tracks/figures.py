@@ -1,0 +1,186 @@
+"""Pictures of a matched track: on the map, and its readings against the map."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.figures import style
+from isogal.maps.field_map import FieldMap
+from isogal.tracks.matching import Match
+from isogal.tracks.track import Track
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+RECORDED = style.UNAIDED
+MATCHED = style.Line(style.BLUE, "-", 1.6)
+_TALLEST, _FLATTEST = 1.5, 0.35  # height over width of the map's picture
+_LATTICE = 420
+
+
+def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Array]:
+    """Return (N,) latitude and longitude (rad) of the track, each batch moved by what is known of its error; NaN without a fix."""
+    latitude, longitude = np.full(len(track), np.nan), np.full(len(track), np.nan)
+    for match in matches:
+        if match.fix.published:
+            north, east = metres_per_radian(track.latitude[match.rows])
+            since = track.time[match.rows] - track.time[match.rows.stop - 1]
+            latitude[match.rows] = track.latitude[match.rows] - (match.error[0] + match.error[2] * since) / north
+            longitude[match.rows] = track.longitude[match.rows] - (match.error[1] + match.error[3] * since) / east
+    return latitude, longitude
+
+
+@style.journal
+def track_map_figure(
+    track: Track, field_map: FieldMap, matches: Sequence[Match], truth: tuple[Array, Array] | None = None
+) -> "Figure":
+    """The map, the track as the navigator said, and the fixes with 2-sigma ellipses; truth (latitude, longitude, rad) if known."""
+    half = _half_widths(track, matches)
+    shape = float(half[0] / half[1])
+    width = style.WIDTH if shape < 1.0 else 4.9
+    figure = style.new_figure(width * shape * 0.84 + 0.9, width)
+    panel = figure.add_subplot()
+    middle = _middle(track)
+    metres = np.array(metres_per_radian(middle[0]))
+    _background(panel, field_map, middle, half / metres)
+
+    def draw(latitude: Array, longitude: Array, line: style.Line, label: str) -> None:
+        x, y = np.degrees(np.unwrap(longitude)), np.degrees(latitude)
+        panel.plot(x, y, color="white", linewidth=line.width + 2.0)  # keeps it visible on dark and on light ground
+        panel.plot(x, y, **line.options(), label=label)
+
+    draw(track.latitude, track.longitude, RECORDED, "track as recorded")
+    if truth is not None:
+        draw(*truth, style.TRUTH, "true track")
+    latitude, longitude = matched_positions(track, matches)
+    for number, match in enumerate(m for m in matches if m.fix.published):
+        label = "track moved by the fixes" if number == 0 else "_"
+        draw(latitude[match.rows], _near(longitude[match.rows], middle[1]), MATCHED, label)
+    for number, match in enumerate(m for m in matches if m.fix.published):
+        _ellipse(panel, match, middle[1], number == 0)
+    panel.set_xlabel("longitude (deg)")
+    panel.set_ylabel("latitude (deg)")
+    style.legend_below(figure)
+    return figure
+
+
+def _middle(track: Track) -> tuple[float, float]:
+    longitude = np.unwrap(track.longitude)
+    return 0.5 * float(track.latitude.min() + track.latitude.max()), 0.5 * float(longitude.min() + longitude.max())
+
+
+def _near(longitude: Array, middle: float) -> Array:
+    """Turn longitudes by whole circles to those about the middle."""
+    return middle + np.remainder(longitude - middle + math.pi, 2.0 * math.pi) - math.pi
+
+
+def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
+    """North and east half-width of the picture, m: track and fixes with a margin."""
+    middle = _middle(track)
+    north, east = (float(m) for m in metres_per_radian(middle[0]))
+    half = 0.5 * np.array([np.ptp(track.latitude) * north, np.ptp(np.unwrap(track.longitude)) * east])
+    widest = half + max(0.15 * float(np.hypot(*half)), 3e3)
+    for match in matches:
+        if match.fix.published:
+            away = horizontal_difference(match.fix.latitude, match.fix.longitude, *middle)
+            reach = np.abs(away) + 2.0 * np.sqrt(np.diag(match.fix.covariance))
+            half = np.maximum(half, np.minimum(reach, widest))  # a fix may know little of one direction
+    half += max(0.1 * float(np.hypot(*half)), 2e3)
+    half[0] = max(half[0], _FLATTEST * half[1])
+    half[1] = max(half[1], half[0] / _TALLEST)
+    return half
+
+
+def _background(panel: "Axes", field_map: FieldMap, middle: tuple[float, float], half: Array) -> None:
+    scale = style.field_scale(field_map)
+    rows, columns = (np.linspace(-h, h, _LATTICE) for h in half)
+    values = scale(field_map.value(middle[0] + rows[:, None], middle[1] + columns[None, :]))
+    figure: Any = panel.get_figure(root=False)
+    west, east = (math.degrees(middle[1] + s * half[1]) for s in (-1.0, 1.0))
+    south, north = (math.degrees(middle[0] + s * half[0]) for s in (-1.0, 1.0))
+    panel.set_facecolor("0.9")  # where there is no map
+    panel.grid(False)
+    if np.isfinite(values).any():
+        low, high = np.nanpercentile(values, [1.0, 99.0])
+        image = panel.imshow(
+            values,
+            extent=(west, east, south, north),
+            origin="lower",
+            cmap=style.FIELD_COLOURS,
+            vmin=low,
+            vmax=high,
+            aspect=1.0 / math.cos(middle[0]),
+        )
+        figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
+    panel.set_xlim(west, east)
+    panel.set_ylim(south, north)
+
+
+def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
+    """Draw a fix and its 2-sigma ellipse."""
+    values, vectors = np.linalg.eigh(match.fix.covariance)
+    angle = np.linspace(0.0, 2.0 * math.pi, 121)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edge = 2.0 * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    north, east = metres_per_radian(match.fix.latitude)
+    latitude = np.degrees(match.fix.latitude + edge[:, 0] / north)
+    longitude = np.degrees(float(_near(np.array(match.fix.longitude), middle)) + edge[:, 1] / east)
+    panel.plot(longitude, latitude, color="white", linewidth=2.6)
+    panel.plot(
+        longitude, latitude, color="black", linewidth=1.0, label=r"fix with its $2\sigma$ ellipse" if first else "_"
+    )
+    panel.plot(
+        *(np.degrees(_near(np.array(match.fix.longitude), middle)), math.degrees(match.fix.latitude), "o"),
+        color=style.SKY,
+        markeredgecolor="black",
+        markeredgewidth=0.6,
+        markersize=4.0,
+    )
+
+
+@style.journal
+def readings_figure(
+    track: Track, field_map: FieldMap, matches: Sequence[Match], truth: tuple[Array, Array] | None = None
+) -> "Figure":
+    """Readings (less offset) and the map's values along the track as recorded, and along it as matched; below, the differences."""
+    figure = style.new_figure(4.4)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    distance = _along(track)
+    scale = style.field_scale(field_map)
+    level = track.value - track.offset
+    moved = matched_positions(track, matches)
+    curves = [
+        (field_map.value(track.latitude, track.longitude), RECORDED, "map along the track as recorded"),
+        (field_map.value(*moved), MATCHED, "map along the track moved by the fixes"),
+    ]
+    if truth is not None:
+        curves.append((field_map.value(*truth), style.TRUTH, "map along the true track"))
+    marks = {"linestyle": "none", "marker": "o", "markersize": 2.4, "markerfacecolor": "0.25", "markeredgewidth": 0.0}
+    upper.plot(distance, scale(level), **marks, label="readings")
+    for values, line, label in curves:
+        upper.plot(distance, scale(values), **line.options(), label=label)
+        lower.plot(distance, (level - values) / scale.unit, **line.options())
+    for match in matches:
+        for panel in (upper, lower):
+            panel.axvline(distance[match.rows.stop - 1], color="0.7", linewidth=0.6, zorder=0)
+    lower.axhline(0.0, color="0.5", linewidth=0.6, zorder=0)
+    upper.set_ylabel(scale.two_lines)
+    lower.set_ylabel(f"reading less map\n{scale.unit_label}")
+    lower.set_xlabel("distance along the track (km); grey: ends of batches")
+    lower.set_xlim(float(distance[0]), float(distance[-1]))
+    style.legend_below(figure, columns=2)
+    return figure
+
+
+def _along(track: Track) -> Array:
+    """Distance along the track, km."""
+    steps = horizontal_difference(track.latitude[1:], track.longitude[1:], track.latitude[:-1], track.longitude[:-1])
+    return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))]) / 1e3

@@ -1,0 +1,118 @@
+"""Files of what matching a track gave: JSON, CSV and GeoJSON, one object a batch."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.errors import InputError
+from isogal.maps.files import written_whole
+from isogal.tracks.matching import Match
+
+Array = NDArray[np.float64]
+
+FIX, NO_FIX = "fix", "no_fix"
+_DEGREE_DIGITS = 9  # 0.1 mm
+
+
+def as_objects(matches: Sequence[Match], chained: bool = False) -> list[dict[str, Any]]:
+    """Return one object a batch: time s, latitude, longitude deg, covariance_enu m² (null = no fix), status, reason.
+
+    Without a fix the position is the track's own. Chained batches also say the aided position and its covariance, from all fixes so far.
+    """
+    return [_object(match, chained) for match in matches]
+
+
+def _object(match: Match, chained: bool) -> dict[str, Any]:
+    fix = match.fix
+    result: dict[str, Any] = {
+        "time": fix.time,
+        **_place(fix.latitude, fix.longitude),
+        "covariance_enu": _enu(fix.covariance) if fix.published else None,
+        "status": FIX if fix.published else NO_FIX,
+        "reason": fix.reason,
+    }
+    if chained:
+        place = _place(*match.position)
+        result["aided_latitude"], result["aided_longitude"] = place["latitude"], place["longitude"]
+        result["aided_covariance_enu"] = _enu(match.covariance[:2, :2])
+    return result
+
+
+def _place(latitude: float, longitude: float) -> dict[str, float]:
+    turned = math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    return {"latitude": round(math.degrees(latitude), _DEGREE_DIGITS), "longitude": round(turned, _DEGREE_DIGITS)}
+
+
+def _enu(covariance: Array) -> list[list[float]]:
+    """North-east (2, 2) to east-north lists."""
+    return [[float(covariance[i, j]) for j in (1, 0)] for i in (1, 0)]
+
+
+def as_json(objects: Sequence[dict[str, Any]]) -> str:
+    """Return a JSON array with one object a line."""
+    lines = ",\n  ".join(json.dumps(item, allow_nan=False) for item in objects)
+    return f"[\n  {lines}\n]\n" if objects else "[]\n"
+
+
+def as_csv(objects: Sequence[dict[str, Any]]) -> str:
+    """Return a table; the covariances as three columns each (east-east, east-north, north-north)."""
+    rows = [{key: value for item in _flat(entry) for key, value in item.items()} for entry in objects]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, fieldnames=list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _flat(entry: dict[str, Any]) -> list[dict[str, Any]]:
+    result = []
+    for key, value in entry.items():
+        if key.endswith("covariance_enu"):
+            name = key.removesuffix("_enu")
+            matrix = value or [[None, None], [None, None]]
+            result.append({f"{name}_ee": matrix[0][0], f"{name}_en": matrix[0][1], f"{name}_nn": matrix[1][1]})
+        else:
+            result.append({key: value})
+    return result
+
+
+def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
+    """Return a FeatureCollection (RFC 7946): a point for each batch, without geometry where there is no fix."""
+    features = []
+    for entry in objects:
+        point = {"type": "Point", "coordinates": [entry["longitude"], entry["latitude"]]}
+        properties = {key: value for key, value in entry.items() if key not in ("latitude", "longitude")}
+        features.append(
+            {"type": "Feature", "geometry": point if entry["status"] == FIX else None, "properties": properties}
+        )
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, indent=1) + "\n"
+
+
+WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {
+    ".json": as_json,
+    ".csv": as_csv,
+    ".geojson": as_geojson,
+}
+"""Writer by suffix."""
+
+
+def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
+    """Return the writer that a file's suffix means; raises InputError."""
+    writer = WRITERS.get(path.suffix.casefold())
+    if writer is None:
+        raise InputError(f"{path}: results are written to {', '.join(WRITERS)} files, not to '{path.suffix}'")
+    return writer
+
+
+def write_results(objects: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write a file in the format that its suffix means; it appears when complete. Raises InputError."""
+    text = writer_for(path)(objects)
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,174 @@
+"""A recorded track: where a navigator says that readings of a scalar field were taken."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.gravity import normal_gravity_gradient_north
+from isogal.errors import InputError
+from isogal.maps.axes import Track as RouteLine
+from isogal.maps.axes import Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.load import route_window
+from isogal.maps.quantities import QUANTITIES, UNITS
+from isogal.sensors.gravimeter import reading_jacobian
+
+Array = NDArray[np.float64]
+
+REDUCTIONS = ("none", "latitude", "velocity")
+"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or that and the Eötvös acceleration."""
+FEWEST = 3
+"""Readings that a track needs."""
+_OFF_SCALE = 30.0
+"""Readings whose spread differs from the map's by this factor or more are in another unit, if some unit explains it."""
+_EXPLAINED = 8.0
+"""A unit explains it where it brings the two spreads within this factor."""
+_NORMAL_GRAVITY_TAKEN_OFF = ("disturbance", "gravity_anomaly", "bouguer_disturbance", "bouguer_anomaly")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """N readings with the navigator's own position of each. Radians; values in the map's unit inside (SI, nT for magnetic fields).
+
+    Raises
+    ------
+    InputError
+        Fewer than three readings, a number that is not finite, times that do not increase, no such place, sigma not positive.
+    """
+
+    time: Array
+    """(N,) s, increasing."""
+    latitude: Array
+    """(N,) rad."""
+    longitude: Array
+    """(N,) rad."""
+    value: Array
+    """(N,); NaN = no reading."""
+    sigma: Array
+    """(N,) 1-sigma of the sensor's white noise."""
+    offset: Array
+    """(N,) known amount added to the map's value before it is compared with the reading."""
+    where: str
+    """File, for messages."""
+    reduction: str = "none"
+    """What of the track went into value or offset, one of `REDUCTIONS`."""
+    factor: float = 1.0
+    """Units inside in one unit of the file, for messages."""
+
+    def __post_init__(self) -> None:
+        if self.time.size < FEWEST:
+            raise InputError(f"{self.where}: needs at least {FEWEST} readings, has {self.time.size}")
+        for name in ("time", "latitude", "longitude", "sigma", "offset"):
+            bad = ~np.isfinite(getattr(self, name))
+            if bad.any():
+                raise InputError(f"{self.where}: {name} of reading {int(np.argmax(bad)) + 1} is not a finite number")
+        late = np.diff(self.time) <= 0.0
+        if late.any():
+            i = int(np.argmax(late))
+            raise InputError(
+                f"{self.where}: times must increase; reading {i + 2} ({self.time[i + 1]:.10g} s) is not later than"
+                f" reading {i + 1} ({self.time[i]:.10g} s)"
+            )
+        wrong = (np.abs(self.latitude) > math.pi / 2) | (np.abs(self.longitude) > 2.0 * math.pi)
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise InputError(
+                f"{self.where}: no such place at reading {i + 1}: latitude {math.degrees(self.latitude[i]):.6g}, longitude"
+                f" {math.degrees(self.longitude[i]):.6g} deg (latitude -90 to 90, longitude -180 to 360)"
+            )
+        if self.reduction not in REDUCTIONS:
+            raise InputError(f"reduction must be one of {', '.join(REDUCTIONS)}, is '{self.reduction}'")
+        if (self.sigma <= 0.0).any():
+            raise InputError(f"{self.where}: sigma of reading {int(np.argmax(self.sigma <= 0.0)) + 1} must be > 0")
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def velocity(self) -> Array:
+        """(N, 2) m/s north and east, by differences of the positions."""
+        north, east = metres_per_radian(self.latitude)
+        turned = np.unwrap(self.longitude)
+        return np.stack([np.gradient(self.latitude, self.time) * north, np.gradient(turned, self.time) * east], axis=-1)
+
+    def jacobian(self, quantity: str) -> Array:
+        """Return (N, 4) d(reading)/d(track's error north m, east m, v_north m/s, v_east m/s) by the reduction.
+
+        Zero for readings that do not depend on where the navigator thought it was. Otherwise normal gravity was taken at the track's
+        latitude, and the Eötvös acceleration at its velocity, and a candidate elsewhere would have been reduced otherwise.
+
+        Raises
+        ------
+        InputError
+            Readings of this quantity are not reduced with that.
+        """
+        jacobian = np.zeros((len(self), 4))
+        if self.reduction == "none":
+            return jacobian
+        disturbance = quantity in _NORMAL_GRAVITY_TAKEN_OFF
+        if not disturbance and (quantity != "gravity" or self.reduction == "latitude"):
+            raise InputError(f"{self.where}: readings of {quantity} are not reduced with the track's {self.reduction}")
+        if self.reduction == "latitude":
+            jacobian[:, 0] = -normal_gravity_gradient_north(self.latitude)
+            return jacobian
+        velocity = self.velocity
+        return reading_jacobian(
+            "disturbance" if disturbance else "gravity", self.latitude, velocity[:, 0], velocity[:, 1]
+        )
+
+
+def track_window(latitude: Array, longitude: Array, margin: float) -> Window:
+    """Return the part of a map within a margin (m) of points (rad)."""
+    line = RouteLine(latitude, np.unwrap(longitude), margin)
+    return route_window(latitude, longitude, margin)._replace(track=line)
+
+
+def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, NDArray[np.bool_]]:
+    """Refuse a track that cannot belong to the map; else return it with NaN where the map has no value, and (N,) where that is.
+
+    Raises
+    ------
+    InputError
+        Fewer than three readings lie on the map, or the readings are not in the map's unit.
+    """
+    at_track = field_map.value(track.latitude, track.longitude)
+    on_map = np.isfinite(at_track)
+    usable = on_map & np.isfinite(track.value)
+    if usable.sum() < FEWEST:
+        extent = route_window(track.latitude, track.longitude, 0.0).text()
+        raise InputError(
+            f"{track.where}: the track ({extent}) is off the map {field_map.provenance} ({field_map.extent.text()}):"
+            f" {int(usable.sum())} of {len(track)} readings lie where it has a value"
+        )
+    _check_unit(track.value[usable] - track.offset[usable], at_track[usable], field_map, track)
+    return replace(track, value=np.where(on_map, track.value, np.nan)), ~on_map
+
+
+def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track) -> None:
+    """Refuse readings less offset that the quantity cannot have, or whose spread another unit explains."""
+    known = QUANTITIES[field_map.quantity]
+    low, high = float(level.min()), float(level.max())
+    spread, expected = float(np.std(level)), float(np.std(at_track))
+    ratio = spread / expected if spread > 0.0 and expected > 0.0 else 1.0
+    impossible = low < known.lowest or high > known.highest
+    if not impossible and 1.0 / _OFF_SCALE < ratio < _OFF_SCALE:
+        return
+    hint = ""
+    for name, (inside, factor) in UNITS.items():
+        scale = factor / track.factor
+        possible = known.lowest <= low * scale and high * scale <= known.highest
+        if inside == field_map.unit and scale != 1.0 and possible and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED:
+            hint = f"; they look like {name}: give --track-unit '{name}'"
+            break
+    if not impossible and not hint:  # a quiet or a noisy sensor, not another unit
+        return
+    if not hint and field_map.unit == "m/s²" and known.highest < 1.0 < low:
+        hint = "; they look like gravity: give normal gravity in the column offset"
+    low, high, least, most = (x / track.factor for x in (low, high, float(at_track.min()), float(at_track.max())))
+    raise InputError(
+        f"{track.where}: readings (less offset) of {low:.6g} to {high:.6g} do not fit the {field_map.quantity} map"
+        f" {field_map.provenance}, which in their unit has {least:.6g} to {most:.6g} along the track{hint}"
+    )
