@@ -32,11 +32,18 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
     cells: list[tuple[str, ...]] = []
     for row in rows:
         title = (f"{row.batch_length}", f"{row.sigma:g}", f"{row.snr:.0f} / {results.snr(row):.0f}")
-        cells.append((*title, "paper", number(row.mean_error), *("–",) * 6, f"{100 * row.divergence_rate:.0f} %"))
+        cells.append((*title, "paper", number(row.mean_error), *("–",) * 7, f"{100 * row.divergence_rate:.0f} %"))
         cells += [("", "", "", *_outcome_cells(results.row(row, matcher))) for matcher in MATCHERS]
     header = (
         *("T", "sigma (m/s²)", "SNR (dB): paper / here", "from", "mean error (m)", "RMS (m)", "RMS after 1 h (m)"),
-        *("RMS over bound, after 1 h", "NEES per axis", "consistent within", "declined fixes", "diverged runs"),
+        *(
+            "bound after 1 h (m)",
+            "RMS over bound",
+            "NEES per axis",
+            "consistent within",
+            "declined fixes",
+            "diverged runs",
+        ),
     )
     caption = (
         f"{name}: mean position error over runs and time with its standard error, RMS, ratio to the posterior Cramér–Rao bound, "
@@ -58,6 +65,7 @@ def _outcome_cells(outcome: Outcome) -> tuple[str, ...]:
         _mean(outcome),
         number(error["rms"]),
         number(error["rms_after_1h"]),
+        number(bound["rms_after_1h"]),
         number(ratio),
         number(nees["mean"]),
         _whole(" to ".join(number(end) for end in nees["interval"])),
