@@ -34,7 +34,7 @@ class SitanOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     region: float = Field(
-        1.0, ge=0.0, description="half-width of the fitted plane in 1-sigma of the position; 0 = gradient"
+        1.5, ge=0.0, description="half-width of the fitted plane in 1-sigma of the position; 0 = gradient"
     )
     gate: float | None = Field(None, gt=0.0, description="innovations beyond so many 1-sigma are left out; null = none")
 

@@ -128,7 +128,7 @@ class Tercom:
             covariance = np.einsum("ij,ijk,ijl->kl", weight, away, away) + covariance
             if np.linalg.eigvalsh(covariance)[1] > (0.5 * half.max()) ** 2:
                 return declined(batch, "no unique shift of least difference in the search window", **figures)
-        if np.linalg.eigvalsh(covariance)[0] > (0.5 * half.max()) ** 2:
+        if np.linalg.eigvalsh(covariance)[0] > half.max() ** 2:
             return declined(batch, "the map is too flat for the search window", **figures)
         return publish_measured(batch, best, covariance, figures)
 
