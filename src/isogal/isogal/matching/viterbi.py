@@ -72,9 +72,9 @@ class Viterbi:
         # steps that widen the first scan's prior to the batch end's: the error drifts along with its velocity error, not at random
         grown = np.maximum(np.diag(batch.prior)[:2] - np.diag(first), 0.0)
         drift = np.minimum(grown / max(len(scans) - 1, 1) / cell**2, 1.0)
-        # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of N times the variance they weigh as much
+        # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of T times the variance they weigh as much
         by_velocity = np.einsum("ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:])
-        variance = scans.sigma**2 + len(scans) * (by_velocity + self.noise.bias_sigma**2)
+        variance = scans.sigma**2 + len(batch) * (by_velocity + self.noise.bias_sigma**2)
         path, marginal = _trellis(
             *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, variance, scans.jacobian,
             side, start, drift[0], drift[1],
