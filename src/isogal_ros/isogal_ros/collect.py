@@ -105,10 +105,9 @@ class Collector:
         nav = self._positions(self.last_nav, stamps)
         unaided = self._positions(self.unaided, stamps)
         covariance = np.stack([self._covariance(self.last_nav[ns]) for ns in stamps])
-        # a batch that is not matched (retrodiction publishes its scans too) has no figures of its own
-        ends = sorted(
-            ns for ns in (self.batches or self.fixes) if ns in self.truth and ns in self.last_nav and ns in self.fixes
-        )
+        # retrodiction publishes a fix for each scan: only the batch ends have figures in the diagnostics
+        batch_ends = self.batches if self.scenario.matcher.mode == "retrodiction" else self.fixes
+        ends = sorted(ns for ns in batch_ends if ns in self.fixes and ns in self.truth and ns in self.last_nav)
         error = horizontal_difference(nav[:, 0], nav[:, 1], truth[:, 0], truth[:, 1])
         return Runs(
             time=np.array([to_seconds(ns) for ns in stamps]),

@@ -16,7 +16,7 @@ from isogal.scenario import Scenario
 from isogal_ros import params, topics
 from isogal_ros.health import ERROR, OK, BadMessageError, Health
 from isogal_ros.stamps import from_seconds
-from isogal_ros.topics import Topic
+from isogal_ros.topics import LOSSLESS, Topic
 
 PARENT = "ISOGAL_PARENT_PID"
 """Environment variable: the process whose end ends a node as well."""
@@ -114,7 +114,7 @@ class GraphNode(Node):
 
     def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the topic."""
-        publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
         wanted = topic.consumers if consumers is None else consumers
         listeners = [name for name in wanted if name in self.settings.peers and name != self.get_name()]
         self._expected[publisher] = (topic.name, len(listeners))
@@ -132,7 +132,7 @@ class GraphNode(Node):
                 self.health.drop(topic.name, f"{type(error).__name__}: {error}")
                 self.get_logger().error(f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0)
 
-        return self.create_subscription(topic.type, topic.name, guarded, topic.qos, raw=raw)
+        return self.create_subscription(topic.type, topic.name, guarded, LOSSLESS, raw=raw)
 
     @property
     def ready(self) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from isogal_ros import params, topics
 from isogal_ros.domain import DEFAULTS, DOMAIN, claim_domain, shared_memory, sweep_shared_memory
@@ -111,7 +112,7 @@ class _Watcher(Node):
             start_parameter_services=False,
         )
         self.figures: dict[str, str] = {}
-        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, self._hear, topics.LATEST)
+        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, self._hear, QoSProfile(depth=10))
 
     def _hear(self, array: DiagnosticArray) -> None:
         for item in array.status:

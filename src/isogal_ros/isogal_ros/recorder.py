@@ -73,8 +73,8 @@ class RecorderNode(GraphNode):
     def _add(self, name: str, topic: Topic) -> None:
         """Make a topic known to the bag with what its publishers offer; the history is not part of discovery, so it is the graph's own."""
         offers = self.get_publishers_info_by_topic(name)
-        profiles = [offer.qos_profile for offer in offers] or [topic.qos]
-        entries = qos_text([_with_history(profile, topic.qos) for profile in profiles])
+        profiles = [offer.qos_profile for offer in offers] or [topics.LOSSLESS]
+        entries = qos_text([_with_history(profile) for profile in profiles])
         type_hash = str(offers[0].topic_type_hash) if offers else ""
         self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
 
@@ -96,9 +96,9 @@ class RecorderNode(GraphNode):
         self.writer.close()
 
 
-def _with_history(profile: QoSProfile, own: QoSProfile) -> QoSProfile:
+def _with_history(profile: QoSProfile) -> QoSProfile:
     if profile.history == HistoryPolicy.UNKNOWN:
-        profile.history, profile.depth = own.history, own.depth
+        profile.history, profile.depth = topics.LOSSLESS.history, topics.LOSSLESS.depth
     return profile
 
 

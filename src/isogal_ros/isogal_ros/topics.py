@@ -1,6 +1,6 @@
 """The topics of the graph: types, who publishes, who listens, and with which quality of service."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,14 +23,7 @@ LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""A slow reader holds the writer up instead of losing messages."""
-LATEST = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""For what only the latest of counts. Reliable too: it is recorded."""
+"""Of every topic: a slow reader holds the writer up instead of losing messages. A reader that is best effort holds up nobody."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +36,9 @@ class Topic:
     """Message class."""
     consumers: tuple[str, ...] = ()
     """Nodes that cannot do without."""
-    qos: QoSProfile = field(default_factory=lambda: LOSSLESS)
 
 
-CLOCK = Topic("/clock", Clock, qos=LATEST)
+CLOCK = Topic("/clock", Clock)
 IMU = Topic("imu/data_raw", Imu, (UKF_FUSION,))
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
@@ -64,7 +56,7 @@ NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))
 NAV_COVARIANCE = Topic("nav/covariance", Float64MultiArray, (GRAVIMETER, PMHT_MM))
 """Stamp (s, ns), then the 7 x 7 covariance, row by row, of the errors north, east (m), v_north, v_east (m/s), attitude about north, east,
 down (rad), which an Odometry cannot carry."""
-NAV_PATH = Topic("nav/path", Path, qos=LATEST)
+NAV_PATH = Topic("nav/path", Path)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
