@@ -165,8 +165,8 @@ def match(
     recorded, field_map, factor = _load(
         map_, variable, quantity, unit, track, track_unit, sensor_sigma, reduction, fix_topic, prior_sigma
     )
-    settings = _settings(overrides, field_map, factor, map_sigma, bias_sigma)
     recorded, off_map = fit_to_map(recorded, field_map)
+    settings = _settings(overrides, field_map, factor, map_sigma, bias_sigma)
     if off_map.any():
         _say(f"{recorded.where}: the map has no value at {int(off_map.sum())} of {len(recorded)} readings; left out")
     matches = match_track(recorded, field_map, settings, uncertainty, chained=chain)
@@ -258,9 +258,10 @@ def _settings(
         items.append(f"matcher.bias_sigma={bias_sigma * factor!r}")
     if "matcher.map_correlation_length" not in said and field_map.correlation_length is not None:
         items.append(f"matcher.map_correlation_length={field_map.correlation_length!r}")
+    settings = load_scenario(None, items).matcher
     if map_sigma is None and "matcher.map_sigma" not in said and not _knows_error(field_map):
         _say("the map does not say how wrong it is and is taken as exact; give --map-sigma, a number or auto")
-    return load_scenario(None, items).matcher
+    return settings
 
 
 def _scaled(option: str, text: str, factor: float) -> str:

@@ -1,0 +1,114 @@
+"""Tracks in CSV files: what is read, and one clear line for everything that cannot be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from helpers.tracks import field_of, made_track, write_csv
+from isogal.errors import InputError
+from isogal.tracks.csv_file import read_csv_track
+
+GOOD = "time,latitude,longitude,value\n0,1,2,3\n1,1,2,4\n2,1,2,5\n"
+
+
+def file_of(tmp_path, text):
+    path = tmp_path / "track.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_round_trip(tmp_path):
+    track, _, _ = made_track(field_of("height"), sigma=2.0)
+    path = write_csv(tmp_path / "t.csv", track, "value,time,sigma,longitude,latitude,offset", factor=10.0)
+    found = read_csv_track(path).track(10.0, None)
+    for name in ("time", "latitude", "longitude", "value", "sigma", "offset"):
+        np.testing.assert_allclose(getattr(found, name), getattr(track, name), rtol=1e-10)
+    assert found.factor == 10.0
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " , "])
+def test_separators_comments_order_and_other_columns(tmp_path, separator):
+    text = "# made by hand\n\ufeffTime,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n# more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"
+    text = text.replace("\ufeff", "").replace(",", separator)
+    found = read_csv_track(file_of(tmp_path, text))
+    np.testing.assert_array_equal(found.time, [0, 1, 2])
+    np.testing.assert_array_equal(found.value, [3, 4, -5])
+    assert found.sigma is None
+    assert found.offset is None
+
+
+def test_a_byte_order_mark_is_no_part_of_the_header(tmp_path):
+    assert read_csv_track(file_of(tmp_path, b"\xef\xbb\xbf" + GOOD.encode())).time.size == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; it needs a header with time, latitude, longitude, value"),
+        (
+            GOOD.replace("latitude", "lat"),
+            r"has no column 'latitude' \(is it 'lat'\?\); it has time, lat, longitude, value",
+        ),
+        (GOOD.replace("value", "gravity"), "has no column 'value'; it has"),
+        (GOOD.replace("value", "time"), "has no column 'value'|has 2 columns 'time'"),
+        (GOOD.replace("1,2,4", "1,2"), "line 3 has 3 cells, the header 4"),
+        (GOOD.replace("1,2,4", "1,2,x"), "value in line 3 is 'x', not a number"),
+        (GOOD.replace("1,2,4", "1,2,"), "value in line 3 is empty, not a number"),
+        (GOOD.replace("1,2,4", "1,2,nan"), "value in line 3 is nan, not a finite number"),
+        (GOOD.replace("1,2,4", "inf,2,4"), "latitude in line 3 is inf, not a finite number"),
+        (GOOD.replace("1,2,4", "91,2,4"), "latitude in line 3 is 91 deg, must be -90 to 90"),
+        (GOOD.replace("1,2,4", "1,-200,4"), "longitude in line 3 is -200 deg, must be -180 to 360"),
+        (GOOD.replace("\n1,", "\n7,"), "times must increase; line 4 .2 s. is not later than line 3 .7 s."),
+        (GOOD.replace("\n1,", "\n0,"), "times must increase; line 3 .0 s. is not later than line 2 .0 s."),
+        ('time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n', "quoted cell runs over several lines"),
+        (b"\xff\xfe\x00", r"is not a text file \(UTF-8\)"),
+    ],
+)
+def test_bad_files_end_in_one_clear_line(tmp_path, text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_csv_track(file_of(tmp_path, text))
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "track.csv"))
+
+
+def test_sigma_must_be_said_and_positive(tmp_path):
+    with pytest.raises(InputError, match="has no column sigma; give --sensor-sigma"):
+        read_csv_track(file_of(tmp_path, GOOD)).track(1.0, None)
+    text = "time,latitude,longitude,value,sigma\n0,1,2,3,1\n1,1,2,4,0\n2,1,2,5,1\n"
+    with pytest.raises(InputError, match="sigma in line 3 is 0, must be > 0"):
+        read_csv_track(file_of(tmp_path, text))
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_csv_track(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        read_csv_track(tmp_path)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.one_of(
+        st.binary(max_size=200),
+        st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
+        st.lists(
+            st.lists(
+                st.sampled_from(["time", "latitude", "longitude", "value", "1", "2.5", "nan", "", '"', "#", "1e999"])
+            ),
+            max_size=6,
+        ).map(lambda rows: "\n".join(",".join(row) for row in rows).encode()),
+        st.tuples(st.integers(0, len(GOOD)), st.binary(max_size=3)).map(
+            lambda cut: GOOD.encode()[: cut[0]] + cut[1] + GOOD.encode()[cut[0] :]
+        ),
+    )
+)
+def test_no_file_crashes_the_reader(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("fuzz") / "track.csv"
+    path.write_bytes(data)
+    try:
+        track = read_csv_track(path).track(1.0, 1.0)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert np.isfinite(track.value).all()

@@ -1,0 +1,73 @@
+"""The report of a matched track: figures of any track, whatever was found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.tracks import field_of, made_track
+from isogal.matching.interfaces import declined
+from isogal.scenario import Matcher
+from isogal.tracks.figures import matched_positions, readings_figure, track_map_figure
+from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.report import write_match_report
+
+HEIGHT = field_of("height")
+PRIOR = Uncertainty(position=800.0)
+
+
+def test_matched_positions_are_those_of_the_truth():
+    track, latitude, longitude = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
+    found = matched_positions(track, match_track(track, HEIGHT, Matcher(), PRIOR))
+    np.testing.assert_allclose(found[0], latitude, atol=50.0 / 6.4e6)
+    np.testing.assert_allclose(found[1], longitude, atol=50.0 / 5.1e6)
+
+
+@pytest.mark.parametrize("step", [(200.0, 0.0), (0.0, 200.0), (140.0, -170.0)])
+def test_map_shows_the_track_and_its_fixes(step):
+    track, latitude, longitude = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0, step=step)
+    matches = match_track(track, HEIGHT, Matcher(batch_length=20), PRIOR)
+    figure = track_map_figure(track, HEIGHT, matches, (latitude, longitude))
+    panel = figure.axes[0]
+    west, east = panel.get_xlim()
+    south, north = panel.get_ylim()
+    for degrees, low, high in ((np.degrees(track.longitude), west, east), (np.degrees(track.latitude), south, north)):
+        assert low < degrees.min() <= degrees.max() < high
+    dots = [line for line in panel.lines if line.get_marker() == "o"]
+    assert len(dots) == sum(match.fix.published for match in matches) > 0
+    labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
+    assert labels == {
+        "track as recorded",
+        "true track",
+        "track moved by the fixes",
+        r"fix with its $2\sigma$ ellipse",
+    }
+
+
+def test_readings_agree_with_the_map_where_the_track_was():
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
+    figure = readings_figure(track, HEIGHT, match_track(track, HEIGHT, Matcher(), PRIOR))
+    recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
+    assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
+    assert figure.axes[0].get_ylabel() == "Height\n(m)"
+
+
+class _Declines:
+    name = "declines"
+    context = 0
+
+    def match(self, batch, field_map, memory):
+        return declined(batch, "it is < & >"), None
+
+
+@pytest.mark.parametrize("matcher", [None, _Declines()], ids=["fixes", "none"])
+def test_report_has_figures_and_reasons(tmp_path, matcher):
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
+    holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
+    matches = match_track(holed, HEIGHT, Matcher(), PRIOR, matcher=matcher)
+    page = write_match_report(holed, HEIGHT, Matcher(), PRIOR, matches, tmp_path)
+    text = page.read_text()
+    assert text.count("data:image/png") == 2
+    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "track.png", "readings.png"}
+    assert f"{sum(m.fix.published for m in matches)} fixes from 2 batches of 30 readings" in text
+    assert ("it is &lt; &amp; &gt;" in text) == (matcher is not None)

@@ -1,0 +1,206 @@
+"""Matching recorded tracks: every scalar field, the fixes' own covariance, chains, edges of maps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from helpers.tracks import FIELDS, field_of, made_track
+from isogal.earth.frames import horizontal_difference
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
+from isogal.matching.interfaces import declined
+from isogal.scenario import Matcher
+from isogal.seeds import generator
+from isogal.tracks.matching import FEWEST_IN_BATCH, Uncertainty, batch_ends, match_track
+
+DISTURBANCE = field_of("disturbance")
+PRIOR = Uncertainty(position=800.0)
+
+
+def errors_of(matches, latitude, longitude):
+    """(B, 2) north and east errors of the fixes, m; NaN where there is none."""
+    ends = [match.rows.stop - 1 for match in matches]
+    found = np.array([[m.fix.latitude, m.fix.longitude] if m.fix.published else [np.nan] * 2 for m in matches])
+    return horizontal_difference(found[:, 0], found[:, 1], latitude[ends], longitude[ends])
+
+
+class Recorder:
+    """A matcher that keeps its batches and gives no fix."""
+
+    name = "recorder"
+
+    def __init__(self, context=0):
+        self.context, self.batches = context, []
+
+    def match(self, batch, field_map, memory):
+        self.batches.append(batch)
+        return declined(batch, "only looking"), None
+
+
+@pytest.mark.parametrize("quantity", FIELDS)
+def test_every_scalar_field_is_matched_alike(quantity):
+    field_map = field_of(quantity)
+    sigma = 1e-5 * FIELDS[quantity][1]
+    track, latitude, longitude = made_track(field_map, error=(900.0, -600.0), sigma=sigma)
+    matches = match_track(track, field_map, Matcher(), PRIOR)
+    assert len(matches) == 2
+    errors = errors_of(matches, latitude, longitude)
+    for error, match in zip(errors, matches, strict=True):
+        assert match.fix.published, match.fix.reason
+        assert np.hypot(*error) < 150.0
+        assert nees_per_axis(error, match.fix.covariance) < 6.9  # 99.9 %
+
+
+def test_the_same_field_in_another_unit_gives_the_same_fixes():
+    gravity = match_track(made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR)
+    height = field_of("height")
+    factor, offset = FIELDS["height"][1:]
+    scaled = made_track(height, error=(300.0, 200.0), sigma=1e-5 * factor)[0]
+    other = match_track(scaled, height, Matcher(), PRIOR)
+    assert offset > 0.0
+    for a, b in zip(gravity, other, strict=True):
+        np.testing.assert_allclose(a.fix.covariance, b.fix.covariance, rtol=1e-4)
+        assert horizontal_difference(a.fix.latitude, a.fix.longitude, b.fix.latitude, b.fix.longitude) == pytest.approx(
+            [0.0, 0.0], abs=0.1
+        )
+
+
+def test_fixes_know_their_error():
+    """Position errors drawn from the prior, 40 tracks of three batches: the mean NEES lies in its 99.9 % interval."""
+    nees, declined_batches = [], 0
+    for run in range(40):
+        random = generator(7, run, "track")
+        track, latitude, longitude = made_track(
+            DISTURBANCE,
+            count=60,
+            error=random.normal(0.0, 400.0, 2),
+            sigma=2e-5,
+            seed=run,
+            start=tuple(random.uniform(-15e3, 5e3, 2)),
+        )
+        matches = match_track(track, DISTURBANCE, Matcher(batch_length=20), Uncertainty(position=400.0))
+        errors = errors_of(matches, latitude, longitude)
+        declined_batches += int(np.isnan(errors[:, 0]).sum())
+        # of one track the batches share its error, so each track counts once, by its first fix
+        published = [k for k, match in enumerate(matches) if match.fix.published]
+        if published:
+            nees.append(float(nees_per_axis(errors[published[0]], matches[published[0]].fix.covariance)))
+    low, high = chi_square_interval(len(nees), confidence=0.999)
+    assert len(nees) >= 36
+    assert low < np.mean(nees) < high
+    assert declined_batches < 30
+
+
+def test_chained_batches_add_up_to_the_whole():
+    """The last chained batch knows as much as one batch of everything: white noise, so the likelihoods multiply."""
+    track, _, _ = made_track(DISTURBANCE, count=60, error=(350.0, -250.0), sigma=3e-5)
+    settings = Matcher(batch_length=20, options={"context": 0})
+    chained = match_track(track, DISTURBANCE, settings, PRIOR, chained=True)
+    whole = match_track(track, DISTURBANCE, Matcher(batch_length=60), PRIOR)[0]
+    assert all(match.fix.published for match in chained)
+    apart = chained[-1].error[:2] - whole.error[:2]
+    sigma = np.sqrt(np.diag(whole.covariance)[:2])
+    assert (np.abs(apart) < 0.35 * sigma).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(chained[-1].covariance)[:2]), sigma, rtol=0.15)
+    variances = [np.trace(match.covariance[:2, :2]) for match in chained]
+    assert variances[0] > variances[1] > variances[2]
+
+
+def test_independent_batches_start_alike_and_chained_ones_from_the_last():
+    track, _, _ = made_track(DISTURBANCE, error=(350.0, -250.0))
+    settings = Matcher(batch_length=20)
+    for chained in (False, True):
+        looker = Recorder()
+        match_track(track, DISTURBANCE, settings, PRIOR, chained=chained, matcher=looker)
+        for batch in looker.batches:
+            np.testing.assert_allclose(np.diag(batch.prior)[:2], 800.0**2)
+            np.testing.assert_allclose(batch.latitude, track.latitude[np.searchsorted(track.time, batch.time)])
+
+
+def test_the_error_walks_and_drifts_between_chained_batches():
+    track, _, _ = made_track(DISTURBANCE)
+    looker = Recorder()
+    uncertainty = Uncertainty(position=100.0, velocity=0.5, walk=3000.0)
+    match_track(track, DISTURBANCE, Matcher(batch_length=20), uncertainty, chained=True, matcher=looker)
+    expected = [100.0**2 + (0.5 * 200.0 * k) ** 2 + 3000.0**2 * 200.0 * k / 3600.0 for k in range(3)]
+    np.testing.assert_allclose([batch.prior[0, 0] for batch in looker.batches], expected)
+    np.testing.assert_allclose([batch.prior[0, 2] for batch in looker.batches], [0.5**2 * 200.0 * k for k in range(3)])
+
+
+@pytest.mark.parametrize(
+    ("count", "length", "stride", "ends"),
+    [
+        (60, 30, None, [30, 60]),
+        (65, 30, None, [30, 60, 65]),
+        (63, 30, None, [30, 60]),  # three are too few
+        (10, 30, None, [10]),
+        (3, 30, None, [3]),
+        (60, 30, 10, [30, 40, 50, 60]),
+        (64, 30, 10, [30, 40, 50, 60, 64]),
+    ],
+)
+def test_where_batches_end(count, length, stride, ends):
+    assert FEWEST_IN_BATCH == 4
+    assert batch_ends(count, Matcher(batch_length=length, stride=stride)) == ends
+
+
+def test_every_reading_is_new_once_and_context_comes_first():
+    track, _, _ = made_track(DISTURBANCE, count=64)
+    for stride, context in ((None, 0), (None, 15), (10, 5)):
+        looker = Recorder(context)
+        match_track(track, DISTURBANCE, Matcher(batch_length=30, stride=stride), PRIOR, matcher=looker)
+        seen = np.concatenate([batch.time[-batch.new :] for batch in looker.batches])
+        np.testing.assert_array_equal(seen, track.time)
+        for batch in looker.batches[1:-1]:
+            assert len(batch) == min(30 + context, int(np.searchsorted(track.time, batch.time[-1])) + 1)
+
+
+def test_readings_reduced_with_the_tracks_latitude_are_matched_without_bias():
+    """Disturbances that had normal gravity taken off at the navigator's latitude, 2 km off: 1.6 mGal."""
+    track, latitude, longitude = made_track(DISTURBANCE, error=(2000.0, 500.0), sigma=2e-6)
+    wrong = track.value + normal_gravity(latitude) - normal_gravity(track.latitude)
+    prior = Uncertainty(position=1500.0)
+    for reduction, good in (("latitude", True), ("none", False)):
+        reduced = replace(track, value=wrong, reduction=reduction)
+        match = match_track(reduced, DISTURBANCE, Matcher(batch_length=60), prior)[0]
+        error = errors_of([match], latitude, longitude)[0]
+        consistent = match.fix.published and nees_per_axis(error, match.fix.covariance) < 6.9
+        assert consistent == good
+
+
+def test_a_track_that_began_off_the_map_is_not_pushed_onto_it():
+    """The truth starts 1 km beyond the map's end; the navigator says 1 km on this side, so all its readings seem to be on the map."""
+    wider = replace(field_map_of(wavy, half=50e3), quantity="disturbance")
+    track, latitude, longitude = made_track(
+        wider, count=120, error=(2000.0, 0.0), start=(-41e3, -25e3), step=(150.0, 150.0), seed=3
+    )
+    prior = Uncertainty(position=1500.0)
+    looker = Recorder()
+    match_track(track, DISTURBANCE, Matcher(batch_length=120), prior, matcher=looker)
+    kept = np.isfinite(looker.batches[0].reading)
+    assert not kept[:10].any()
+    assert kept[-80:].all()
+    match = match_track(track, DISTURBANCE, Matcher(batch_length=120), prior)[0]
+    assert match.fix.published, match.fix.reason
+    assert nees_per_axis(errors_of([match], latitude, longitude)[0], match.fix.covariance) < 6.9
+
+
+def test_a_longitude_counted_from_the_other_side_changes_nothing():
+    track, _, _ = made_track(DISTURBANCE, error=(300.0, 200.0))
+    turned = replace(track, longitude=track.longitude - 2.0 * np.pi)
+    for a, b in zip(
+        match_track(track, DISTURBANCE, Matcher(), PRIOR),
+        match_track(turned, DISTURBANCE, Matcher(), PRIOR),
+        strict=True,
+    ):
+        assert b.fix.longitude == pytest.approx(a.fix.longitude - 2.0 * np.pi, abs=1e-9)
+        np.testing.assert_allclose(a.fix.covariance, b.fix.covariance, rtol=1e-4)
+
+
+@pytest.mark.parametrize("keys", [{"position": 0.0}, {"velocity": -1.0}, {"walk": np.nan}, {"position": np.inf}])
+def test_uncertainties_that_make_no_sense_are_refused(keys):
+    with pytest.raises(InputError, match="1-sigma of the track's"):
+        Uncertainty(**keys)

@@ -1,0 +1,123 @@
+"""Tracks in bags, written here with the mcap library: topics, stamps, cut files, wrong types."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from helpers.bags import FIX, READING, TEXT, drive, position, reading, write_bag
+from isogal.errors import InputError
+from isogal.tracks.recording import is_recording, read_recording
+
+
+@pytest.mark.parametrize("prefix", ["/", "", "/ship/"])
+def test_readings_get_the_position_at_their_stamp(tmp_path, prefix):
+    write_bag(tmp_path / "bag" / "bag_0.mcap", *drive(prefix=prefix))
+    recording = read_recording(tmp_path / "bag")
+    track = recording.track("gravity", None)
+    np.testing.assert_allclose(track.time, np.arange(2.5, 19.0, 2.0))
+    np.testing.assert_allclose(np.degrees(track.latitude), -36.0 + 1e-3 * track.time, rtol=1e-12)
+    np.testing.assert_allclose(track.value, 9.8 + 1e-5 * (track.time - 0.5), rtol=1e-12)
+    np.testing.assert_allclose(track.sigma, 1e-5)
+    assert track.reduction == "velocity"
+    assert recording.track("disturbance", 3e-5).sigma[0] == 3e-5
+    np.testing.assert_allclose(recording.track("disturbance", None).value, 1e-5 * (track.time - 0.5), rtol=1e-12)
+
+
+def test_of_a_stamp_that_comes_twice_the_first_counts(tmp_path):
+    messages = drive()
+    messages.insert(9, ("/nav/fix", FIX, position(3, -40.0, 147.0)))  # the filter after it has used a fix
+    late = write_bag(tmp_path / "late.mcap", *messages)
+    first = write_bag(tmp_path / "first.mcap", *drive())
+    np.testing.assert_array_equal(
+        read_recording(late).track("gravity", None).latitude, read_recording(first).track("gravity", None).latitude
+    )
+
+
+def test_positions_without_a_fix_and_other_topics_are_left_out(tmp_path):
+    messages = [
+        *drive(),
+        ("/nav/fix", FIX, position(30.0, 0.0, 0.0, status=-1)),
+        ("/talk", TEXT, SimpleNamespace(data="x")),
+    ]
+    assert read_recording(write_bag(tmp_path / "b.mcap", *messages)).time[-1] == 19.0
+
+
+def test_another_topic_for_the_positions(tmp_path):
+    messages = [(topic.replace("nav/fix", "ins/fix"), kind, message) for topic, kind, message in drive()]
+    bag = write_bag(tmp_path / "b.mcap", *messages)
+    assert read_recording(bag, "ins/fix").time.size == 20
+    with pytest.raises(
+        InputError, match="has no message on 'nav/fix'; it has /gravimeter/disturbance, /gravimeter/gravity, /ins/fix"
+    ):
+        read_recording(bag)
+
+
+def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
+    messages = drive(40)
+    write_bag(tmp_path / "bag" / "bag_2.mcap", *messages[:40])
+    write_bag(tmp_path / "bag" / "bag_10.mcap", *messages[40:])
+    whole = read_recording(tmp_path / "bag")
+    assert whole.time.size == 40
+    file = tmp_path / "cut.mcap"
+    write_bag(file, *messages, chunk_size=1000)
+    data = file.read_bytes()
+    sizes = []
+    for share in (0.3, 0.5, 0.95):
+        file.write_bytes(data[: int(share * len(data))])
+        sizes.append(read_recording(file).time.size)
+    assert 3 <= sizes[0] < sizes[1] < 40
+    assert sizes[2] == 40  # the summary at the end is not needed
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: path / "none", "no such file or folder"),
+        (lambda path: path, "no MCAP file in this folder"),
+        (lambda path: write_bag(path / "e.mcap"), "has no message on 'nav/fix'; it has none at all"),
+        (
+            lambda path: write_bag(path / "n.mcap", *[m for m in drive() if "nav" in m[0]]),
+            "has no message on 'gravimeter/gravity'",
+        ),
+        (
+            lambda path: write_bag(path / "t.mcap", ("nav/fix", READING, reading(0.0, 1.0))),
+            "topic 'nav/fix' must be of type sensor_msgs/msg/NavSatFix",
+        ),
+        (
+            lambda path: write_bag(path / "t.mcap", ("gravimeter/gravity", TEXT, SimpleNamespace(data="x"))),
+            "topic 'gravimeter/gravity' must be of type geometry_msgs/msg/AccelWithCovarianceStamped",
+        ),
+    ],
+)
+def test_what_is_no_track_is_refused_in_one_line(tmp_path, make, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_recording(make(tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_mcap(tmp_path):
+    file = tmp_path / "x.mcap"
+    for data in (b"", b"hello", b"\x89MCAP0\r\n" + bytes(50)):
+        file.write_bytes(data)
+        with pytest.raises(InputError, match=r"cannot be read as MCAP|has no message"):
+            read_recording(file)
+
+
+def test_what_the_map_needs_must_be_in_the_bag(tmp_path):
+    recording = read_recording(write_bag(tmp_path / "b.mcap", *[m for m in drive() if "disturbance" not in m[0]]))
+    with pytest.raises(InputError, match="has readings of gravity, and the map is of disturbance"):
+        recording.track("disturbance", None)
+    silent = read_recording(write_bag(tmp_path / "s.mcap", *drive(variance=0.0)))
+    with pytest.raises(InputError, match="do not say their variance; give --sensor-sigma"):
+        silent.track("gravity", None)
+    early = [m for m in drive() if m[1] == READING] + [m for m in drive(4) if m[1] == FIX][:2]
+    with pytest.raises(InputError, match="no reading lies between the first and the last position"):
+        read_recording(write_bag(tmp_path / "e.mcap", *early)).track("gravity", None)
+
+
+def test_a_bag_is_told_from_a_csv_file(tmp_path):
+    assert is_recording(tmp_path)
+    assert is_recording(Path("a.MCAP"))
+    assert not is_recording(Path("a.csv"))

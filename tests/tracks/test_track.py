@@ -1,0 +1,113 @@
+"""What a track must be, and whether it belongs to a map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.tracks import field_of, made_track
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.sensors.gravimeter import reading_jacobian
+from isogal.tracks.track import fit_to_map, track_window
+
+DISTURBANCE = field_of("disturbance")
+
+
+def changed(**changes):
+    track, _, _ = made_track(DISTURBANCE)
+    return replace(track, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"latitude": np.full(60, np.nan)}, "latitude of reading 1 is not a finite number"),
+        ({"time": np.zeros(60)}, "times must increase; reading 2"),
+        ({"latitude": np.full(60, 2.0)}, "no such place at reading 1"),
+        ({"sigma": np.zeros(60)}, "sigma of reading 1 must be > 0"),
+        ({"reduction": "speed"}, "reduction must be one of none, latitude, velocity"),
+    ],
+)
+def test_what_cannot_be_a_track_is_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        changed(**changes)
+
+
+def test_two_readings_are_too_few():
+    track = changed()
+    few = {name: getattr(track, name)[:2] for name in ("time", "latitude", "longitude", "value", "sigma", "offset")}
+    with pytest.raises(InputError, match="at least 3 readings, has 2"):
+        replace(track, **few)
+
+
+def test_velocity_is_that_of_the_positions():
+    np.testing.assert_allclose(changed().velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
+
+
+def test_a_track_off_the_map_is_refused():
+    far = changed(latitude=changed().latitude + 0.1)
+    with pytest.raises(InputError, match=r"off the map disturbance.nc .* 0 of 60 readings"):
+        fit_to_map(far, DISTURBANCE)
+
+
+def test_readings_where_the_map_is_empty_are_left_out():
+    values = DISTURBANCE.values.copy()
+    track, _, _ = made_track(DISTURBANCE)
+    hole = np.searchsorted(DISTURBANCE.latitude, track.latitude[20])
+    values[hole] = np.nan
+    kept, off_map = fit_to_map(track, replace(DISTURBANCE, values=values))
+    assert off_map[20]
+    assert 1 <= off_map.sum() < 10
+    assert np.array_equal(np.isnan(kept.value), off_map)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor", "unit"),
+    [("disturbance", 1e5, "mGal"), ("height", 1e-3, "km"), ("magnetic_anomaly", 1e-9, "T")],
+)
+def test_readings_in_another_unit_are_refused_with_the_unit(quantity, factor, unit):
+    field_map = field_of(quantity)
+    track, _, _ = made_track(field_map, sigma=1e-9)
+    fit_to_map(track, field_map)
+    with pytest.raises(
+        InputError, match=f"do not fit the {quantity} map .*they look like {unit}: give --track-unit '{unit}'"
+    ):
+        fit_to_map(replace(track, value=track.value * factor), field_map)
+
+
+def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_the_offset():
+    track, latitude, _ = made_track(DISTURBANCE)
+    gamma = normal_gravity(latitude)
+    gravity = replace(track, value=track.value + gamma)
+    with pytest.raises(InputError, match="they look like gravity: give normal gravity in the column offset"):
+        fit_to_map(gravity, DISTURBANCE)
+    fit_to_map(replace(gravity, offset=gamma), DISTURBANCE)
+
+
+def test_a_quiet_sensor_is_not_another_unit():
+    track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
+    flat = replace(track, value=np.full(60, float(np.median(track.value))))
+    fit_to_map(flat, DISTURBANCE)
+
+
+def test_jacobian_says_what_the_reduction_put_in():
+    track, _, _ = made_track(DISTURBANCE)
+    assert not track.jacobian("disturbance").any()
+    north = 1.0 / 6.36e6
+    latitude = replace(track, reduction="latitude").jacobian("bouguer_anomaly")
+    # normal gravity at a latitude 1 m too far south (in the south it grows to the south) is too large, so the reading too small
+    change = normal_gravity(track.latitude) - normal_gravity(track.latitude + north)
+    np.testing.assert_allclose(latitude[:, 0], change, rtol=2e-3)
+    assert not latitude[:, 1:].any()
+    velocity = replace(track, reduction="velocity").jacobian("gravity")
+    expected = reading_jacobian("gravity", track.latitude, *track.velocity.T)
+    np.testing.assert_allclose(velocity, expected, rtol=1e-12)
+    for quantity, reduction in (("height", "latitude"), ("height", "velocity"), ("gravity", "latitude")):
+        with pytest.raises(InputError, match=f"readings of {quantity} are not reduced with the track's {reduction}"):
+            replace(track, reduction=reduction).jacobian(quantity)
+
+
+def test_window_crosses_the_date_line():
+    window = track_window(np.radians([10.0, 10.0]), np.radians([179.9, -179.9]), 1000.0)
+    assert window.east - window.west < 0.01
