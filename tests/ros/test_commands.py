@@ -70,6 +70,7 @@ def orphans(before: set[str]) -> set[str]:
 @pytest.fixture
 def running(tmp_path, settings):
     """A run in processes that has recorded something, at ten times real time; ended afterwards whatever happens."""
+    before = shared_memory()
     process = subprocess.Popen(
         command("run", *sets(settings("route.duration=1900.0")), "--rate", 10, "--out", tmp_path / "out"),
         stdout=subprocess.PIPE,
@@ -85,6 +86,7 @@ def running(tmp_path, settings):
         if item.poll() is None if isinstance(item, subprocess.Popen) else item.is_running():
             item.kill()
     process.wait()
+    domain.sweep_shared_memory(before)  # a test may have killed what sweeps
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,11 @@ from pathlib import Path
 from isogal.errors import InputError
 
 DOMAIN = "ROS_DOMAIN_ID"
-DEFAULTS = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-"""Environment of the graph where the user has not said otherwise: found on this machine only."""
+DEFAULTS = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("fastdds.xml")),
+}
+"""Environment of the graph where the user has not said otherwise: found on this machine only; quick acknowledgements."""
 _MEMORY = Path("/dev/shm")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula, section 9.6.2.3)."""

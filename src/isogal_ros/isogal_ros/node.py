@@ -159,7 +159,7 @@ class GraphNode(Node):
         """Count the messages taken so far; None = the node need not take what is under way when it ends."""
         return None
 
-    def close(self, timeout: float = 1.0) -> None:
+    def close(self, timeout: float = 5.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then destroy the node."""
         deadline = time.monotonic() + timeout
         for publisher in self._expected if self.context.ok() else ():

@@ -90,7 +90,7 @@ class RecorderNode(GraphNode):
         """Count the messages written."""
         return self.writer.messages
 
-    def close(self, timeout: float = 1.0) -> None:
+    def close(self, timeout: float = 5.0) -> None:
         """Destroy the node and finish the bag."""
         super().close(timeout)
         self.writer.close()
