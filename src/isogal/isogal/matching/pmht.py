@@ -40,6 +40,8 @@ from isogal.scenario import Matcher as MatcherSettings
 
 Array = NDArray[np.float64]
 
+_EXPLAINED = 4.0
+"""Variance factor that a noise model wrong by two in sigma explains."""
 _FAR_BETTER = 8.0
 """Log evidence by which a place elsewhere must beat the best one near the navigator: the wide prior itself already counts against it."""
 
@@ -294,8 +296,12 @@ class Pmht:
             return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
         position, velocity, _ = LOST_SIGMA
         covariance = batch.prior + np.diag([position**2, position**2, velocity**2, velocity**2])
-        found = self._update(every, Mixture.gaussian(np.zeros(4), covariance))
-        if found is not None and found.log_evidence > result.log_evidence + _FAR_BETTER:
+        # both places are judged on the same readings, with noise as large as a wrong assumption could explain: a likelihood that is
+        # too sure of itself would find some far place better by chance
+        judged = every.scaled(min(misfit, _EXPLAINED))
+        found = self._update(judged, Mixture.gaussian(np.zeros(4), covariance))
+        near = self._update(judged, prior)
+        if found is not None and (near is None or found.log_evidence > near.log_evidence + _FAR_BETTER):
             reason += f"; navigator lost, searching within {position / 1000.0:.0f} km (1-sigma)"
             return replace(declined(batch, reason, **figures), reset=True), replace(keep, belief=None, scale=Scale())
         scale = keep.scale.seen(
