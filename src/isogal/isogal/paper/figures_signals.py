@@ -104,6 +104,6 @@ def iterations_figure(results: Results) -> "Figure":
     side.set_yscale("log")
     side.set_xlabel("iteration")
     side.set_ylabel("movement of the batch (m)")
-    side.legend(loc="lower left")
+    side.legend(loc="upper right")
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

@@ -125,7 +125,9 @@ def _lookup(results: Results, claims: Mapping[str, Claim]) -> Section:
             _caption("51", "Gravity map and the vehicle's track.", claims, "resolution"),
         ),
         Illustration(
-            "fig-57", map_figure(plan, "disturbance"), "Paper fig. 57. Gravity disturbance map and the vehicle's track."
+            "fig-57",
+            map_figure(plan, "disturbance"),
+            _caption("57", "Gravity disturbance map and the vehicle's track.", claims, "resolution"),
         ),
         Illustration(
             "fig-54a",
