@@ -103,7 +103,7 @@ def _background(panel: "Axes", field_map: FieldMap, middle: tuple[float, float],
     scale = style.field_scale(field_map)
     rows, columns = (np.linspace(-h, h, _LATTICE) for h in half)
     values = scale(field_map.value(middle[0] + rows[:, None], middle[1] + columns[None, :]))
-    figure: Any = panel.get_figure(root=False)
+    figure: Any = panel.figure
     west, east = (math.degrees(middle[1] + s * half[1]) for s in (-1.0, 1.0))
     south, north = (math.degrees(middle[0] + s * half[0]) for s in (-1.0, 1.0))
     panel.set_facecolor("0.9")  # where there is no map

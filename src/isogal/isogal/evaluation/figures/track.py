@@ -96,7 +96,7 @@ def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, r
     south, north = _edges(np.degrees(part.latitude[::rows]))
     west, east = _edges(np.degrees(part.longitude[::columns] + turn))
     low, high = np.nanpercentile(values, [1.0, 99.0])
-    figure: Any = panel.get_figure(root=False)
+    figure: Any = panel.figure
     image = panel.imshow(
         values,
         extent=(west, east, south, north),
