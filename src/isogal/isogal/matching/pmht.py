@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
 from isogal.matching.contours import contour_candidates
@@ -36,6 +37,7 @@ from isogal.matching.noise_estimation import NoiseEstimate
 from isogal.matching.registry import check_options
 from isogal.matching.sampler import Sampling
 from isogal.matching.screening import outliers, smooth_misfit
+from isogal.matching.vector import first_channel
 from isogal.scenario import Matcher as MatcherSettings
 
 Array = NDArray[np.float64]
@@ -127,14 +129,14 @@ class Pmht:
         context = matcher.batch_length if settings.context is None else settings.context
         return cls(noise, adaptive, settings, context)
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Memory | None) -> tuple[Fix, Memory | None]:
-        """Match one batch; see `interfaces.Matcher`."""
-        if reason := unusable(batch):
+    def match(self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Memory | None) -> tuple[Fix, Memory | None]:
+        """Match one batch; see `interfaces.Matcher`. Vector readings (`vector`) come with a map of several channels."""
+        if reason := unusable(batch) or self._cannot(batch, field_map):
             return declined(batch, reason), memory
         excluded = memory.excluded if memory else frozenset()
         batch = _without(batch, excluded)
         estimate = (
-            (memory.noise if memory and memory.noise else NoiseEstimate.start(batch, field_map))
+            (memory.noise if memory and memory.noise else NoiseEstimate.start(batch, channels_of(field_map)[0]))
             if self.adaptive
             else None
         )
@@ -159,7 +161,9 @@ class Pmht:
             bad = misfits
             result = self._update(every.without(bad), prior) or result
         if estimate is not None:
-            updated = estimate.update(batch, result.likelihood, field_map, result.belief.mean[0], self.noise.bias_sigma)
+            updated = estimate.update(
+                batch, result.likelihood, channels_of(field_map)[0], result.belief.mean[0], self.noise.bias_sigma
+            )
             if estimate.differs(updated):
                 every = _likelihood(batch, field_map, updated.model(self.noise), result.belief)
                 result = self._update(every.without(bad), prior) or result
@@ -175,6 +179,15 @@ class Pmht:
         )
         sticking_out = frozenset(float(t) for t in batch.time[every.rows[bad]])
         return self._decide(batch, field_map, result, every, prior, keep, sticking_out)
+
+    def _cannot(self, batch: Batch, field_map: FieldMap | ChannelMap) -> str | None:
+        """Why a batch of several channels cannot be matched, in one line."""
+        channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+        if channels > len(channels_of(field_map)):
+            return f"the readings have {channels} channels, the map {len(channels_of(field_map))}"
+        if self.adaptive and channels > 1:
+            return "the map error of several channels is not estimated; give map_sigma"
+        return None
 
     def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
         return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
@@ -196,7 +209,7 @@ class Pmht:
     def _decide(
         self,
         batch: Batch,
-        field_map: FieldMap,
+        field_map: FieldMap | ChannelMap,
         result: Update,
         every: BatchLikelihood,
         prior: Mixture,
@@ -214,7 +227,9 @@ class Pmht:
             "p_value": p_value,
             "noise_scale": keep.scale.factor,
             "readings_left_out": float(len(sticking_out)),
-            "feature_variability": float(feature_variability(field_map, batch.latitude[-1:], batch.longitude[-1:])[0]),
+            "feature_variability": float(
+                feature_variability(channels_of(field_map)[0], batch.latitude[-1:], batch.longitude[-1:])[0]
+            ),
         }
         if keep.noise is not None:
             figures |= keep.noise.figures()
@@ -238,7 +253,7 @@ class Pmht:
     def _publish(
         self,
         batch: Batch,
-        field_map: FieldMap,
+        field_map: FieldMap | ChannelMap,
         mean: Array,
         covariance: Array,
         figures: dict[str, float],
@@ -262,7 +277,7 @@ class Pmht:
             latitude=float(batch.latitude[-1] - position[0][0] / north),
             longitude=float(batch.longitude[-1] - position[0][1] / east),
             covariance=position[1],
-            candidates=contour_candidates(batch, field_map, mean, covariance),
+            candidates=contour_candidates(*first_channel(batch, field_map), mean, covariance),
             diagnostics=figures,
             information=information,
             scan_position=np.stack(
@@ -275,7 +290,7 @@ class Pmht:
     def _inconsistent(
         self,
         batch: Batch,
-        field_map: FieldMap,
+        field_map: FieldMap | ChannelMap,
         result: Update,
         every: BatchLikelihood,
         prior: Mixture,
@@ -332,7 +347,7 @@ class Pmht:
 
 
 def _likelihood(
-    batch: Batch, field_map: FieldMap, noise: NoiseModel, belief: Mixture, scale: float = 1.0
+    batch: Batch, field_map: FieldMap | ChannelMap, noise: NoiseModel, belief: Mixture, scale: float = 1.0
 ) -> BatchLikelihood:
     likelihood = BatchLikelihood.of(batch, field_map, noise, belief=belief.moments())
     return likelihood.scaled(scale) if scale > 1.0 else likelihood
@@ -354,6 +369,7 @@ def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray
         return np.zeros(len(residual), dtype=np.bool_)
     reach = slope @ covariance @ slope.T
     smooth = smooth_misfit(likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0)
+    smooth *= likelihood.channel[:, None] == likelihood.channel
     drift = likelihood.drift_at(mean)
     return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
 
