@@ -15,6 +15,7 @@ from isogal.cli.main import app
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
 from isogal.maps.netcdf import write_netcdf
+from isogal.matching.registry import MATCHERS
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 
@@ -132,6 +133,19 @@ def test_options_of_the_matcher(files, capsys, options, ends):
     status, out, _ = call(capsys, "--map", map_, "--track", track, "--sensor-sigma", sigma, "--json", *options)
     assert status == 0
     assert [fix["time"] for fix in json.loads(out)] == ends
+
+
+@pytest.mark.parametrize("matcher", MATCHERS)
+def test_every_matcher(files, capsys, matcher):
+    map_, track, sigma, *_ = files["magnetic_anomaly"]
+    options = ["--sensor-sigma", sigma, "--map-sigma", sigma, "--prior-sigma", 800, "--matcher", matcher, "--json"]
+    status, out, _ = call(capsys, "--map", map_, "--track", track, *options)
+    assert status == 0
+    fixes = json.loads(out)
+    assert len(fixes) == 2
+    for fix in fixes:
+        assert (fix["status"] == "fix") == (fix["reason"] is None) == (fix["covariance_enu"] is not None)
+    assert any(fix["status"] == "fix" for fix in fixes)
 
 
 def test_chained_batches_and_report(files, capsys, tmp_path):

@@ -1,0 +1,106 @@
+"""The main figures of docs/real-data.md, with fewer directions than the benchmark."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DIRECTIONS = ((2598.0, 1500.0), (-1500.0, -2598.0))
+"""m north and east, 3 km."""
+
+
+@pytest.fixture(scope="module")
+def bench():
+    spec = importlib.util.spec_from_file_location("real_data", ROOT / "benchmarks" / "real_data.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["real_data"] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["real_data"]
+
+
+@pytest.fixture(scope="module")
+def lake(bench, shared_data):
+    """Map, lines, and for each line the settings from the other three."""
+    field_map, lines, _ = bench.clear_lake(shared_data)
+    fits = [bench.fit_map_error([o.track(1.0) for o in lines if o is not line], field_map) for line in lines]
+    return field_map, lines, fits
+
+
+def rows_of(bench, lake, number, white=False, readings=None, aided=False):
+    field_map, lines, fits = lake
+    line = lines[number] if readings is None else lines[number].part(readings)
+    length = 1.0 if white else fits[number].correlation_length
+    return [
+        bench.row_of(line, bench.match_line(line, field_map, length, fits[number].sensor_sigma, shift)[0], aided)
+        for shift in DIRECTIONS
+    ]
+
+
+def test_clear_lake_errors_are_as_large_as_the_map_says_and_shared_by_neighbours(bench, lake):
+    field_map, lines, fits = lake
+    figures = np.array(
+        [
+            [
+                *bench.nis(line, field_map, 1.0, fit.sensor_sigma),
+                *bench.nis(line, field_map, fit.correlation_length, fit.sensor_sigma),
+            ]
+            for line, fit in zip(lines, fits, strict=True)
+        ]
+    )
+    sizes = np.array([line.value.size for line in lines])
+    white, _, correlated, _ = sizes @ figures / sizes.sum()
+    assert 0.7 < white < 1.3
+    assert 0.7 < correlated < 1.3
+    # the mean residual of a line: with independent errors it would be a hundred times smaller, squared, than it is
+    assert figures[[0, 1, 3], 1].min() > 5.0
+    assert figures[:, 3].max() < 4.0
+    for fit in fits:
+        assert 1500.0 < fit.correlation_length < 3500.0
+
+
+@pytest.mark.parametrize(("number", "limit"), [(0, 150.0), (2, 1100.0), (3, 2300.0)])
+def test_clear_lake_lines_are_found_from_3_km_away(bench, lake, number, limit):
+    rows = rows_of(bench, lake, number)
+    for row in rows:
+        assert "error_m" in row, row
+        assert row["error_m"] < limit or row["in_sigma"] < 2.5
+    assert np.mean([row["nees_per_axis"] for row in rows]) < 4.0
+    overconfident = rows_of(bench, lake, number, white=True)
+    assert np.mean([row["nees_per_axis"] for row in overconfident if "error_m" in row]) > 5.0
+
+
+def test_clear_lake_line_1_is_uncertain_at_first_and_no_false_fix_later(bench, lake):
+    field_map, lines, _ = lake
+    assert bench.rigid_search(lines[1], field_map, DIRECTIONS[0]) > 1500.0  # where least squares goes
+    for row in rows_of(bench, lake, 1, readings=15, aided=True):
+        assert row["sigma_long_m"] > 1000.0
+    for row in rows_of(bench, lake, 1):
+        assert "error_m" not in row or row["in_sigma"] < 2.5
+
+
+@pytest.mark.slow
+def test_scotland_tie_lines_with_what_the_flight_lines_say(bench, shared_data):
+    field_map, flights, ties = bench.scotland(shared_data)
+    fit = bench.fit_map_error([bench.thinned(line, 3).track(1.0) for line in flights], field_map)
+    own = fit.apply(field_map)
+    rows = [
+        bench.row_of(
+            line, bench.match_line(line, own, fit.correlation_length, max(fit.sensor_sigma, 1.0), DIRECTIONS[0])[0]
+        )
+        for line in ties
+    ]
+    summary = bench.summary_of(rows)
+    assert summary["fixes"] >= 10
+    assert summary["error_median_m"] < 450.0
+    assert summary["error_90_m"] < 800.0
+    assert 0.5 < summary["nees_per_axis"] < 2.0
+
+
+def test_a_folder_that_is_none_is_one_line(bench, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["real_data.py", "/none"])
+    with pytest.raises(bench.InputError, match="/none: no such folder; name the folder of the data"):
+        bench.main()
