@@ -75,15 +75,36 @@ class InitialError(_Section):
 
 
 class Gravimeter(_Section):
-    """The scalar sensor."""
+    """The scalar sensor, a gravimeter unless `Scenario.field` says another."""
 
     quantity: Literal["gravity", "disturbance"] = Field(
         "gravity", description="what the readings are reduced to and matched as"
     )
-    sigma: Positive = Field(1.0e-5, description="white noise of a reading, m/s²")
+    sigma: Positive = Field(1.0e-5, description="white noise of a reading, m/s² (field: magnetic nT, terrain m)")
     interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
     outlier_fraction: float = Field(0.0, ge=0.0, lt=0.5, description="share of readings that are outliers")
     outlier_sigma: Positive = Field(50.0, description="1-sigma of an outlier in units of sigma")
+
+
+class Magnetometer(_Section):
+    """What field: magnetic needs besides."""
+
+    epoch: float = Field(
+        2025.0, ge=1900.0, le=2030.0, description="when, decimal year: the main field (IGRF) changes from year to year"
+    )
+
+
+class Altimeter(_Section):
+    """What field: terrain needs besides: the range of the clearance meter."""
+
+    min_range: NonNegative = Field(0.0, description="m, readings below are none")
+    max_range: Positive = Field(20000.0, description="m, readings above are none")
+
+    @model_validator(mode="after")
+    def _some_range(self) -> "Altimeter":
+        if self.min_range >= self.max_range:
+            raise ValueError(f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)")
+        return self
 
 
 class Map(_Section):
@@ -97,7 +118,7 @@ class Map(_Section):
 class MapError(_Section):
     """How the simulated truth differs from the map: a Gaussian field with covariance sigma² exp(-d / L)."""
 
-    sigma: NonNegative = Field(0.0, description="m/s²")
+    sigma: NonNegative = Field(0.0, description="m/s² (field: magnetic nT, terrain m)")
     correlation_length: Positive = Field(4000.0, description="L, m")
 
 
@@ -116,10 +137,12 @@ class Matcher(_Section):
         "standard", description="one fix a batch, or one for each of its scans"
     )
     map_sigma: NonNegative | Literal["auto"] = Field(
-        0.0, description="1-sigma of the map's error assumed, m/s², or auto"
+        0.0, description="1-sigma of the map's error assumed, in the unit of gravimeter.sigma, or auto"
     )
     map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
-    bias_sigma: NonNegative = Field(0.0, description="1-sigma of an unknown constant offset of the readings, m/s²")
+    bias_sigma: NonNegative = Field(
+        0.0, description="1-sigma of an unknown constant offset of the readings, in the unit of gravimeter.sigma"
+    )
     options: dict[str, Any] = Field(
         default_factory=dict, description="settings of the named matcher; see docs/matchers.md"
     )
@@ -140,10 +163,15 @@ class Scenario(_Section):
     """A whole run."""
 
     seed: int = Field(0, ge=0, description="every random stream derives from it")
+    field: Literal["gravity", "disturbance", "magnetic", "terrain"] | None = Field(
+        None, description="scalar field that is measured and matched; null = gravimeter.quantity"
+    )
     route: Route = Route()
     imu: Imu = Imu()
     initial_error: InitialError = InitialError()
     gravimeter: Gravimeter = Gravimeter()
+    magnetometer: Magnetometer = Magnetometer()
+    altimeter: Altimeter = Altimeter()
     map: Map = Map()
     map_error: MapError = MapError()
     matcher: Matcher = Matcher()
@@ -156,6 +184,11 @@ class Scenario(_Section):
                 f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU samples (1/{self.imu.rate} s)"
             )
         return self
+
+    @property
+    def scalar_field(self) -> str:
+        """Name of the field that is measured and matched, one of `isogal.sensors.fields.FIELDS`."""
+        return self.field or self.gravimeter.quantity
 
     @property
     def steps_per_scan(self) -> int:

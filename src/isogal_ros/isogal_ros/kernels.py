@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from isogal.earth.ellipsoid import E2, A
+from isogal.kernels import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-untyped-def]
     """Return position (3) and orientation quaternion (4; w first) in the frame ``map``, and velocity (3) FLU, as one array of 10.
 
@@ -54,7 +54,7 @@ def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-u
     return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def quaternion(rotation):  # type: ignore[no-untyped-def]
     """Return (w, x, y, z) of a rotation matrix (3, 3), from its largest component (Shepperd 1978)."""
     a, b, c = rotation[0, 0], rotation[0, 1], rotation[0, 2]

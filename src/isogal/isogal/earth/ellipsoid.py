@@ -4,8 +4,9 @@ Source: Moritz (2000), Geodetic Reference System 1980, J. Geodesy 74:128-133. bo
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from isogal.kernels import kernel
 
 A = 6378137.0
 """Equatorial radius, m."""
@@ -19,7 +20,7 @@ EARTH_RATE = 7.292115e-5
 """Angular velocity, rad/s."""
 
 
-@njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
+@kernel(forceinline=True, error_model="numpy")
 def curvature(sin_latitude: float) -> tuple[float, float]:
     """Return (meridian M, prime vertical N) radius, m, at the sine of a geodetic latitude (Groves 2013, eqs. 2.105, 2.106)."""
     w2 = 1.0 - E2 * sin_latitude * sin_latitude

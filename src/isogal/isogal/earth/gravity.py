@@ -1,10 +1,10 @@
 """Normal gravity, its change with height, and the Eötvös acceleration of a moving vehicle. SI units, positive down."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, radii
+from isogal.kernels import kernel
 
 GAMMA_EQUATOR = 9.7803267715
 """Normal gravity at the equator, m/s² (Moritz 2000)."""
@@ -18,7 +18,7 @@ FREE_AIR = 3.086e-6
 """Mean free-air gradient, s⁻² (0.3086 mGal per m)."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def normal_gravity_at(sin_latitude: float, height: float) -> float:
     """Return normal gravity (m/s²) for one point: Somigliana, second order in height (Moritz 2000; Groves 2013 eq. 2.139)."""
     s2 = sin_latitude * sin_latitude

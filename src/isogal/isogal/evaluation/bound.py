@@ -13,11 +13,11 @@ gravity along the route were known to the accelerometer's noise, which no vehicl
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter import reading_jacobian
@@ -115,7 +115,7 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
     return np.exp(-speed * segments.dt / scenario.map_error.correlation_length)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _riccati(start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise):  # type: ignore[no-untyped-def]
     """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A scan whose sensitivity is NaN is skipped."""
     n, m = start.shape[0], start.shape[0] - 1
@@ -139,7 +139,7 @@ def _riccati(start, geometry, force, rotation, density, correlation, dt, per_sca
     return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _discretise(transition, half_noise, F, rotation, density, correlation, map_variance, dt):  # type: ignore[no-untyped-def]
     m = F.shape[0]
     second = F @ F
@@ -161,7 +161,7 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
     half_noise[m, m] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _update(P, sensitivity, noise):  # type: ignore[no-untyped-def]
     """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, and the map error by one."""
     n = P.shape[0]

@@ -16,7 +16,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import curvature
@@ -31,6 +30,7 @@ from isogal.inertial.rotations import (
     to_small_rotation_vector,
 )
 from isogal.inertial.strapdown import step_at
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def unscented_weights(n: int = N, alpha: float = 1.0, beta: float = 2.0, kappa: 
     )
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def move(position, velocity, attitude, accelerometer_bias, gyroscope_bias, error):  # type: ignore[no-untyped-def]
     """Add an error state (15,) to one nominal state, in place."""
     m, n = curvature(math.sin(position[0]))
@@ -81,7 +81,7 @@ def move(position, velocity, attitude, accelerometer_bias, gyroscope_bias, error
         gyroscope_bias[i] += error[12 + i]
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
     """Replace row k of `work` (15, 16) by column k of the lower Cholesky factor; return False where `matrix` is not positive definite.
 
@@ -109,7 +109,7 @@ def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
     return definite
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
     """Write the error states of the sigma points (15, 32): spread times a column of the factor, and its opposite."""
     for i in range(N):
@@ -121,7 +121,7 @@ def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
             points[i, HALF + j] = -points[i, j]
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def propagate_points(position, velocity, attitude, ba, bg, force, rate, dt, points, ends):  # type: ignore[no-untyped-def]
     """Move the nominal state by each point's error and take the result through the strapdown; `ends` (10, 32) as `step` returns it."""
     s, c = math.sin(position[0]), math.cos(position[0])
@@ -162,7 +162,7 @@ def propagate_points(position, velocity, attitude, ba, bg, force, rate, dt, poin
             ends[k, i] = end[k]
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def errors_of(ends, points):  # type: ignore[no-untyped-def]
     """Overwrite the first nine rows of `points` by how far each end is from the centre's; biases have not moved."""
     lat, lon, h = ends[0, CENTRE], ends[1, CENTRE], ends[2, CENTRE]
@@ -189,7 +189,7 @@ def errors_of(ends, points):  # type: ignore[no-untyped-def]
             )
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def moments(points, even, odd, w_centre_cov, w_other, mean, covariance):  # type: ignore[no-untyped-def]
     """Write mean (16,) and covariance (15, 16) of the points, by halves of sums (`even`) and differences of opposite points (`odd`).
 
@@ -222,7 +222,7 @@ def moments(points, even, odd, w_centre_cov, w_other, mean, covariance):  # type
             covariance[a, b] = covariance[b, a]
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
     """Add the white noise (6,) of the sensors' axes over an interval, turned to the navigation frame."""
     for i in range(3):
@@ -238,7 +238,7 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
                 covariance[6 + a, 6 + b] += vg * axis[a] * axis[b]
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def update_height(position, velocity, attitude, ba, bg, covariance, height, sigma, gain, error):  # type: ignore[no-untyped-def]
     """Update one run with a known height (m), in place; `gain` (16,) and `error` (16,) are work space."""
     inverse = 1.0 / (covariance[2, 2] + sigma * sigma)
@@ -253,7 +253,7 @@ def update_height(position, velocity, attitude, ba, bg, covariance, height, sigm
     move(position, velocity, attitude, ba, bg, error)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def update_position(position, velocity, attitude, ba, bg, covariance, latitude, longitude, r_nn, r_ne, r_ee):  # type: ignore[no-untyped-def]
     """Update one run with a horizontal position fix, in place; return (innovation north, east, normalised innovation squared).
 
@@ -285,7 +285,7 @@ def update_position(position, velocity, attitude, ba, bg, covariance, latitude, 
     return y0, y1, y0 * a0 + y1 * a1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def advance(position, velocity, attitude, ba, bg, covariance, force, rate, dt, noise, weights, height, height_sigma):  # type: ignore[no-untyped-def]
     """Run prediction and the known-height update over S intervals for R runs, in place; return (R,) steps done before a failure.
 

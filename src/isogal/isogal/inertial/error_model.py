@@ -14,15 +14,15 @@ where a prime marks an error, p is in metres (so the change of N cos L along the
 """
 
 import numpy as np
-from numba import njit
 
 from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.kernels import kernel
 
 STATES = 13
 """Position 0-1, velocity 2-3, attitude 4-6, accelerometer bias 7-9, gyroscope bias 10-12."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_dynamics(F, geometry, force, rotation):  # type: ignore[no-untyped-def]
     """Write F of dx/dt = F x into the first 13 rows and columns of a zeroed matrix, in place.
 

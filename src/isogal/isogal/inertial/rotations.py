@@ -6,8 +6,9 @@ The kernels are inlined and free of branches and calls where they can be, so tha
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from isogal.kernels import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -17,11 +18,11 @@ COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(SERIES))
 HALF_SINE = tuple(0.5 * (-1.0) ** k / math.factorial(2 * k + 1) for k in range(SERIES))
 """Coefficients of cos a and sin a / (2 a) in powers of a²."""
 
-INLINE = {"cache": True, "nogil": True, "forceinline": True, "error_model": "numpy"}
+INLINE = {"forceinline": True, "error_model": "numpy"}
 """How functions are compiled that loops over many states are made of."""
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     """Return the quaternion product a b."""
     return (
@@ -32,7 +33,7 @@ def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
     """Return the quaternion of a rotation vector (rad)."""
     a2 = x * x + y * y + z * z
@@ -43,7 +44,7 @@ def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
     return c, s * x, s * y, s * z
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def from_short_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
     """Return the quaternion of a rotation vector of at most half a turn (rad): series, to 1e-16."""
     q = 0.25 * (x * x + y * y + z * z)
@@ -60,7 +61,7 @@ SMALL = 0.01
 """Largest squared vector part of a quaternion (0.2 rad) for `to_small_rotation_vector`."""
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
     """Return the rotation vector (rad) of a unit quaternion with w > 0 and a vector part within `SMALL`: series of asin, to 1e-17."""
     s = x * x + y * y + z * z
@@ -70,7 +71,7 @@ def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
     return scale * x, scale * y, scale * z
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
     """Return the rotation vector (rad, length <= pi) of a unit quaternion."""
     if w < 0.0:
@@ -83,7 +84,7 @@ def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
     return scale * x, scale * y, scale * z
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def rotate(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     """Return q v q*, the vector seen in the outer frame."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)

@@ -9,12 +9,12 @@ ch. 5.4).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
 from isogal.inertial.rotations import INLINE, from_short_rotation_vector, multiply, rotate
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class NavState:
         )
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
     """Return 1/(M+h), 1/(N+h), normal gravity, Earth rate (n, d) and transport rate (n, e, d) at a latitude's sine and cosine."""
     w2 = 1.0 - E2 * s * s
@@ -55,13 +55,13 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
     return inv_m, inv_n, gravity, EARTH_RATE * c, -EARTH_RATE * s, ve * inv_n, -vn * inv_m, -ve * inv_n * s / c
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def step(lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
     """Advance one state by one interval; scalars in, scalars out (latitude ... quaternion). See the module for the method."""
     return step_at(np.sin(lat), np.cos(lat), lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt)
 
 
-@njit(**INLINE)
+@kernel(**INLINE)
 def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
     """`step` for whom the sine and cosine of the latitude are known: without calls, so that loops over it are vectorised."""
     # increments in the navigation axes of the interval's start
@@ -113,7 +113,7 @@ def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, w
     return lat1, lon1, h1, vn1, ve1, vd1, qw * scale, qx * scale, qy * scale, qz * scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _propagate(position, velocity, attitude, specific_force, angular_rate, dt, height, history):  # type: ignore[no-untyped-def]
     runs, steps = specific_force.shape[0], specific_force.shape[1]
     for r in range(runs):

@@ -10,21 +10,22 @@ needs a node that is missing (NaN) or outside the grid is NaN: never an edge val
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from isogal.kernels import kernel
 
 TWO_PI = 2.0 * math.pi
 Array = NDArray[np.float64]
 Values = NDArray[np.float64] | NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def is_periodic(columns: int, dlon: float) -> bool:
     """Tell whether a grid of this many columns goes round the Earth exactly once."""
     return abs(columns * dlon - TWO_PI) < 1e-3 * dlon
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float:
     """Return the fractional column of a longitude, turned by whole circles into the grid where that is possible."""
     x = (lon - lon0) / dlon
@@ -34,7 +35,7 @@ def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float
     return x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
     """Return the column left of fractional column x, the fraction, and whether the four columns exist."""
     if is_periodic(columns, dlon):
@@ -46,7 +47,7 @@ def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
     return j, x - j, True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def value_and_gradient(
     values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: float, lon: float
 ) -> tuple[float, float, float]:
@@ -113,7 +114,7 @@ def value_and_gradient(
     return value, by_lat, by_lon
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def values_and_gradients(
     values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
 ) -> tuple[Array, Array, Array]:
@@ -127,7 +128,7 @@ def values_and_gradients(
     return value, by_lat, by_lon
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
     """Interpolate at many points, values only."""
     count = lat.shape[0]
@@ -137,7 +138,7 @@ def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def bilinear_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
     """Interpolate linearly between the four nodes around each point; NaN where one is missing or outside.
 

@@ -8,15 +8,16 @@ point (the finaliser of SplitMix64, Steele et al. 2014), so nothing needs to be 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 RMS = 0.270
 """RMS of one octave over the sphere, measured (tested)."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _corner(i: int, j: int, k: int, seed: np.uint64, x: float, y: float, z: float) -> float:
     """Return gradient · offset at a lattice point; the gradient is one of the twelve edge directions of a cube."""
     h = (
@@ -39,7 +40,7 @@ def _corner(i: int, j: int, k: int, seed: np.uint64, x: float, y: float, z: floa
     return first + third
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def gradient_noise(x: float, y: float, z: float, seed: np.uint64) -> float:
     """Return the noise at a point in units of the lattice; zero mean, RMS `RMS`, twice continuously differentiable."""
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
@@ -56,7 +57,7 @@ def gradient_noise(x: float, y: float, z: float, seed: np.uint64) -> float:
     return (1.0 - w) * ((1.0 - v) * a + v * b) + w * ((1.0 - v) * c + v * d)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sum_of_octaves(latitude: Array, longitude: Array, spacing: Array, amplitude: Array, seed: int, out: Array) -> None:
     """Fill a grid with a sum of octaves.
 

@@ -9,11 +9,11 @@ usual on this stretch"; one could also divide by an absolute level, which ``refe
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 
@@ -51,7 +51,7 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     return north[keep], east[keep]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def variability_at(
     values: Values,
     lat0: float,
@@ -81,7 +81,7 @@ def variability_at(
     return total / count if 2 * count >= rad_north.shape[0] and count > 0 else math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _variabilities(
     values: Values,
     lat0: float,

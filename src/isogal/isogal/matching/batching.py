@@ -4,12 +4,12 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian, radii
 from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.kernels import kernel
 from isogal.matching.interfaces import Batch
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.gravimeter import reading_jacobian
@@ -153,7 +153,7 @@ def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
     return _chain(geometry, force, np.diff(np.append(times, end)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
     count = step.shape[0]

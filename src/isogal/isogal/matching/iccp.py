@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
@@ -141,7 +141,7 @@ def _listed(scans: Scans, point: Array, nearest: NDArray[np.int64]) -> Candidate
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _crossings(
     values: Values,
     lat0: float,
@@ -215,7 +215,7 @@ def _crossings(
     return point[:count].copy(), tangent[:count].copy(), variance[:count].copy(), scan[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _iterate(
     track: Array,
     point: Array,

@@ -5,14 +5,15 @@ updated, as in the paper, whose forward process starts at y_{1|1} = x_1. A measu
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 
 
 # Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the time.
-@njit(cache=True, nogil=True)
+@kernel
 def multiply(a: Array, b: Array) -> Array:
     """Return a b."""
     out = np.zeros((a.shape[0], b.shape[1]))
@@ -23,7 +24,7 @@ def multiply(a: Array, b: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def multiply_transposed(a: Array, b: Array) -> Array:
     """Return a b'."""
     out = np.zeros((a.shape[0], b.shape[0]))
@@ -34,7 +35,7 @@ def multiply_transposed(a: Array, b: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_positive(a: Array, b: Array) -> Array:
     """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n), by its Cholesky factor; NaN where it is not definite."""
     n = a.shape[0]
@@ -61,7 +62,7 @@ def solve_positive(a: Array, b: Array) -> Array:
     return x
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def constant_velocity(interval: Array, acceleration_density: float) -> tuple[Array, Array]:
     """Transitions F and process noises Q of (north, east, velocity north, velocity east) (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
 
@@ -93,7 +94,7 @@ def constant_velocity(interval: Array, acceleration_density: float) -> tuple[Arr
     return F, Q
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _store(means: Array, covariances: Array, t: int, mean: Array, covariance: Array) -> None:
     for i in range(mean.shape[0]):
         means[t, i] = mean[i]
@@ -101,7 +102,7 @@ def _store(means: Array, covariances: Array, t: int, mean: Array, covariance: Ar
             covariances[t, i, j] = covariance[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def forward_filter(
     mean: Array, covariance: Array, F: Array, Q: Array, H: Array, z: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -166,7 +167,7 @@ def forward_filter(
     return filtered_mean, filtered_covariance, predicted_mean, predicted_covariance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def backward_smoother(
     filtered_mean: Array, filtered_covariance: Array, predicted_mean: Array, predicted_covariance: Array, F: Array
 ) -> tuple[Array, Array]:

@@ -24,11 +24,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
+from isogal.kernels import kernel
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap, Grid
 from isogal.maps.interpolation import value_and_gradient
@@ -307,7 +307,7 @@ def _disc() -> Array:
     return np.asarray(ndtri(qmc.Sobol(4, seed=np.random.default_rng(20230102)).random(64)), dtype=np.float64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _slopes(values, lat0, dlat, lon0, dlon, channel, latitude, longitude):  # type: ignore[no-untyped-def]
     """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
     by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
@@ -316,7 +316,7 @@ def _slopes(values, lat0, dlat, lon0, dlon, channel, latitude, longitude):  # ty
     return by_lat, by_lon
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _at(values, lat0, dlat, lon0, dlon, channel, t, latitude, longitude):  # type: ignore[no-untyped-def]
     """Return value and derivatives of a map (n, m), or of row t's among several (C, n, m); which it is is settled when compiling."""
     if values.ndim == 2:
@@ -326,7 +326,7 @@ def _at(values, lat0, dlat, lon0, dlon, channel, t, latitude, longitude):  # typ
     return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _log_likelihood(  # type: ignore[no-untyped-def]
     values,
     lat0,
@@ -385,7 +385,7 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _linearise(values, lat0, dlat, lon0, dlon, channel, latitude, longitude, radian, level, transition, jacobian, xi):  # type: ignore[no-untyped-def]
     rows = latitude.shape[0]
     residual = np.empty(rows)

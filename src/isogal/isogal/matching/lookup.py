@@ -8,15 +8,15 @@ map has a point every 220 m, and on a coarser map its 5 x 5 km window would hold
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from isogal.kernels import kernel
 from isogal.maps.interpolation import Values, value_and_gradient
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def search_window(covariance: Array, gamma: float, minimum: float, rectangle: bool) -> tuple[Array, Array]:
     """Search window of paper eq. s2-02 about the prior position.
 
@@ -59,20 +59,20 @@ def search_window(covariance: Array, gamma: float, minimum: float, rectangle: bo
     return shape, np.array([math.sqrt(nn), math.sqrt(ee)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def subdivision(step: float, spacing: float) -> int:
     """How many lattice steps a cell of width ``step`` (m) is cut into so that none is wider than ``spacing`` (m)."""
     return max(1, math.ceil(step / spacing - 1e-9))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lattice_spacing(dlat: float, dlon: float, metres: tuple[float, float], spacing: float) -> float:
     """Mean distance, m, between the map points that `lookup` uses, of a grid with these steps (rad)."""
     north, east = dlat * metres[0], dlon * metres[1]
     return 0.5 * (north / subdivision(north, spacing) + east / subdivision(east, spacing))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lookup(
     values: Values,
     lat0: float,

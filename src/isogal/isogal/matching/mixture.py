@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 
@@ -134,7 +135,7 @@ def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, NDAr
     return mixture, rank[labels]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _log_density(x, log_weight, mean, factor):  # type: ignore[no-untyped-def]
     samples, n, parts = x.shape[0], x.shape[1], mean.shape[0]
     constant = np.empty(parts)
@@ -168,7 +169,7 @@ def _log_density(x, log_weight, mean, factor):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _place(points, which, mean, factor):  # type: ignore[no-untyped-def]
     samples, n = points.shape[0], mean.shape[1]
     out = np.empty((samples, n))
@@ -182,7 +183,7 @@ def _place(points, which, mean, factor):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _split(x, weight, most):  # type: ignore[no-untyped-def]
     """Return the group of each sample: groups are cut in two, best separated cut first, until none is well separated."""
     samples = x.shape[0]
@@ -209,7 +210,7 @@ def _split(x, weight, most):  # type: ignore[no-untyped-def]
     return labels
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
     """Return the separation of the best two-way cut of one group along its principal axes, and which samples it cuts off.
 
@@ -284,7 +285,7 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
     return best, side
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _two_means(x, weight, members, cx, cy, threshold):  # type: ignore[no-untyped-def]
     """Return separation and middle of the means on both sides of a threshold along an axis (Ridler & Calvard 1978, iterated)."""
     w1 = s1 = q1 = w2 = s2 = q2 = 0.0

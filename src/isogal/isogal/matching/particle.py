@@ -14,10 +14,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -134,7 +134,7 @@ def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
     return normal, uniform
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _run(
     values: Values,
     lat0: float,
@@ -252,7 +252,7 @@ def _run(
     return p, u[:, :2].copy(), P[:2, :2].copy(), weight, smallest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _resample(p: Array, u: Array, weight: Array, log: Array, uniform: float, roughening: float) -> tuple[float, float]:
     """Resample in place systematically; return the 1-sigma north and east (m) that roughening adds."""
     count = p.shape[0]

@@ -11,13 +11,14 @@ d the spacing of the lattice: a point stands for a cell of that width, whose uni
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from isogal.kernels import kernel
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def candidate_variance(sigma: float, gradient: Array, spacing: float, limit: float) -> Array:
     """Variance per axis of each candidate, the R_i(sigma) of paper eq. s3-01.
 
@@ -48,7 +49,7 @@ def candidate_variance(sigma: float, gradient: Array, spacing: float, limit: flo
     return variance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def association_weights(candidates: Array, centre: Array, variance: Array) -> Array:
     """Weights of paper eq. s3-01 with p(z_i | x) = N(z_i; x, variance_i I).
 
@@ -85,7 +86,7 @@ def association_weights(candidates: Array, centre: Array, variance: Array) -> Ar
     return weights
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def combine(candidates: Array, weights: Array, variance: Array) -> tuple[float, float, float]:
     """Weighted mean z-bar (paper eq. s3-02) and weighted variance R-bar (paper eq. s3-021).
 

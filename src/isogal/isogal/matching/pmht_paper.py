@@ -24,10 +24,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.maps.variability import feature_variability
@@ -158,7 +158,7 @@ def _listed(plane: LocalPlane, position: Array, weight: Array, count: NDArray[np
     return Candidates(latitude, longitude, weight[kept], np.nonzero(kept)[0])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _candidates(
     grid: tuple[Values, float, float, float, float],
     latitude: Array,
@@ -205,7 +205,7 @@ def _candidates(
     return position, variance, count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _maximise(
     navigator: Array,
     first_covariance: Array,

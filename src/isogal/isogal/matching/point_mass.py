@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -138,7 +138,7 @@ def _next_grid(unit: Array, weight: Array, cut: float, centre: Array, axes: Arra
     return centre + axes @ middle, axes @ (vectors * (0.5 * (high - low)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nodes(
     values: Values,
     lat0: float,

@@ -13,9 +13,9 @@ from functools import lru_cache
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from isogal.kernels import kernel
 from isogal.matching.mixture import Mixture, fit
 
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ def _blend(main: Mixture, other: Mixture, share: float) -> Mixture:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
     """Write normalised weights; return (effective share of the samples, log of the mean weight)."""
     count = likelihood.shape[0]
@@ -156,7 +156,7 @@ def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
     return total * total / square / count, largest + math.log(total / count)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _temper(likelihood, base, target):  # type: ignore[no-untyped-def]
     """Return the largest beta <= 1 that leaves the target effective share, with weights, share and log mean weight there."""
     weight = np.empty(likelihood.shape[0])

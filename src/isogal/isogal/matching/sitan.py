@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -74,7 +74,7 @@ class Sitan:
         return publish_posterior(batch, mean[:4], covariance[:4, :4], figures), memory
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plane(
     values: Values, lat0: float, dlat: float, lon0: float, dlon: float, latitude: float, longitude: float,
     half_north: float, half_east: float, metres_north: float, metres_east: float,
@@ -101,7 +101,7 @@ def plane(
     return mean, slope_north / half_north, slope_east / half_east, max(left, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _filter(
     values: Values,
     lat0: float,

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -133,7 +133,7 @@ class Tercom:
         return publish_measured(batch, best, covariance, figures)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _differences(
     values: Values,
     lat0: float,

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
@@ -104,7 +104,7 @@ def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Ar
     return gain @ position, prior + gain @ (covariance - prior[:2, :2]) @ gain.T
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _emissions(
     values: Values,
     lat0: float,
@@ -136,7 +136,7 @@ def _emissions(
     return largest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _trellis(
     values: Values,
     lat0: float,
