@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from isogal.threads import one_thread
 from isogal_ros import params, topics
 from isogal_ros.domain import DEFAULTS, DOMAIN, claim_domain, shared_memory, sweep_shared_memory
 from isogal_ros.graph import CLASSES, GraphError, Outcome, Plan, Report, progress_of
@@ -38,8 +39,7 @@ class Processes:
         environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
         for name, value in DEFAULTS.items():
             environment.setdefault(name, value)
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-            environment.setdefault(name, "1")  # a node's matrices are small
+        one_thread(environment)
         for name in plan.names:
             self.running[name] = self._start(name, environment)
 

@@ -15,6 +15,7 @@ from typer.main import get_command
 
 from isogal import __version__
 from isogal.cli.errors import clean_errors, fail
+from isogal.threads import one_thread
 
 
 class Command(NamedTuple):
@@ -127,4 +128,5 @@ def isogal(
 
 def main() -> None:
     """Entry point of the console script."""
+    one_thread()
     app()

@@ -20,12 +20,13 @@ from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo.chunks import Chunk, compute
+from isogal.threads import VARIABLES
 
 ATTEMPTS = 3
 """How often a chunk is begun before its workers' deaths are taken as its fault."""
 REPORT_EVERY = 0.2
 """s between a worker's reports of progress."""
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
 
 Report = Callable[[Chunk, float], None]
 """Called with a chunk and the simulated time (s) that its runs have reached."""
