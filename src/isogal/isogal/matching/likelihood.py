@@ -33,6 +33,7 @@ from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap, Grid
 from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.interfaces import Batch
+from isogal.matching.quasi_random import normal, sobol
 
 Array = NDArray[np.float64]
 
@@ -301,10 +302,7 @@ def _map_sigma(
 @lru_cache(maxsize=1)
 def _disc() -> Array:
     """Return (64, 4) quasi-random standard normal points."""
-    from scipy.special import ndtri
-    from scipy.stats import qmc
-
-    return np.asarray(ndtri(qmc.Sobol(4, seed=np.random.default_rng(20230102)).random(64)), dtype=np.float64)
+    return normal(sobol(64, 4, 20230102))
 
 
 @kernel

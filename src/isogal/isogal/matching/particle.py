@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching import quasi_random
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.local import too_few, unusable
 from isogal.matching.registry import check_options
@@ -122,12 +123,9 @@ def _start(transition: Array, prior: Array) -> tuple[Array, Array, Array]:
 @lru_cache(maxsize=8)
 def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
     """Fixed standard normal (scans, particles, 2) and uniform (scans,) numbers; the first normal row is quasi-random."""
-    from scipy.special import ndtri
-    from scipy.stats import qmc
-
     random = np.random.default_rng(20240607)
     normal = random.standard_normal((scans, particles, 2))
-    normal[0] = ndtri(np.clip(qmc.Halton(2, seed=random).random(particles), 1e-12, 1.0 - 1e-12))
+    normal[0] = quasi_random.normal(quasi_random.sobol(particles, 2, 20240607))
     uniform = random.random(scans)
     normal.setflags(write=False)
     uniform.setflags(write=False)

@@ -26,6 +26,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
+from isogal.matching.chi_square import survival
 from isogal.matching.contours import contour_candidates
 from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
@@ -389,9 +390,7 @@ def _consistency(result: Update, prior: Array) -> tuple[float, float, float]:
 
     The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
     """
-    from scipy.stats import chi2
-
     misfit = result.likelihood.misfit(result.belief.mean[0])
     absorbed = float(np.trace(np.eye(4) - np.linalg.solve(prior, result.belief.covariance[0])))
     freedom = max(result.likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
-    return misfit, freedom, float(chi2.sf(misfit, freedom))
+    return misfit, freedom, survival(misfit, freedom)

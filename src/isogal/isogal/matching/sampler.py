@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from isogal.kernels import kernel
 from isogal.matching.mixture import Mixture, fit
+from isogal.matching.quasi_random import normal, sobol
 
 Array = NDArray[np.float64]
 
@@ -63,11 +64,8 @@ class Posterior:
 @lru_cache(maxsize=8)
 def _points(count: int) -> Array:
     """Return (count, 1 + 4) fixed quasi-random points: one uniform coordinate, four standard normal ones."""
-    from scipy.special import ndtri
-    from scipy.stats import qmc
-
-    points = qmc.Sobol(1 + DIMENSIONS, seed=np.random.default_rng(20230101)).random(count)
-    points[:, 1:] = ndtri(np.clip(points[:, 1:], 1e-12, 1.0 - 1e-12))
+    points = sobol(count, 1 + DIMENSIONS, 20230101)
+    points[:, 1:] = normal(points[:, 1:])
     points.setflags(write=False)
     return points
 
