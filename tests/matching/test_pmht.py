@@ -83,9 +83,8 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     # the position alone, for those who cannot use more
     prior = batch.prior[:2, :2]
     gain = prior @ np.linalg.inv(prior + fix.covariance)
-    np.testing.assert_allclose(
-        (np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=1e-3, atol=100.0
-    )
+    # not to the last digit: sampling error may give directions less than no information, which is cut off
+    np.testing.assert_allclose((np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=0.02)
 
 
 def test_no_reading_counts_twice():
