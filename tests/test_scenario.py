@@ -84,7 +84,7 @@ def test_map_sigma_may_be_auto_or_a_number_either_way_it_is_written():
     ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
     ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
     ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
-    ("xyz=1", "unknown key 'xyz'; allowed: seed, route, imu, "),
+    ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
     ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.rate"),
     ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
     ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),

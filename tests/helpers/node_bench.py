@@ -12,17 +12,27 @@ from rclpy.node import Node
 
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
+from isogal.sensors.fields import FIELDS, of_instrument
 from isogal_ros import convert, topics
 from isogal_ros.domain import claim_domain
 from isogal_ros.graph import Plan, node_class
 from isogal_ros.health import figures_of
 from isogal_ros.in_process import run_in_process
 from isogal_ros.node import graph_values
+from isogal_ros.readings import ADAPTERS
 from isogal_ros.spin import Interrupt, local_context, make_executor
 from isogal_ros.stamps import from_seconds
 from isogal_ros.topics import Topic
 
 PATIENCE = 60.0
+
+
+def topics_of(field: str) -> list[Topic]:
+    """Topics of a graph that measures a field: not those of other instruments."""
+    instruments = {name: {adapter.raw, adapter.reduced} for name, adapter in ADAPTERS.items()}
+    own = set().union(*(instruments[other.name] for other in of_instrument(FIELDS[field].instrument)))
+    others = set().union(*instruments.values()) - own
+    return [topic for topic in topics.ALL if topic not in others]
 
 
 class Bench:
@@ -122,7 +132,7 @@ class Bench:
         topic: Topic | None = None,
     ) -> None:
         """Publish a reduced (or raw) reading."""
-        topic = topic or topics.readings(self.scenario.gravimeter.quantity)
+        topic = topic or topics.readings(self.scenario.scalar_field)
         message = topic.type()
         message.header.frame_id = frame
         convert.fill_accel(message, from_seconds(seconds), value, variance)

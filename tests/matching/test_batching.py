@@ -9,8 +9,15 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.strapdown import NavState, propagate
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.scenario import Matcher, Scenario
-from isogal.sensors.gravimeter import felt_gravity, reduce_disturbance, reduce_gravity
+from isogal.scenario import Altimeter, Matcher, Scenario
+from isogal.sensors.altimeter import TerrainReduction
+from isogal.sensors.gravimeter import (
+    DisturbanceReduction,
+    GravityReduction,
+    felt_gravity,
+    reduce_disturbance,
+    reduce_gravity,
+)
 from isogal.sensors.trajectory import build_trajectory
 
 SCANS, STEP = 30, 10
@@ -50,8 +57,15 @@ def flown(trajectory, error=(0.0,) * 7, scans=SCANS):
     return np.array(position), np.array(velocity), Rotation.from_quat(np.array(attitudes), scalar_first=True)
 
 
+REDUCTIONS = {
+    "gravity": GravityReduction(),
+    "disturbance": DisturbanceReduction(),
+    "terrain": TerrainReduction(Altimeter()),
+}
+
+
 def builder_of(position, velocity, reading=None, quantity="gravity", context=0, **settings):
-    builder = BatchBuilder(Matcher(**settings), quantity, context)
+    builder = BatchBuilder(Matcher(**settings), REDUCTIONS[quantity], context)
     reading = np.arange(len(position)) * 1e-5 if reading is None else reading
     for t, (p, v, r) in enumerate(zip(position, velocity, reading, strict=True)):
         builder.add_scan(10.0 * (t + 1), p[0], p[1], v, r, 1e-5, 2e-6)
@@ -132,8 +146,8 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
     np.testing.assert_allclose(batch.reading_jacobian @ xi + batch.drift_reading @ psi, wrong, atol=3e-7)
 
 
-def test_other_quantities_are_not_reduced():
-    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="magnetic").build(random_covariance(PRIOR_SIGMA))
+def test_terrain_is_not_reduced_with_position_or_velocity():
+    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="terrain").build(random_covariance(PRIOR_SIGMA))
     assert not batch.reading_jacobian.any()
     assert not batch.drift_reading.any()
 
@@ -169,12 +183,12 @@ def test_correcting_leaves_later_scans_alone_and_forgives_an_empty_builder():
     moved = horizontal_difference(after.latitude, after.longitude, before.latitude, before.longitude)
     np.testing.assert_allclose(moved[:15], [[100.0, 0.0]] * 15, atol=0.05)
     assert not moved[15:].any()
-    BatchBuilder(Matcher(), "gravity").correct(10.0, np.ones(7))
+    BatchBuilder(Matcher(), REDUCTIONS["gravity"]).correct(10.0, np.ones(7))
 
 
 def test_batches_hold_context_and_count_what_is_new():
     position, velocity, _ = flown(TRAJECTORY, scans=50)
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), "gravity", context=15)
+    builder = BatchBuilder(Matcher(batch_length=20, stride=10), REDUCTIONS["gravity"], context=15)
     lengths, new, first = [], [], []
     for t in range(50):
         assert not builder.ready or t == 0

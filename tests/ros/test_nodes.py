@@ -209,12 +209,12 @@ class TestMatcher:
         for scan in range(1, 7):
             drive(scan, nav=False)
         matcher_bench.wait(lambda: matcher_bench.node.taken == 6)
-        assert len(matcher_bench.node.waiting) == 6
+        assert len(matcher_bench.node.scans.waiting) == 6
         for scan in range(1, 7):
             k = scan * 10
             matcher_bench.nav(k, trajectory.latitude[k], trajectory.longitude[k], tuple(trajectory.velocity[k, :2]))
         matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
-        assert matcher_bench.node.waiting == []
+        assert matcher_bench.node.scans.waiting == []
 
     @pytest.mark.parametrize(
         ("keys", "words"),

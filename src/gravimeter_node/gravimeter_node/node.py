@@ -1,4 +1,7 @@
-"""The gravimeter: what it feels (simulated, or from another source), and its reductions with the navigator's estimate."""
+"""The sensor of the scalar field: what it feels (simulated, or from another source), and its reductions with the navigator's estimate.
+
+A gravimeter, unless the parameter `field` says a magnetometer or a clearance meter.
+"""
 
 import math
 import sys
@@ -7,14 +10,15 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
+from gravimeter_node.outputs import Outputs
 from isogal.maps.load import map_for_scenario
-from isogal.sensors.gravimeter import GravimeterSimulator, reduce_disturbance, reduce_gravity, reduction_variance
+from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.convert import PLATFORM, fill_accel, read_accel
 from isogal_ros.health import OK, BadMessageError
-from isogal_ros.nav_buffer import NavBuffer, NavSample
+from isogal_ros.nav_buffer import NavBuffer
 from isogal_ros.node import GraphNode, NodeSettings
+from isogal_ros.readings import ADAPTERS
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, peek_ns, to_ns, to_seconds
 
@@ -23,14 +27,16 @@ class GravimeterSettings(NodeSettings):
     """Own parameters of gravimeter_node."""
 
     simulate: bool = Field(
-        True, description="true: feel the map at the true position; false: reduce what comes on gravimeter/data_raw"
+        True, description="true: feel the map at the true position; false: reduce what comes on the instrument's topic"
     )
 
 
 class GravimeterNode(GraphNode):
-    """At each scan publishes what the instrument feels, then the two reductions once the navigator's state of that stamp is there."""
+    """At each scan publishes what the instrument feels, then its reductions once the navigator's state of that stamp is there."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "gravimeter", "map", "map_error")
+    sections: ClassVar[Sequence[str]] = (
+        "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "map", "map_error",
+    )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
 
@@ -38,28 +44,25 @@ class GravimeterNode(GraphNode):
         """Draw the readings and make publishers and subscriptions."""
         self.reduced = 0
         """Readings reduced so far."""
+        self._out_of_range = 0
         self._variance = self.scenario.gravimeter.sigma**2
         self._waiting: list[tuple[int, float, float]] = []
         self._newest = -1
-        self._message = topics.FELT.type()
-        self._message.header.frame_id = PLATFORM
+        self._adapter = ADAPTERS[self.scenario.scalar_field]
+        self._message = self._adapter.new_raw(self.scenario)
         if self.settings.simulate:
             self._felt = self._readings()
-            self._raw = self.advertise(topics.FELT)
+            self._raw = self.advertise(self._adapter.raw)
             self.listen(topics.TRUTH_FIX, self._feel, raw=True)
         else:
-            self.listen(topics.FELT, self._take)
-        matched = topics.readings(self.scenario.gravimeter.quantity)
-        self._gravity, self._disturbance = (
-            self.advertise(topic, (topics.PMHT_MM, topics.INS_SIM) if topic is matched else ())
-            for topic in (topics.GRAVITY, topics.DISTURBANCE)
-        )
+            self.listen(self._adapter.raw, self._take)
+        self._outputs = Outputs(self)
         self._nav = NavBuffer(self, self.scenario, self._reduce)
 
     def _readings(self) -> dict[int, float]:
         """Return what is felt at each scan, by stamp; the map is not kept."""
         trajectory = build_trajectory(self.scenario)
-        simulator = GravimeterSimulator(
+        simulator = ReadingSimulator(
             self.scenario, trajectory, map_for_scenario(self.scenario, trajectory), [self.settings.run]
         )
         stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]
@@ -69,18 +72,22 @@ class GravimeterNode(GraphNode):
         felt = self._felt.get(ns := peek_ns(data))
         if felt is None:
             return
-        fill_accel(self._message, ns, felt, self._variance)
+        self._adapter.fill_raw(self._message, ns, felt, self._variance)
         self._raw.publish(self._message)
         self._enqueue(ns, felt, self._variance)
 
     def _take(self, message: Any) -> None:
         ns = to_ns(message.header.stamp)
-        self._enqueue(ns, *read_accel(message))
+        felt, variance = self._adapter.read_raw(message)
+        self._enqueue(ns, felt, self._variance if variance is None else variance)
 
     def _enqueue(self, ns: int, felt: float, variance: float) -> None:
         if ns <= self._newest:
             raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
         self._newest = ns
+        if math.isnan(felt):
+            self._out_of_range += 1
+            self.health.figures["readings out of range"] = self._out_of_range
         self._waiting.append((ns, felt, variance))
         self._reduce()
 
@@ -97,27 +104,11 @@ class GravimeterNode(GraphNode):
                 if nav is None:
                     return
             del self._waiting[0]
-            self._publish(ns, felt, variance, nav)
-
-    def _publish(self, ns: int, felt: float, variance: float, nav: NavSample | None) -> None:
-        """Publish both reductions; NaN where there is nothing to reduce with, so that the scan is known to be without reading."""
-        for quantity, publisher, reduce in (
-            ("gravity", self._gravity, reduce_gravity),
-            ("disturbance", self._disturbance, reduce_disturbance),
-        ):
-            value, total = math.nan, variance
-            if nav is not None:
-                north, east = float(nav.velocity[0]), float(nav.velocity[1])
-                value = float(reduce(felt, nav.latitude, nav.height, north, east))
-                total += float(
-                    reduction_variance(quantity, nav.latitude, north, east, nav.covariance[:4, :4], nav.height_variance)
-                )
-            fill_accel(self._message, ns, value, total)
-            publisher.publish(self._message)
-        self.reduced += 1
-        self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
-        self.health.state(OK, "reducing")
-        self.health.tick(ns)
+            self._outputs.publish(ns, felt, variance, nav)
+            self.reduced += 1
+            self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
+            self.health.state(OK, "reducing")
+            self.health.tick(ns)
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -1,25 +1,25 @@
 """The simulated vehicle: clock, IMU, ground truth and the unaided INS, in lock-step with the graph or at a wall-clock rate."""
 
+import math
 import sys
 import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 
 from ins_sim_node.lock_step import LockStep
 from ins_sim_node.outputs import Outputs
+from ins_sim_node.pace import Pace
+from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
 from ins_sim_node.simulation import simulate
 from isogal_ros import topics
-from isogal_ros.health import OK, figures_of
+from isogal_ros.health import OK
 from isogal_ros.node import GraphNode, NodeSettings
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, peek_ns, to_seconds
 
-COMPARE_EVERY = 0.1
-"""s of wall time between looks at the navigator's error."""
 UNLOCKED_START = 2.0
 """s of wall time that a simulation without lock-step leaves others to come up."""
 
@@ -27,7 +27,7 @@ UNLOCKED_START = 2.0
 class InsSimNode(GraphNode):
     """Publishes one step after the other; with lock_step the next one only when the graph has answered."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error", "gravimeter", "matcher")
+    sections: ClassVar[Sequence[str]] = ("seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher")
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)
     settings: InsSimSettings
@@ -40,20 +40,19 @@ class InsSimNode(GraphNode):
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
         self.begun = time.monotonic()
         """When the first step was published."""
-        self._error, self._compared = float("nan"), 0.0
         self._outputs = Outputs(self, self.simulation)
-        self._missing = {name for name in self.settings.peers if name != self.get_name()}
+        self._peers = Peers(self, self.settings.peers)
         self._moved = self.begun
         self.lock_step = LockStep(self.scenario)
         if self.settings.lock_step:
-            self._others_say = self.listen(topics.DIAGNOSTICS, self._hear_others)
+            self._others_say = self.listen(topics.DIAGNOSTICS, self._peers.hear)
             self.listen(topics.NAV_ODOM, self._hear_nav, raw=True)
             self.listen(topics.FIX, lambda data: self._answered(self.lock_step.fix(peek_ns(data))), raw=True)
-            reading = topics.readings(self.scenario.gravimeter.quantity)
+            reading = topics.readings(self.scenario.scalar_field)
             self.listen(reading, lambda data: self._answered(self.lock_step.reading(peek_ns(data))), raw=True)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._pace: Any = None
-        self.create_timer(0.05, self._watch, clock=self._steady)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._pace = Pace(self, steady, self._paced)
+        self.create_timer(0.05, self._watch, clock=steady)
 
     def changed(self, values: dict[str, Any]) -> None:
         """Take a new rate."""
@@ -61,13 +60,6 @@ class InsSimNode(GraphNode):
             self.rate = float(values["rate"])
             if self.step >= 0:
                 self._set_pace()
-
-    def _hear_others(self, array: DiagnosticArray) -> None:
-        space = self.get_namespace().strip("/")
-        for item in array.status:
-            node_space, _, name = item.name.rpartition("/")
-            if node_space == space and figures_of(item).get("ready") == "True":
-                self._missing.discard(name)
 
     def _watch(self) -> None:
         """Begin when all is ready; notice when the graph does not come up, or has stopped answering."""
@@ -83,10 +75,12 @@ class InsSimNode(GraphNode):
                 self.fail(
                     f"no answer to the step at {at} within {settings.reply_timeout:g} s: {self.lock_step.missing()}"
                 )
-        elif (self.ready and not self._missing) if settings.lock_step else (self.ready or waited > UNLOCKED_START):
+        elif (
+            (self.ready and not self._peers.missing) if settings.lock_step else (self.ready or waited > UNLOCKED_START)
+        ):
             self._begin()
         elif waited > settings.start_timeout:
-            reasons = [f"{name} is not ready" for name in sorted(self._missing)]
+            reasons = [f"{name} is not ready" for name in sorted(self._peers.missing)]
             reasons += [f"listeners of {text}" for text in self.missing_listeners()]
             self.fail(f"cannot begin after {settings.start_timeout:g} s: {'; '.join(reasons)}")
 
@@ -99,9 +93,8 @@ class InsSimNode(GraphNode):
 
     def _hear_nav(self, data: bytes) -> None:
         ns = peek_ns(data)
-        # only for display: not worth decoding every message of a fast run
-        if ns == self.lock_step.ns and (now := time.monotonic()) - self._compared > COMPARE_EVERY:
-            self._compared, self._error = now, self._outputs.error_of(data)
+        if ns == self.lock_step.ns:
+            self._outputs.compare(data)
         self._answered(self.lock_step.nav(ns))
 
     def _answered(self, complete: bool) -> None:
@@ -110,13 +103,12 @@ class InsSimNode(GraphNode):
 
     def _set_pace(self) -> None:
         """Go by the wall clock, or as fast as answers come; without lock-step there are no answers to go by."""
-        if self._pace is not None:
-            self.destroy_timer(self._pace)
-            self._pace = None
-        if self.rate > 0.0 or not self.settings.lock_step:
-            period = 1.0 / (self.rate * self.scenario.imu.rate) if self.rate > 0.0 else 0.0
-            self._pace = self.create_timer(period, self._paced, clock=self._steady)
+        if self.rate > 0.0:
+            self._pace.set(self.rate * self.scenario.imu.rate)
+        elif not self.settings.lock_step:
+            self._pace.set(math.inf)
         else:
+            self._pace.clear()
             self._paced()
 
     def _paced(self) -> None:
@@ -129,8 +121,7 @@ class InsSimNode(GraphNode):
             return
         if self.step >= len(self.simulation):
             self.health.state(OK, "finished")
-            if self._pace is not None:
-                self._pace.cancel()
+            self._pace.end()
             self.finished = self.settings.exit_at_end
             return
         self.step += 1
@@ -143,7 +134,7 @@ class InsSimNode(GraphNode):
             "simulated": to_seconds(ns),
             "duration": float(self.simulation.trajectory.time[-1]),
             "speed": to_seconds(ns) / elapsed if elapsed > 0.0 else 0.0,
-            "position error": self._error,
+            "position error": self._outputs.error,
         }
         self.health.state(OK, "running")
         self.health.tick(ns)

@@ -14,8 +14,9 @@ from isogal.matching.interfaces import Candidates
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bag_reader import BagReader, topic_of
-from isogal_ros.convert import read_accel, read_candidates, read_covariance, read_position
+from isogal_ros.convert import read_candidates, read_covariance, read_position
 from isogal_ros.health import BadMessageError, figures_of
+from isogal_ros.readings import ADAPTERS
 from isogal_ros.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.topics import Topic
 
@@ -47,7 +48,7 @@ class Collector:
         self._plain: dict[str, dict[int, bytes]] = {
             topics.TRUTH_FIX.name: self.truth,
             topics.INS_FIX.name: self.unaided,
-            topics.readings(scenario.gravimeter.quantity).name: self.readings,
+            topics.readings(scenario.scalar_field).name: self.readings,
             topics.FIX.name: self.fixes,
             topics.CANDIDATES.name: self.candidates,
         }
@@ -156,7 +157,7 @@ class Collector:
             variability[i] = float(self.batches.get(ns, {}).get("feature_variability", "nan"))
         return RunDetail(
             scan_time=np.array([to_seconds(ns) for ns in scans]),
-            reading=np.array([_reading(self.readings[ns]) for ns in scans]),
+            reading=np.array([self._reading(self.readings[ns]) for ns in scans]),
             map_value=field_map.value(truth[:, 0], truth[:, 1]),
             map_value_navigator=field_map.value(seen[:, 0], seen[:, 1]),
             feature_variability=variability,
@@ -167,6 +168,13 @@ class Collector:
         data = self.candidates.get(ns)
         found = None if data is None else read_candidates(deserialize_message(data, topics.CANDIDATES.type))
         return found if found is not None and len(found.latitude) else None
+
+    def _reading(self, data: bytes) -> float:
+        adapter = ADAPTERS[self.scenario.scalar_field]
+        try:
+            return adapter.read_reduced(deserialize_message(data, adapter.reduced.type))[0]
+        except BadMessageError:
+            return float("nan")
 
     @staticmethod
     def _positions(store: dict[int, bytes], stamps: list[int]) -> Array:
@@ -181,10 +189,3 @@ class Collector:
 def _position(data: bytes) -> tuple[float, float]:
     latitude, longitude, _ = read_position(deserialize_message(data, topics.NAV_FIX.type), frame="")
     return latitude, longitude
-
-
-def _reading(data: bytes) -> float:
-    try:
-        return read_accel(deserialize_message(data, topics.GRAVITY.type), frame="")[0]
-    except BadMessageError:
-        return float("nan")

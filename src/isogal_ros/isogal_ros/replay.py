@@ -65,13 +65,13 @@ class Replay:
 class _Feeder(GraphNode):
     """Publishes the recorded messages and hears all that the nodes answer."""
 
-    sections: ClassVar[Collection[str]] = ("gravimeter",)
+    sections: ClassVar[Collection[str]] = ("field", "gravimeter")
 
     def setup(self) -> None:
         self.collector = Collector(self.scenario)
         self.heard = 0
         self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
-        self._readings = self.advertise(topics.readings(self.scenario.gravimeter.quantity), consumers=(topics.PMHT_MM,))
+        self._readings = self.advertise(topics.readings(self.scenario.scalar_field), consumers=(topics.PMHT_MM,))
         for topic in ANSWERS:
             self.listen(topic, self._keep(topic), raw=True)
 
@@ -150,7 +150,7 @@ def replay(reader: BagReader, interrupt: Interrupt, report: Callable[[float, flo
 
 
 def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
-    topic = topics.readings(scenario.gravimeter.quantity)
+    topic = topics.readings(scenario.scalar_field)
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
     wanted = (topics.IMU, *collector.topics())
@@ -235,7 +235,7 @@ class _Steps:
 
     def _settled(self, readings: int) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        done = self.matcher.taken >= readings and not self.matcher.waiting
+        done = self.matcher.taken >= readings and not self.matcher.scans.waiting
         return bool(done and self.filter.answered >= self.matcher.outputs.fixes)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:

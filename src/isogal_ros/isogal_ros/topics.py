@@ -8,7 +8,7 @@ from geometry_msgs.msg import AccelWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
+from sensor_msgs.msg import Imu, MagneticField, NavSatFix, PointCloud2, Range
 from std_msgs.msg import Float64MultiArray
 
 INS_SIM = "ins_sim_node"
@@ -46,6 +46,10 @@ INS_FIX = Topic("ins/fix", NavSatFix)
 FELT = Topic("gravimeter/data_raw", AccelWithCovarianceStamped)
 GRAVITY = Topic("gravimeter/gravity", AccelWithCovarianceStamped)
 DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
+MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
+ANOMALY = Topic("magnetometer/anomaly", MagneticField)
+CLEARANCE = Topic("altimeter/range", Range)
+TERRAIN = Topic("altimeter/terrain", NavSatFix)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
 """Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector (4) and matrix (4 x 4) of the likelihood
@@ -60,14 +64,14 @@ NAV_PATH = Topic("nav/path", Path)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
-    CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE, FIX, INFORMATION, CANDIDATES,
-    NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
+    CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN,
+    FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
 )  # fmt: skip
 
 
-def readings(quantity: str) -> Topic:
-    """Return the topic of a reduced quantity, ``gravity`` or ``disturbance``."""
-    return {"gravity": GRAVITY, "disturbance": DISTURBANCE}[quantity]
+def readings(field: str) -> Topic:
+    """Return the topic of a field's reduced readings (`isogal.sensors.fields`)."""
+    return {"gravity": GRAVITY, "disturbance": DISTURBANCE, "magnetic": ANOMALY, "terrain": TERRAIN}[field]
 
 
 def type_name(message_type: Any) -> str:

@@ -10,24 +10,25 @@ from isogal.maps.load import map_for_scenario
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher
+from isogal.sensors.fields import scalar_field
 from isogal_ros import params, topics
-from isogal_ros.convert import read_accel
 from isogal_ros.health import OK, BadMessageError, status
-from isogal_ros.nav_buffer import NavBuffer, NavSample
+from isogal_ros.nav_buffer import NavSample
 from isogal_ros.node import GraphNode
+from isogal_ros.readings import ADAPTERS
 from isogal_ros.spin import run_node
-from isogal_ros.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.stamps import to_ns, to_seconds
 from pmht_mm_node.outputs import Outputs
+from pmht_mm_node.scans import Scans
 from pmht_mm_node.warm_up import warm_up
-
-MOST_MISSING = 1000
-"""Longest run of missing scans that is filled in, scans."""
 
 
 class PmhtMmNode(GraphNode):
     """Collects scans with the navigator's state at their stamps; at the end of a batch publishes a fix, or says why there is none."""
 
-    sections: ClassVar[Sequence[str]] = ("route", "imu", "gravimeter", "map", "matcher")
+    sections: ClassVar[Sequence[str]] = (
+        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "map", "matcher",
+    )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
         "matcher.map_correlation_length",
@@ -39,20 +40,16 @@ class PmhtMmNode(GraphNode):
         """Load the map and make publishers and subscriptions."""
         self.taken = 0
         """Readings received, whatever became of them."""
-        self._fixes = self._declined = self._missing = 0
+        self._fixes = self._declined = 0
         self._matcher, self._memory = build_matcher(self.scenario.matcher), None
         self._map = map_for_scenario(self.scenario)
-        warm_up(self._matcher, self._map, self.scenario)
-        settings = self.scenario.gravimeter
-        self._builder = BatchBuilder(self.scenario.matcher, settings.quantity, self._matcher.context)
-        self._interval = from_seconds(settings.interval)
-        self.waiting: list[tuple[int, float]] = []
-        """Readings (stamp, value) for which the navigator's state is still to come."""
-        self._newest, self._last = -1, -1
+        reduction = scalar_field(self.scenario).reduction(self.scenario)
+        self._builder = BatchBuilder(self.scenario.matcher, reduction, self._matcher.context)
+        warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)
-        self._nav = NavBuffer(self, self.scenario, self._process)
-        self._topic = topics.readings(settings.quantity)
-        self.listen(self._topic, self._take)
+        self.scans = Scans(self, self.scenario, self._scan)
+        self._adapter = ADAPTERS[self.scenario.scalar_field]
+        self.listen(self._adapter.reduced, self._take)
 
     def changed(self, values: dict[str, Any]) -> None:
         """Take new matcher settings from the next batch on; raises InputError where they cannot be used."""
@@ -68,57 +65,19 @@ class PmhtMmNode(GraphNode):
     def _take(self, message: Any) -> None:
         self.taken += 1
         ns = to_ns(message.header.stamp)
-        if ns <= self._newest:
-            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
-        self._newest = ns
+        self.scans.require_later(ns)
         try:
-            reading, _ = read_accel(message)
+            reading, _ = self._adapter.read_reduced(message)
         except BadMessageError as error:
-            self.health.drop(self._topic.name, str(error))
+            self.health.drop(self._adapter.reduced.name, str(error))
             reading = math.nan  # the scan took place; that it gave nothing is known to the batch
-        self.waiting.append((ns, reading))
-        self._process()
-
-    def _process(self) -> None:
-        """Deal with the waiting readings as far as the navigator's states reach."""
-        while self.waiting:
-            ns, reading = self.waiting[0]
-            try:
-                nav = self._nav.at(ns)
-                if nav is None:
-                    return
-            except BadMessageError as error:
-                self.health.drop(topics.NAV_ODOM.name, str(error))
-                nav = None
-            del self.waiting[0]
-            if nav is not None:
-                self._fill_missing(ns)
-                self._scan(nav, reading)
-            self.health.tick(ns)
-
-    def _fill_missing(self, ns: int) -> None:
-        """Add scans without reading where messages are missing, so that batches keep their length in time."""
-        if self._last < 0:
-            return
-        expected = [self._last + i * self._interval for i in range(1, MOST_MISSING)]
-        for stamp in expected:
-            if stamp > ns - self._interval // 2:
-                break
-            self._missing += 1
-            self.health.figures["scans missing"] = self._missing
-            try:
-                nav = self._nav.at(stamp)
-            except BadMessageError:
-                continue
-            if nav is not None:
-                self._scan(nav, math.nan)
+        self.scans.add(ns, reading)
 
     def _scan(self, nav: NavSample, reading: float) -> None:
-        for jump in self._nav.take_jumps(nav.ns):
+        for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
         sigma = self.scenario.gravimeter.sigma
         self._builder.add_scan(to_seconds(nav.ns), nav.latitude, nav.longitude, nav.velocity[:2], reading, sigma)
-        self._last = nav.ns
         if self._builder.ready:
             self._match(nav)
 

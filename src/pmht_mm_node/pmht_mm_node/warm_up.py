@@ -6,14 +6,15 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Matcher
 from isogal.scenario import Scenario
+from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import build_trajectory
 
 
-def warm_up(matcher: Matcher, field_map: FieldMap, scenario: Scenario) -> None:
+def warm_up(matcher: Matcher, field_map: FieldMap, scenario: Scenario, reduction: Reduction) -> None:
     """Match a made-up batch at the start of the route; the result is thrown away."""
     trajectory = build_trajectory(scenario)
     settings = scenario.matcher
-    builder = BatchBuilder(settings, scenario.gravimeter.quantity, matcher.context)
+    builder = BatchBuilder(settings, reduction, matcher.context)
     for scan in range(1, settings.batch_length + 1):
         k = min(scan * scenario.steps_per_scan, len(trajectory))
         place = trajectory.latitude[k], trajectory.longitude[k]

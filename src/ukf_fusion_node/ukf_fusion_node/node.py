@@ -6,19 +6,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import NavSatStatus
 
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState
-from isogal.matching.interfaces import LOST_SIGMA
 from isogal_ros import topics
-from isogal_ros.convert import read_covariance, read_imu, read_information, read_position
+from isogal_ros.convert import read_imu, read_information
 from isogal_ros.health import ERROR, OK, WARN, BadMessageError
 from isogal_ros.node import GraphNode, NodeSettings
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
 from ukf_fusion_node.answer import Answer
-from ukf_fusion_node.fixes import Extra, FixQueue
+from ukf_fusion_node.corrections import Corrections
+from ukf_fusion_node.fixes import FixQueue
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.start import initial_state
 
@@ -36,7 +35,8 @@ class UkfFusionNode(GraphNode):
         """IMU samples received, whatever became of them."""
         self.answered = 0
         """Messages on pmht_mm/fix dealt with."""
-        self._accepted = self._refused = self._gaps = 0
+        self._gaps = 0
+        self._corrections = Corrections(self.health)
         self._start = initial_state(self.scenario, self.settings)
         self._model = FilterModel.from_scenario(self.scenario)
         self._navigator: BufferedNavigator | None = None
@@ -105,7 +105,7 @@ class UkfFusionNode(GraphNode):
         """Apply the fixes that are complete; answer each, whatever it is: a lock-step simulation waits for that."""
         for message, extra in self._fixes.complete(self._ns):
             try:
-                self._apply(message, extra)
+                self._corrections.apply(self._navigator, message, extra)
             except BadMessageError as error:
                 self.health.drop(topics.FIX.name, str(error))
             except Exception as error:
@@ -114,36 +114,6 @@ class UkfFusionNode(GraphNode):
             self.answered += 1
             if self._navigator is not None:
                 self._publish()
-
-    def _apply(self, message: Any, extra: Extra) -> None:
-        lost, information = extra
-        no_fix = message.status.status == NavSatStatus.STATUS_NO_FIX
-        if no_fix and not lost:
-            return
-        if self._navigator is None:
-            raise BadMessageError("came before the first IMU sample")
-        stamp = to_seconds(to_ns(message.header.stamp))
-        if lost:
-            self._navigator.widen(stamp, LOST_SIGMA)
-        if no_fix:
-            return
-        if information is not None:
-            result = self._navigator.update_information(stamp, information.vector, information.matrix)
-        else:
-            latitude, longitude, _ = read_position(message)
-            result = self._navigator.update(stamp, latitude, longitude, read_covariance(message)[:2, :2])
-        self._accepted += result.accepted
-        self._refused += not result.accepted
-        self.health.figures |= {
-            "fixes accepted": self._accepted,
-            "fixes refused": self._refused,
-            "innovation north": float(result.innovation[0]),
-            "innovation east": float(result.innovation[1]),
-            "normalised innovation squared": float(result.nis),
-            "age of the last fix": float(result.late),
-        }
-        if not result.accepted:
-            raise BadMessageError(result.reason or "refused")
 
     def _publish(self) -> None:
         assert self._navigator is not None

@@ -72,7 +72,7 @@ def run_report(
         f"{runs.elapsed[-1] / 3600:.2f} h"
     )
     sigma = f"{scenario.gravimeter.sigma:g}".replace("e-0", "e-")
-    title = f"{what}: {scenario.gravimeter.quantity} matching, sigma {sigma} m/s²"
+    title = f"{what}: {scenario.scalar_field} matching, sigma {sigma} {field_map.unit}"
     return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
 
 

@@ -18,6 +18,7 @@ from isogal.maps.ggmplus import is_ggmplus, read_ggmplus
 from isogal.maps.netcdf import read_netcdf
 from isogal.maps.xyz import read_xyz
 from isogal.scenario import Scenario
+from isogal.sensors.fields import scalar_field
 
 Array = NDArray[np.float64]
 CORRIDOR_MARGIN = 25_000.0
@@ -135,7 +136,7 @@ def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin
     Parameters
     ----------
     scenario : Scenario
-        Its ``map``, ``gravimeter.quantity`` and route.
+        Its ``map``, field and route.
     trajectory : Trajectory, optional
         The route's points, if they are there already.
     margin : float
@@ -147,7 +148,7 @@ def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin
         The map cannot be read, is of another quantity than the sensor, or does not cover the route.
     """
     route = trajectory or _route(scenario)
-    quantity = scenario.gravimeter.quantity
+    quantity = scalar_field(scenario).quantity
     window = route_window(route.latitude, route.longitude, margin)
     source, path = scenario.map.source, scenario.map.path
     if source == "synthetic":
@@ -171,9 +172,10 @@ def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin
             format_name=source if named else None,
         )
     if field_map.quantity != quantity:
+        key = "field" if scenario.field else "gravimeter.quantity"
         raise InputError(
-            f"map: {field_map.provenance} is a {field_map.quantity} map, but gravimeter.quantity is {quantity};"
-            " change map.variable or gravimeter.quantity"
+            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is {scenario.scalar_field};"
+            f" change map.variable or {key}"
         )
     check_coverage(field_map, route.latitude, route.longitude)
     return field_map
@@ -203,8 +205,9 @@ def _synthetic_quantity(scenario: Scenario) -> str:
         "dg": "disturbance",
         "gravity": "gravity",
         "disturbance": "disturbance",
-        None: scenario.gravimeter.quantity,
+        "height": "height",
+        None: scalar_field(scenario).quantity,
     }
     if scenario.map.variable not in names:
-        raise InputError(f"map.variable: the synthetic map has ga and dg, not '{scenario.map.variable}'")
+        raise InputError(f"map.variable: the synthetic map has height, ga and dg, not '{scenario.map.variable}'")
     return names[scenario.map.variable]

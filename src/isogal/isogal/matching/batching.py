@@ -12,7 +12,7 @@ from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.kernels import kernel
 from isogal.matching.interfaces import Batch
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.reduction import Reduction, State
 
 Array = NDArray[np.float64]
 
@@ -42,15 +42,15 @@ class BatchBuilder:
     Parameters
     ----------
     settings : scenario.Matcher
-    quantity : str
-        What the readings are; says how the navigator's error got into them (`reading_jacobian`).
+    reduction : Reduction
+        How the readings were reduced; says how the navigator's error got into them.
     context : int
         How many scans before the batch the matcher wants to see as well.
     """
 
-    def __init__(self, settings: MatcherSettings, quantity: str, context: int = 0) -> None:
+    def __init__(self, settings: MatcherSettings, reduction: Reduction, context: int = 0) -> None:
         self.settings = settings
-        self.quantity = quantity
+        self.reduction = reduction
         self._scans: deque[_Scan] = deque(maxlen=settings.batch_length + context)
         self._count = 0
         self._unused = 0
@@ -87,9 +87,9 @@ class BatchBuilder:
         scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
         if not scans:
             return
-        latitude, _, velocity, times = _arrays(scans)
+        latitude, longitude, velocity, times = _arrays(scans)
         shift = (_backward(latitude, velocity, times, time) @ jump)[:, :4]
-        change = (reading_jacobian(self.quantity, latitude, velocity[:, 0], velocity[:, 1]) * shift).sum(axis=1)
+        change = (self._jacobian(latitude, longitude, velocity) * shift).sum(axis=1)
         north, east = metres_per_radian(latitude)
         for i, scan in enumerate(scans):
             scan.latitude += shift[i, 0] / north[i]
@@ -110,7 +110,7 @@ class BatchBuilder:
         backward = _backward(latitude, velocity, times, times[-1])[:, :4]
         prior = 0.5 * (prior + prior.T)
         transition, drift = _condition(backward, prior)
-        at_scan = reading_jacobian(self.quantity, latitude, velocity[:, 0], velocity[:, 1])
+        at_scan = self._jacobian(latitude, longitude, velocity)
         new = min(self._unused, len(scans))
         self._unused = 0
         return Batch(
@@ -128,6 +128,10 @@ class BatchBuilder:
             prior=prior[:4, :4],
             new=new,
         )
+
+    def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
+        """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height is known."""
+        return self.reduction.jacobian(State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1]))
 
 
 def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:

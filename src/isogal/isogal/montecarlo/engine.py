@@ -29,9 +29,11 @@ from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
-from isogal.sensors.gravimeter import GravimeterSimulator, reduce_disturbance, reduce_gravity
+from isogal.sensors.fields import scalar_field
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.reduction import State
+from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 Array = NDArray[np.float64]
@@ -115,12 +117,12 @@ class _ClosedLoop:
         self.scans = len(self.index) - 1
         self.imu = simulate_imu(scenario, trajectory, runs)
         self.unaided = simulate_unaided(scenario, runs, trajectory, self.imu)
-        self.felt = GravimeterSimulator(scenario, trajectory, field_map, runs).felt
+        self.felt = ReadingSimulator(scenario, trajectory, field_map, runs).felt
         self.model = FilterModel.from_scenario(scenario)
         self.state = FilterState.start(draw_initial_state(scenario, trajectory, runs), self.model)
-        self.quantity = scenario.gravimeter.quantity
+        self.reduction = scalar_field(scenario).reduction(scenario)
         context = matcher.context
-        self.builders = [BatchBuilder(scenario.matcher, self.quantity, context) for _ in runs]
+        self.builders = [BatchBuilder(scenario.matcher, self.reduction, context) for _ in runs]
         self.memories: list[Any] = [None for _ in runs]
         self.anchor = (self.state.copy(), 0)  # states at the last batch end, for retrodiction
         self.due = [scan for scan in range(self.scans) if fix_due(scan + 1, scenario.matcher)]
@@ -168,8 +170,8 @@ class _ClosedLoop:
 
     def _read(self, scan: int) -> None:
         position, velocity = self.state.position, self.state.velocity
-        reduce = reduce_gravity if self.quantity == "gravity" else reduce_disturbance
-        reading = reduce(self.felt[:, scan], position[:, 0], position[:, 2], velocity[:, 0], velocity[:, 1])
+        estimate = State(position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1])
+        reading = self.reduction.reduce(self.felt[:, scan], estimate)
         time = float(self.trajectory.time[self.index[scan + 1]])
         for run, builder in enumerate(self.builders):
             builder.add_scan(

@@ -6,18 +6,12 @@ latitude.
 The map's surface is taken at ellipsoidal height 0 and the vehicle at `route.height` above it (SCIENCE 1).
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isogal.earth.ellipsoid import EARTH_RATE, radii
 from isogal.earth.gravity import FREE_AIR, eotvos, eotvos_jacobian, normal_gravity, normal_gravity_gradient_north
-from isogal.errors import InputError
-from isogal.maps.field_map import FieldMap
-from isogal.scenario import Scenario
-from isogal.seeds import generator
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.reduction import State
 
 Array = NDArray[np.float64]
 
@@ -59,84 +53,41 @@ def reading_jacobian(quantity: str, latitude: ArrayLike, v_north: ArrayLike, v_e
     return jacobian
 
 
-def reduction_variance(
-    quantity: str,
-    latitude: ArrayLike,
-    v_north: ArrayLike,
-    v_east: ArrayLike,
-    covariance: Array,
-    height_variance: ArrayLike,
-) -> Array:
-    """Return the variance (m²/s⁴) that the navigator's uncertainty puts into a reduced reading.
+class GravityReduction:
+    """Felt gravity (m/s²) to gravity on the map's surface."""
 
-    Parameters
-    ----------
-    covariance : (..., 4, 4) array
-        Of (north, east, v_north, v_east) errors; height_variance (...) m².
-    """
-    jacobian = reading_jacobian(quantity, latitude, v_north, v_east)
-    return np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian) + FREE_AIR**2 * np.asarray(height_variance)
+    quantity = "gravity"
 
+    def raw(self, value: ArrayLike, at: State) -> Array:
+        """Return felt gravity over a point whose gravity on the map's surface is given."""
+        return felt_gravity(value, at.latitude, at.height, at.v_north, at.v_east)
 
-class GravimeterSimulator:
-    """Readings of R runs at every scan of a route; scan j is taken at the end of IMU interval (j + 1) * steps_per_scan."""
+    def report(self, raw: ArrayLike) -> Array:
+        """Return it as it is."""
+        return np.asarray(raw, dtype=float)
 
-    def __init__(self, scenario: Scenario, trajectory: Trajectory, field_map: FieldMap, runs: Sequence[int]) -> None:
-        """Draw all readings.
+    def reduce(self, raw: ArrayLike, at: State) -> Array:
+        """Return `reduce_gravity` of a reading."""
+        return reduce_gravity(raw, at.latitude, at.height, at.v_north, at.v_east)
 
-        Raises
-        ------
-        InputError
-            The map does not cover the route, or its quantity cannot be felt by a gravimeter.
-        """
-        stride = scenario.steps_per_scan
-        self.index = np.arange(stride, len(trajectory) + 1, stride)
-        """(scans,) index into the trajectory of each scan."""
-        i = self.index
-        latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
-        surface = field_map.value(latitude, longitude)
-        missing = ~np.isfinite(surface)
-        if missing.any():
-            j = int(np.argmax(missing))
-            raise InputError(
-                f"map {field_map.provenance}: does not cover the route at latitude {np.degrees(latitude[j]):.4f},"
-                f" longitude {np.degrees(longitude[j]):.4f} deg ({trajectory.time[i[j]]:.0f} s after the start)"
-            )
-        if field_map.quantity == "disturbance":
-            surface = surface + normal_gravity(latitude)
-        elif field_map.quantity != "gravity":
-            raise InputError(
-                f"map {field_map.provenance}: a gravimeter does not feel {field_map.quantity}; give gravity or disturbance"
-            )
-        velocity = trajectory.velocity[i]
-        truth = felt_gravity(surface, latitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
-        errors = draw_map_error(scenario, trajectory, i, runs)
-        self.felt = np.stack([truth + errors[k] + _noise(scenario, run, len(i)) for k, run in enumerate(runs)])
-        """(R, scans) m/s²."""
+    def jacobian(self, at: State) -> Array:
+        """Return `reading_jacobian`."""
+        return reading_jacobian(self.quantity, at.latitude, at.v_north, at.v_east)
+
+    def height_slope(self, at: State) -> Array:
+        """Return the free-air gradient, s⁻²."""
+        return np.full(np.shape(at.latitude), FREE_AIR)
 
 
-def _noise(scenario: Scenario, run: int, scans: int) -> Array:
-    settings = scenario.gravimeter
-    noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(scans)
-    if settings.outlier_fraction > 0.0:
-        random = generator(scenario.seed, run, "gravimeter_outliers")
-        hit = random.random(scans) < settings.outlier_fraction
-        noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(scans)
-    return noise
+class DisturbanceReduction(GravityReduction):
+    """Felt gravity (m/s²) to the gravity disturbance."""
 
+    quantity = "disturbance"
 
-def draw_map_error(scenario: Scenario, trajectory: Trajectory, index: NDArray[np.int64], runs: Sequence[int]) -> Array:
-    """Return (R, scans) how far the true field differs from the map at the scans, m/s².
+    def raw(self, value: ArrayLike, at: State) -> Array:
+        """Return felt gravity over a point of a given disturbance."""
+        return super().raw(np.asarray(value) + normal_gravity(at.latitude), at)
 
-    Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions, one field per run.
-    """
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
-    if sigma == 0.0:
-        return np.zeros((len(runs), len(index)))
-    from isogal.earth.frames import geodetic_to_ecef
-
-    points = geodetic_to_ecef(trajectory.latitude[index], trajectory.longitude[index], 0.0)
-    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
-    root = np.linalg.cholesky(sigma**2 * (np.exp(-distance / length) + 1e-12 * np.eye(len(index))))
-    # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
-    return np.stack([root @ generator(scenario.seed, run, "map_error").standard_normal(len(index)) for run in runs])
+    def reduce(self, raw: ArrayLike, at: State) -> Array:
+        """Return `reduce_disturbance` of a reading."""
+        return reduce_disturbance(raw, at.latitude, at.height, at.v_north, at.v_east)

@@ -1,0 +1,41 @@
+"""When the next step may come: by the wall clock, or as fast as answers come."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.node import Node
+
+
+class Pace:
+    """A timer on the wall clock whose rate may change.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the timer.
+    clock : Clock
+        Steady.
+    due : callable
+        Called each time a step is due.
+    """
+
+    def __init__(self, node: Node, clock: Clock, due: Callable[[], None]) -> None:
+        self._node, self._clock, self._due = node, clock, due
+        self._timer: Any = None
+
+    def set(self, steps_per_second: float) -> None:
+        """Call `due` at a rate from now on, or without a pause where it is infinite."""
+        self.clear()
+        self._timer = self._node.create_timer(1.0 / steps_per_second, self._due, clock=self._clock)
+
+    def clear(self) -> None:
+        """Call no more."""
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+
+    def end(self) -> None:
+        """Call no more; may be called from `due` itself."""
+        if self._timer is not None:
+            self._timer.cancel()

@@ -1,0 +1,71 @@
+"""The main field: against published values of the IGRF, between the points at which it is evaluated, and up and down."""
+
+import numpy as np
+import pytest
+
+from isogal.sensors.magnetometer import MagneticReduction, MainField, intensity
+from isogal.sensors.reduction import State
+
+LATITUDE, LONGITUDE = np.radians([55.5, 56.4]), np.radians([-5.0, -3.0])
+
+
+@pytest.fixture(scope="module")
+def main_field():
+    return MainField(LATITUDE, LONGITUDE, 300.0, 2025.0)
+
+
+def test_the_coefficients_of_2020_give_the_dipole_at_the_equator():
+    # IGRF-14, 2020.0: g10 = -29403.41, g11 = -1451.37, h11 = 4653.35 nT; the whole field is not far from its dipole
+    dipole = np.sqrt(29403.41**2 + 1451.37**2 + 4653.35**2)
+    longitude = np.arange(-180.0, 180.0, 10.0)
+    field = intensity(np.zeros(36), longitude, 0.0, 2020.0)
+    assert field.mean() == pytest.approx(dipole, rel=0.15)
+    assert (np.abs(field / dipole - 1.0) < 0.45).all()
+
+
+def test_interpolation_is_as_good_as_the_model(main_field):
+    random = np.random.default_rng(1)
+    latitude, longitude = random.uniform(54.0, 58.0, 300), random.uniform(-7.0, -1.0, 300)
+    exact = intensity(latitude, longitude, 300.0, 2025.0)
+    np.testing.assert_allclose(main_field.value(np.radians(latitude), np.radians(longitude), 300.0), exact, atol=0.02)
+
+
+def test_it_falls_with_height_as_a_dipole_does(main_field):
+    exact = intensity(56.0, -4.0, 1300.0, 2025.0) - intensity(56.0, -4.0, 300.0, 2025.0)
+    rise = main_field.value(np.radians(56.0), np.radians(-4.0), 1300.0) - main_field.value(
+        np.radians(56.0), np.radians(-4.0), 300.0
+    )
+    assert rise == pytest.approx(exact, rel=0.1)  # the higher degrees fall faster or slower
+    assert exact == pytest.approx(-23.0, abs=2.0)
+
+
+def test_years_change_it_by_tens_of_nanotesla():
+    a, b = (float(intensity(56.0, -4.0, 0.0, year)) for year in (2024.0, 2025.0))
+    assert 10.0 < abs(b - a) < 100.0
+    between = float(intensity(56.0, -4.0, 0.0, 2024.5))
+    assert between == pytest.approx((a + b) / 2.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude"),
+    [
+        (np.radians([-10.0, 10.0]), np.radians([179.0, -179.0])),
+        (np.radians([0.0, 0.0]), np.linspace(-3.1, 3.1, 50)),
+        (np.radians([86.0, 86.5]), np.radians([0.0, 40.0])),
+    ],
+    ids=["date line", "round the Earth", "near a pole"],
+)
+def test_anywhere_on_earth(latitude, longitude):
+    latitude = np.resize(latitude, longitude.size)
+    field = MainField(latitude, longitude, 0.0, 2025.0)
+    exact = intensity(np.degrees(latitude), np.degrees(longitude), 0.0, 2025.0)
+    np.testing.assert_allclose(field.value(latitude, longitude, 0.0), exact, atol=0.1)
+
+
+def test_the_anomaly_is_what_the_model_leaves(main_field):
+    reduction = MagneticReduction(main_field)
+    at = State(np.radians(56.0), np.radians(-4.0), 300.0, 30.0, 0.0)
+    total = float(intensity(56.0, -4.0, 300.0, 2025.0)) + 123.0
+    assert reduction.reduce(total, at) == pytest.approx(123.0, abs=0.02)
+    away = at._replace(latitude=np.radians(30.0))
+    assert np.isnan(reduction.reduce(total, away))  # nobody asked about that part of the Earth
