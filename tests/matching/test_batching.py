@@ -213,3 +213,21 @@ def test_scans_come_out_as_they_went_in():
     assert (batch.sigma == 1e-5).all()
     assert (batch.offset == 2e-6).all()
     assert batch.new == SCANS
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_back_to_where_the_last_batch_ended(name):
+    """The error there, velocity as well as position, is what xi and the drift say."""
+    position, velocity, attitude = flown(TRAJECTORY, np.array(ERRORS[name]))
+    true_position, true_velocity, true_attitude = flown(TRAJECTORY)
+    builder = builder_of(position[:20], velocity[:20], batch_length=20, stride=10, context=0)
+    assert builder.build(independent_prior()).back_transition is None
+    for t in range(20, 30):
+        builder.add_scan(10.0 * (t + 1), *position[t], velocity[t], 0.0, 1e-5)
+    batch = builder.build(independent_prior())
+    north, east = horizontal_difference(*position.T, *true_position.T).T
+    error = np.column_stack([north, east, velocity - true_velocity])
+    psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
+    then = batch.back_transition @ error[-1] + batch.back_drift @ psi
+    np.testing.assert_allclose(then[:2], error[19, :2], atol=0.05)
+    np.testing.assert_allclose(then[2:], error[19, 2:], atol=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
-from isogal.matching.hypotheses import update
+from isogal.matching.hypotheses import SAMPLED, update
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel
 from isogal.matching.mixture import Mixture
 from isogal.matching.sampler import Sampling, sample
@@ -80,3 +80,51 @@ def test_a_wide_prior_is_searched(rough_map):
     likelihood, prior = likelihood_of(rough_map, error, scans=60, prior_sigma=(10e3, 0.05))
     result = update(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING, 64)
     assert np.linalg.norm(result.belief.mean[:, :2] - error[:2], axis=1).min() < 300.0
+
+
+def test_of_many_the_right_one_survives_a_glance(rough_map):
+    """A thousand places on a lattice, the true one with little weight: it must win, and the others must not all be sampled."""
+    likelihood, _ = likelihood_of(rough_map)
+    side = 400.0 * np.arange(-16, 17)
+    lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2) + ERROR[:2]
+    means = np.column_stack([lattice, np.zeros((len(lattice), 2))])
+    weight = np.where(np.abs(lattice - ERROR[:2]).max(axis=1) < 1.0, 0.3, 1.0)
+    prior = Mixture(weight / weight.sum(), means, np.stack([np.diag([120.0**2, 120.0**2, 4e-4, 4e-4])] * len(means)))
+    assert len(prior) > SAMPLED
+    result = update(likelihood, prior, SAMPLING, 2048)
+    assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
+    assert result.belief.weight[0] > 0.99
+    away = update(
+        likelihood, Mixture(prior.weight, means + np.array([1e6, 0.0, 0.0, 0.0]), prior.covariance), SAMPLING, 2048
+    )
+    assert away is None
+
+
+def test_those_that_are_not_sampled_keep_their_weight():
+    """Readings that decide nothing: a thousand hypotheses stay what they were, sampled or not."""
+    flat = field_map_of(lambda n, e: 1e-10 * n + 0.0 * e)
+    likelihood, _ = likelihood_of(flat, np.zeros(4), sigma=1e-3)
+    means = np.column_stack(
+        [3000.0 * np.arange(-5, 5).repeat(100), 200.0 * np.tile(np.arange(-50, 50), 10), np.zeros((1000, 2))]
+    )
+    covariance = np.diag([100.0**2, 50.0**2, 1e-4, 1e-4])
+    prior = Mixture(np.full(1000, 1e-3), means, np.stack([covariance] * 1000))
+    belief = update(likelihood, prior, SAMPLING, 2048).belief
+    assert len(belief) == 1000
+    np.testing.assert_allclose(belief.weight, 1e-3, rtol=0.02)
+    deviation = np.sqrt(np.diagonal(belief.covariance, axis1=1, axis2=2))
+    np.testing.assert_allclose(deviation / np.sqrt(np.diag(covariance)), 1.0, atol=0.25)
+
+
+def test_neighbours_become_one(rough_map):
+    """Tiles side by side are one mode, not four, when the readings say so."""
+    likelihood, _ = likelihood_of(rough_map)
+    offsets = 150.0 * np.array([[0.7, 0.7], [0.7, -0.7], [-0.7, 0.7], [-0.7, -0.7]])
+    means = ERROR + np.column_stack([offsets, np.zeros((4, 2))])
+    tiles = Mixture(np.full(4, 0.25), means, np.stack([np.diag([80.0**2, 80.0**2, 4e-4, 4e-4])] * 4))
+    result = update(likelihood, tiles, SAMPLING, 16)
+    assert len(result.belief) == 1
+    assert result.resolved
+    whole, _ = sample(likelihood, tiles, Sampling(samples=8192))
+    deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
+    np.testing.assert_allclose((result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.1)

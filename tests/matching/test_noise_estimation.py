@@ -7,7 +7,7 @@ import pytest
 
 from helpers.batches import make_batch
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
-from isogal.matching.noise_estimation import NoiseEstimate
+from isogal.matching.noise_estimation import NoiseEstimate, differs
 
 BASE = NoiseModel(bias_sigma=0.0)
 BATCHES = 12
@@ -22,9 +22,9 @@ def estimate(
     noise=1e-5,
     bias=0.0,
     told=None,
+    it=None,
     error=(80.0, -60.0, 0.02, 0.01),
 ):
-    it = None
     for k in range(batches):
         start = (-12e3 + 1500.0 * k, -12e3 + 1700.0 * (k % 5))
         batch, _ = make_batch(
@@ -43,7 +43,7 @@ def estimate(
         )
         planted = np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
         batch = replace(batch, reading=batch.reading + planted)
-        it = it or NoiseEstimate.start(batch, field_map)
+        it = it or NoiseEstimate.unknown(batch, field_map)
         likelihood = BatchLikelihood.of(batch, field_map, it.model(BASE))
         it = it.update(batch, likelihood, field_map, np.zeros(4), bias if told is None else told)
     return it
@@ -77,23 +77,23 @@ def test_it_sharpens_with_every_batch(rough_map):
 
 def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     batch, _ = make_batch(rough_map)
-    start = NoiseEstimate.start(batch, rough_map)
+    start = NoiseEstimate.unknown(batch, rough_map)
     assert start.batches == 0
     assert np.ptp(start.probability) == 0.0
-    tenfold = NoiseEstimate.start(batch, replace(rough_map, values=10.0 * rough_map.values))
+    tenfold = NoiseEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
     np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
     assert start.sigma[0] < 0.01 * rough_map.values.std() < 0.3 * rough_map.values.std() < start.sigma[-1]
-    flat = NoiseEstimate.start(batch, replace(rough_map, values=0.0 * rough_map.values))
+    flat = NoiseEstimate.unknown(batch, replace(rough_map, values=0.0 * rough_map.values))
     assert (flat.sigma > 0.0).all()
 
 
 def test_new_readings_only_and_none_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
-    start = NoiseEstimate.start(batch, rough_map)
+    start = NoiseEstimate.unknown(batch, rough_map)
     half = replace(batch, new=15)
     tail = replace(batch, reading=np.where(np.arange(30) < 15, np.nan, batch.reading))
     results = [
-        start.update(b, BatchLikelihood.of(b, rough_map, BASE), rough_map, np.zeros(4), 0.0).log_evidence
+        start.update(b, BatchLikelihood.of(b, rough_map, BASE), rough_map, np.zeros(4), 0.0).log_weight
         for b in (half, tail)
     ]
     np.testing.assert_allclose(results[0], results[1], rtol=1e-9)
@@ -103,9 +103,27 @@ def test_new_readings_only_and_none_off_the_map(rough_map):
 
 def test_differs_and_figures(rough_map):
     batch, _ = make_batch(rough_map)
-    start = NoiseEstimate.start(batch, rough_map)
-    assert not start.differs(start)
-    shifted = replace(start, log_evidence=start.log_evidence - 100.0 * (np.arange(13)[:, None] != 3))
-    assert start.differs(shifted)
-    assert set(start.figures()) == {"map_sigma", "map_correlation_length_m"}
-    assert start.figures()["map_sigma"] == start.model(BASE).map_sigma
+    start = NoiseEstimate.unknown(batch, rough_map)
+    model = start.model(BASE)
+    assert not differs(model, model)
+    assert not differs(model, replace(model, map_sigma=1.15 * model.map_sigma))
+    assert differs(model, replace(model, map_sigma=1.3 * model.map_sigma))
+    assert differs(model, replace(model, correlation_length=0.7 * model.correlation_length))
+    assert start.figures(BASE) == {
+        "map_sigma": model.map_sigma,
+        "map_correlation_length_m": model.correlation_length,
+    }
+
+
+@pytest.mark.parametrize(
+    ("sigma", "length"), [(6e-5, 4000.0), (1.5e-5, 4000.0), (3e-5, 8000.0), (3e-5, 2000.0), (3e-5, 4000.0)]
+)
+def test_what_was_told_is_set_right(rough_map, sigma, length):
+    """The map errs by 3 mGal with 4 km; told twice or half of either, the estimate comes back towards the truth."""
+    told = NoiseModel(map_sigma=sigma, correlation_length=length)
+    it = NoiseEstimate.told(told, 2.0)
+    assert it.model(told) == told  # to the letter before there is evidence
+    model = estimate(rough_map, 3e-5, 4000.0, it=it).model(told)
+    assert 3e-5 / 1.3 < model.map_sigma < 3e-5 * 1.3
+    assert abs(np.log(model.correlation_length / 4000.0)) < 0.7 * np.log(2.0)
+    assert model.map_sigma > 2.0 * estimate(rough_map, 5e-6, 4000.0, it=it).model(told).map_sigma

@@ -72,7 +72,7 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     R = np.diag(batch.sigma**2)
     settings = {}
     if correlated:
-        settings = {"map_sigma": 2e-5, "map_correlation_length": 3000.0, "bias_sigma": 1e-5}
+        settings = {"map_sigma": 2e-5, "map_correlation_length": 3000.0, "bias_sigma": 1e-5, "options": {"trust": 1.0}}
         R = R + 2e-5**2 * np.exp(-distances(batch) / 3000.0) + 1e-5**2
     fix, memory = pmht(**settings).match(batch, PLANE, None)
     assert fix.published

@@ -23,15 +23,19 @@ _COARSE = 40_000
 _FINE = 60_000
 """Cells of each finer grid at most."""
 _FINEST = 100.0
-"""m, cell size at which the sampler takes over."""
+"""m, smallest cells: the sampler takes over."""
+_FINE_ENOUGH = 0.5
+"""Cells within which the map changes by less than this share of the residuals' 1-sigma are not divided any more."""
 _TILE = 3
 """Cells to a tile, each way."""
 _DEPTH = 25.0
 """Cells whose log posterior lies this far below the best are given up."""
 
 
-def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: int) -> tuple[Mixture, float] | None:
-    """Return the posterior as a mixture of tiles and the log evidence, or None where no cell lies on the map.
+def acquire(
+    likelihood: BatchLikelihood, mean: Array, covariance: Array, most: int
+) -> tuple[Mixture, float, float] | None:
+    """Return the posterior as a mixture of tiles, the log evidence and the best cell's misfit, or None where no cell lies on the map.
 
     Parameters
     ----------
@@ -54,16 +58,18 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
     bend = span * math.sqrt(max(float(np.linalg.eigvalsh(rest)[-1]), 0.0)) / math.sqrt(12.0)
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
+    sigma = math.sqrt(float(np.diag(likelihood.covariance)[likelihood.first_new :].mean()))
+    finest = max(1.001 * _FINEST, math.sqrt(12.0) * _FINE_ENOUGH * sigma / max(slope, 1e-300))
     while True:
         place = cells * size
         blurred = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest)
-        value = blurred.log(mean + _with_velocity(place, follow))
-        value = value - 0.5 * np.einsum("si,ij,sj->s", place, precision, place)
+        fitting = blurred.log(mean + _with_velocity(place, follow))
+        value = fitting - 0.5 * np.einsum("si,ij,sj->s", place, precision, place)
         top = float(value.max())
         if not math.isfinite(top):
             return None
         keep = value > top - _DEPTH
-        if size <= _FINEST * 1.001:
+        if size <= finest:
             break
         kept = cells[keep][np.argsort(-value[keep], kind="stable")[: _FINE // 9]]
         fan = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
@@ -74,7 +80,8 @@ def acquire(likelihood: BatchLikelihood, mean: Array, covariance: Array, most: i
     evidence = top + math.log(float(weight.sum())) + 2.0 * math.log(size) - normaliser
     # the widened likelihood leaves out a smaller constant than the given one, which others are compared by
     evidence += blurred.log_normaliser - likelihood.log_normaliser
-    return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence
+    misfit = -2.0 * float(fitting[int(np.argmax(value))])
+    return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence, misfit
 
 
 def _with_velocity(place: Array, follow: Array) -> Array:

@@ -113,6 +113,7 @@ class BatchBuilder:
         at_scan = self._jacobian(latitude, longitude, velocity)
         new = min(self._unused, len(scans))
         self._unused = 0
+        before = len(scans) - new - 1
         return Batch(
             time=times,
             latitude=latitude,
@@ -127,6 +128,8 @@ class BatchBuilder:
             drift_reading=np.einsum("ti,tij->tj", at_scan, drift),
             prior=prior[:4, :4],
             new=new,
+            back_transition=None if before < 0 else transition[before].copy(),
+            back_drift=None if before < 0 else drift[before].copy(),
         )
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:

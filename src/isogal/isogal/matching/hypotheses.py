@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from isogal.matching.acquisition import acquire
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.mixture import Mixture
+from isogal.matching.quasi_random import standard_normal
 from isogal.matching.sampler import Posterior, Sampling, sample
 
 Array = NDArray[np.float64]
@@ -23,6 +24,12 @@ SEARCH = 3000.0
 """m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has failed."""
 NEGLIGIBLE = 1e-6
 """A hypothesis of less weight is dropped."""
+SAMPLED = 64
+"""Hypotheses that are sampled one by one; of more, the ones that a glance finds most likely."""
+GLANCE = 32
+"""Points of a glance."""
+_GLANCE_SLACK = 5.0
+"""What a glance may be wrong by, in log evidence, when it calls a hypothesis negligible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +42,8 @@ class Update:
     """Of the batch, without the likelihood's own constant."""
     likelihood: BatchLikelihood
     """Linearised at the heaviest hypothesis."""
+    misfit: float
+    """Chi-square of the new readings there; of a place known to a cell only, with what the map may change within it."""
     resolved: bool
     """Whether the heaviest hypothesis was sampled at full likelihood with enough samples."""
     effective: float
@@ -53,23 +62,64 @@ def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most
     most : int
         Hypotheses at most.
     """
+    if len(prior) > 1 and _largest_sigma(prior.moments()[1]) < WIDE:
+        # neighbours, perhaps tiles of one ridge: as one prior, whose posterior is split again only where it has separate modes
+        posterior, linearised = sample(likelihood, prior, replace(sampling, samples=4 * sampling.samples))
+        if posterior is not None and _resolved(posterior):
+            return _joined([_piece(posterior, linearised)], most)
     pieces: list[_Piece] = []
+    if len(prior) > SAMPLED:
+        prior, rest = _glance(likelihood, prior)
+        pieces += rest
     share = replace(sampling, samples=_points(sampling.samples, len(prior)))
     for weight, mean, covariance in zip(prior.weight, prior.mean, prior.covariance, strict=True):
         if weight > 0.0:
             piece = _update_one(likelihood, mean, covariance, share, most)
             if piece is not None:
                 pieces.append(replace(piece, log_weight=piece.log_weight + math.log(weight)))
-    if not pieces:
-        return None
+    return _joined(pieces, most) if pieces else None
+
+
+def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
+    """Return the most likely of many hypotheses, by a few points of each, and what the points make of the others.
+
+    A posterior of few points is taken to be as wide as their effective number can vouch for: with one, as wide as the prior.
+    """
+    points = standard_normal(GLANCE, prior.mean.shape[1])
+    x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
+    value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
+    top = value.max(axis=1)
+    alive = np.flatnonzero(np.isfinite(top) & (prior.weight > 0.0))
+    weight = np.exp(value[alive] - top[alive, None])
+    log_weight = top[alive] + np.log(weight.mean(axis=1)) + np.log(prior.weight[alive])
+    order = np.argsort(-log_weight, kind="stable")
+    possible = order[log_weight[order] > log_weight.max(initial=-np.inf) + math.log(NEGLIGIBLE) - _GLANCE_SLACK]
+    likely, others = alive[possible[:SAMPLED]], possible[SAMPLED:]
+    chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
+    if not others.size:
+        return chosen, []
+    w = weight[others] / weight[others].sum(axis=1, keepdims=True)
+    mean = np.einsum("ks,ksi->ki", w, x[alive[others]])
+    apart = x[alive[others]] - mean[:, None]
+    few = np.minimum(1.0, 5.0 * (w**2).sum(axis=1))[:, None, None]
+    covariance = np.einsum("ks,ksi,ksj->kij", w, apart, apart) * (1.0 - few) + few * prior.covariance[alive[others]]
+    height = log_weight[others].max()
+    shares = np.exp(log_weight[others] - height)
+    belief = Mixture(shares / shares.sum(), mean, covariance)
+    misfit = -2.0 * float(top[alive[others]].max())
+    return chosen, [_Piece(height + math.log(float(shares.sum())), belief, likelihood, misfit, 1.0, GLANCE, 0)]
+
+
+def _joined(pieces: list["_Piece"], most: int) -> Update:
     heights = np.array([piece.log_weight for piece in pieces])
     top = float(heights.max())
     shares = np.exp(heights - top)
-    best = pieces[int(np.argmax(heights))]
+    best = max(pieces, key=lambda piece: (piece.samples > GLANCE, piece.log_weight))
     return Update(
         belief=Mixture.join([piece.belief for piece in pieces], shares / shares.sum()).pruned(NEGLIGIBLE, most),
         log_evidence=top + math.log(float(shares.sum())),
         likelihood=best.likelihood,
+        misfit=best.misfit,
         resolved=best.effective * best.samples >= 20.0,
         effective=best.effective,
         rounds=best.rounds,
@@ -83,6 +133,7 @@ class _Piece:
     log_weight: float
     belief: Mixture
     likelihood: BatchLikelihood
+    misfit: float
     effective: float
     samples: int
     rounds: int
@@ -102,13 +153,13 @@ def _update_one(
     found = acquire(likelihood, mean, covariance, most)
     if found is None:
         return None
-    tiles, evidence = found
+    tiles, evidence, misfit = found
     centre, spread = tiles.moments()
     if _largest_sigma(spread) < SEARCH:
         posterior, linearised = sample(likelihood, prior, sampling, Mixture.gaussian(centre, spread))
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
-    return _Piece(evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), 1.0, sampling.samples, 0)
+    return _Piece(evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0)
 
 
 def _resolved(posterior: Posterior) -> bool:
@@ -120,6 +171,7 @@ def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
         posterior.log_evidence,
         posterior.mixture,
         likelihood,
+        likelihood.misfit(posterior.mixture.mean[0]),
         posterior.effective,
         len(posterior.weight),
         posterior.rounds,
@@ -132,4 +184,4 @@ def _largest_sigma(covariance: Array) -> float:
 
 def _points(samples: int, jobs: int) -> int:
     """Share the points among jobs: a power of two, as the quasi-random sequence likes it."""
-    return max(128, min(samples, 2 ** int(math.log2(max(4 * samples // jobs, 1)))))
+    return max(128, min(samples, 2 ** int(math.log2(max(4 * samples // max(jobs, 1), 1)))))

@@ -54,6 +54,10 @@ class Batch:
     """(4, 4) covariance of xi according to the navigator; its mean is zero."""
     new: int
     """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
+    back_transition: Array | None = None
+    """(4, 4) error at the last scan before the new ones, where an earlier batch ended, per unit of xi; None = not known."""
+    back_drift: Array | None = None
+    """(4, M) that error per unit-variance component of M."""
     channel: NDArray[np.int64] | None = None
     """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map. Rows are then scans times channels, and
     the rows of a scan, one after the other, share its stamp."""

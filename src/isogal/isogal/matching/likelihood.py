@@ -20,7 +20,6 @@ the drift does to them; the navigator's prior of d already knows the old reading
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap, Grid
 from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.interfaces import Batch
-from isogal.matching.quasi_random import normal, sobol
+from isogal.matching.quasi_random import standard_normal
 
 Array = NDArray[np.float64]
 
@@ -285,7 +284,7 @@ def _map_sigma(
     if not uneven(field_map):
         return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    xi = mean + _disc() * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    xi = mean + standard_normal(64, 4) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     north, east = metres_per_radian(latitude)
     moved = np.einsum("tij,sj->sti", transition, xi)
     there = by_channel(
@@ -297,12 +296,6 @@ def _map_sigma(
     ).reshape(len(xi), -1)
     known = np.isfinite(there)
     return np.sqrt((np.nan_to_num(there) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-
-
-@lru_cache(maxsize=1)
-def _disc() -> Array:
-    """Return (64, 4) quasi-random standard normal points."""
-    return normal(sobol(64, 4, 20230102))
 
 
 @kernel

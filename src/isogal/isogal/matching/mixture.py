@@ -53,11 +53,9 @@ class Mixture:
         apart = self.mean - mean
         return mean, np.einsum("k,kij->ij", self.weight, self.covariance + apart[:, :, None] * apart[:, None, :])
 
-    def moved(self, shift: Array, transition: Array, noise: Array) -> "Mixture":
-        """Return the mixture after x -> transition (x + shift) + N(0, noise)."""
-        return Mixture(
-            self.weight, (self.mean + shift) @ transition.T, transition @ self.covariance @ transition.T + noise
-        )
+    def moved(self, transition: Array, noise: Array) -> "Mixture":
+        """Return the mixture after x -> transition x + N(0, noise)."""
+        return Mixture(self.weight, self.mean @ transition.T, transition @ self.covariance @ transition.T + noise)
 
     def component(self, k: int) -> "Mixture":
         """Return one of its Gaussians alone."""
@@ -74,19 +72,17 @@ class Mixture:
 
     def pruned(self, negligible: float, most: int) -> "Mixture":
         """Join components whose means are within one 1-sigma of each other, drop negligible ones, sort heaviest first."""
-        order = [int(k) for k in np.argsort(-self.weight, kind="stable") if self.weight[k] > negligible]
+        order = np.argsort(-self.weight, kind="stable")
+        order = order[self.weight[order] > negligible]
         weights: list[float] = []
         means: list[Array] = []
         covariances: list[Array] = []
-        while order and len(weights) < most:
-            lead = order.pop(0)
-            inverse = np.linalg.inv(self.covariance[lead][:2, :2])
-            same = [lead]
-            for k in order:
-                apart = (self.mean[k] - self.mean[lead])[:2]
-                if apart @ inverse @ apart < 1.0:
-                    same.append(k)
-            order = [k for k in order if k not in same]
+        while order.size and len(weights) < most:
+            apart = self.mean[order, :2] - self.mean[order[0], :2]
+            inverse = np.linalg.inv(self.covariance[order[0], :2, :2])
+            near = np.einsum("ki,ij,kj->k", apart, inverse, apart) < 1.0
+            near[0] = True
+            same, order = order[near], order[~near]
             part = Mixture(self.weight[same] / self.weight[same].sum(), self.mean[same], self.covariance[same])
             mean, covariance = part.moments()
             weights.append(float(self.weight[same].sum()))

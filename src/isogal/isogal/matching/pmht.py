@@ -34,7 +34,8 @@ from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel, uneven
 from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture
-from isogal.matching.noise_estimation import NoiseEstimate
+from isogal.matching.noise_estimation import NoiseEstimate, differs
+from isogal.matching.pmht_memory import Memory, Scale, prior_of
 from isogal.matching.registry import check_options
 from isogal.matching.sampler import Sampling
 from isogal.matching.screening import outliers, smooth_misfit
@@ -58,7 +59,7 @@ class Settings(BaseModel):
         None, ge=0, description="older scans whose residuals predict the map error; null = batch_length"
     )
     samples: int = Field(512, ge=64, le=65536, description="points per round of the sampler")
-    hypotheses: int = Field(256, ge=1, le=1000, description="hypotheses kept at most")
+    hypotheses: int = Field(2048, ge=1, le=10000, description="hypotheses kept at most")
     confidence: float = Field(
         0.999, gt=0.5, lt=1.0, description="probability a hypothesis needs before it is published"
     )
@@ -68,43 +69,40 @@ class Settings(BaseModel):
     largest_misfit: float = Field(
         9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Variance of unit weight over the last batches, held at 1 by a prior until the residuals clearly say more."""
-
-    misfit: float = 60.0
-    freedom: float = 60.0
-
-    @property
-    def factor(self) -> float:
-        """Variance to multiply R by, >= 1."""
-        ratio = self.misfit / self.freedom
-        return ratio if ratio > 1.0 + 4.0 * math.sqrt(2.0 / self.freedom) else 1.0
-
-    def seen(self, misfit: float, freedom: float) -> "Scale":
-        """Add the chi-square of a batch, forgetting over some ten batches."""
-        return Scale(0.9 * self.misfit + misfit, 0.9 * self.freedom + freedom)
+    trust: float = Field(
+        2.0,
+        ge=1.0,
+        le=100.0,
+        description="factor within which a given map_sigma and correlation length are right (1-sigma); 1 = to the letter",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Memory:
-    """What one run's matcher knows from its earlier batches."""
+class _Matched:
+    """A batch on its way through the matcher."""
 
-    time: float
-    prior: Array
-    """(4, 4) the navigator's covariance at that time, after the fix if one was published."""
-    belief: Mixture | None
-    """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all there is."""
-    suspicion: int = 0
-    """Inconsistent batches in a row."""
-    excluded: frozenset[float] = frozenset()
-    """Stamps of readings left out."""
-    noise: NoiseEstimate | None = None
-    """Running estimate of the map's error, where it is not given."""
-    scale: Scale = Scale()
-    """Running estimate of how much larger the residuals' variance is than assumed."""
+    batch: Batch
+    field_map: FieldMap | ChannelMap
+    prior: Mixture
+    every: BatchLikelihood
+    """Of all readings."""
+    bad: NDArray[np.bool_]
+    """Rows of it that stick out at the best hypothesis and are left out."""
+    result: Update
+
+    @property
+    def sticking_out(self) -> frozenset[float]:
+        """Their stamps."""
+        return frozenset(float(t) for t in self.batch.time[self.every.rows[self.bad]])
+
+    def consistency(self) -> tuple[float, float, float]:
+        """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
+
+        The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
+        """
+        absorbed = float(np.trace(np.eye(4) - np.linalg.solve(self.batch.prior, self.result.belief.covariance[0])))
+        freedom = max(self.result.likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
+        return self.result.misfit, freedom, survival(self.result.misfit, freedom)
 
 
 @dataclass(frozen=True)
@@ -136,13 +134,9 @@ class Pmht:
             return declined(batch, reason), memory
         excluded = memory.excluded if memory else frozenset()
         batch = _without(batch, excluded)
-        estimate = (
-            (memory.noise if memory and memory.noise else NoiseEstimate.start(batch, channels_of(field_map)[0]))
-            if self.adaptive
-            else None
-        )
+        estimate = self._estimate(batch, field_map, memory)
         noise = self.noise if estimate is None else estimate.model(self.noise)
-        prior = self._prior(batch, memory)
+        prior = prior_of(batch, memory)
         if np.isfinite(batch.reading[-batch.new :]).sum() < 3:
             return self._decline(batch, "fewer than three readings in the batch", memory, prior)
 
@@ -161,14 +155,6 @@ class Pmht:
         if not np.array_equal(bad, misfits):
             bad = misfits
             result = self._update(every.without(bad), prior) or result
-        if estimate is not None:
-            updated = estimate.update(
-                batch, result.likelihood, channels_of(field_map)[0], result.belief.mean[0], self.noise.bias_sigma
-            )
-            if estimate.differs(updated):
-                every = _likelihood(batch, field_map, updated.model(self.noise), result.belief)
-                result = self._update(every.without(bad), prior) or result
-            estimate = updated
         keep = Memory(
             time=float(batch.time[-1]),
             prior=batch.prior,
@@ -178,8 +164,36 @@ class Pmht:
             noise=estimate,
             scale=memory.scale if memory else Scale(),
         )
-        sticking_out = frozenset(float(t) for t in batch.time[every.rows[bad]])
-        return self._decide(batch, field_map, result, every, prior, keep, sticking_out)
+        return self._decide(_Matched(batch, field_map, prior, every, bad, result), keep)
+
+    def _estimate(self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Memory | None) -> NoiseEstimate | None:
+        """Return what is known about the map's error by now; None where that is not in question."""
+        if memory is not None and memory.noise is not None:
+            return memory.noise
+        if self.adaptive:
+            return NoiseEstimate.unknown(batch, channels_of(field_map)[0])
+        several = len(channels_of(field_map)) > 1
+        if self.settings.trust == 1.0 or self.noise.map_sigma == 0.0 or several or uneven(field_map):
+            return None
+        return NoiseEstimate.told(self.noise, self.settings.trust)
+
+    def _learn(self, at: "_Matched", estimate: NoiseEstimate | None) -> tuple["_Matched", NoiseEstimate | None]:
+        """Add what the batch says about the map's error, and match again where that makes a difference."""
+        if estimate is None:
+            return at, None
+        learnt = estimate.update(
+            at.batch,
+            at.result.likelihood,
+            channels_of(at.field_map)[0],
+            at.result.belief.mean[0],
+            self.noise.bias_sigma,
+        )
+        model = learnt.model(self.noise)
+        if not differs(estimate.model(self.noise), model):
+            return at, learnt
+        every = _likelihood(at.batch, at.field_map, model, at.result.belief)
+        result = self._update(every.without(at.bad), at.prior)
+        return (at if result is None else replace(at, every=every, result=result)), learnt
 
     def _cannot(self, batch: Batch, field_map: FieldMap | ChannelMap) -> str | None:
         """Why a batch of several channels cannot be matched, in one line."""
@@ -193,73 +207,53 @@ class Pmht:
     def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
         return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
 
-    @staticmethod
-    def _prior(batch: Batch, memory: Memory | None) -> Mixture:
-        """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or the navigator's own prior."""
-        if memory is None or memory.belief is None:
-            return Mixture.gaussian(np.zeros(4), batch.prior)
-        dt = float(batch.time[-1]) - memory.time
-        transition = np.eye(4)
-        transition[:2, 2:] = dt * np.eye(2)
-        # What the navigator's covariance has grown by beyond that transition is process noise of any hypothesis about its error
-        growth = batch.prior - transition @ memory.prior @ transition.T
-        values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
-        noise = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
-        return memory.belief.moved(np.zeros(4), transition, noise)
-
-    def _decide(
-        self,
-        batch: Batch,
-        field_map: FieldMap | ChannelMap,
-        result: Update,
-        every: BatchLikelihood,
-        prior: Mixture,
-        keep: Memory,
-        sticking_out: frozenset[float],
-    ) -> tuple[Fix, Memory]:
+    def _decide(self, at: "_Matched", keep: Memory) -> tuple[Fix, Memory]:
         """Publish, or say why not."""
-        misfit, freedom, p_value = _consistency(result, batch.prior)
-        figures = {
-            "hypotheses": float(len(result.belief)),
-            "probability": float(result.belief.weight[0]),
-            "effective_samples": result.effective,
-            "rounds": float(result.rounds),
-            "misfit": misfit / freedom,
-            "p_value": p_value,
-            "noise_scale": keep.scale.factor,
-            "readings_left_out": float(len(sticking_out)),
-            "feature_variability": float(
-                feature_variability(channels_of(field_map)[0], batch.latitude[-1:], batch.longitude[-1:])[0]
-            ),
-        }
-        if keep.noise is not None:
-            figures |= keep.noise.figures()
-        if p_value < self.settings.significance and misfit > self.settings.tolerance * freedom:
-            return self._inconsistent(batch, field_map, result, every, prior, keep, figures)
-        if not result.resolved:
-            return declined(batch, "the posterior could not be resolved", **figures), replace(keep, belief=prior)
-        if result.belief.weight[0] < self.settings.confidence:
-            reason = (
-                f"ambiguous: {len(result.belief)} places fit, the best with probability {result.belief.weight[0]:.3f}"
-            )
-            return declined(batch, reason, **figures), keep
+        misfit, freedom, p_value = at.consistency()
+        if self._disagree(misfit, freedom, p_value):
+            return self._inconsistent(at, keep, self._figures(at, keep.scale, keep.noise))
+        # the map's error is learnt from batches that what was known before can explain: a wrong place must not pass for a wrong map
+        at, learnt = self._learn(at, keep.noise)
+        figures = self._figures(at, keep.scale, learnt)
+        keep = replace(keep, belief=at.result.belief)
+        if not at.result.resolved:
+            return declined(at.batch, "the posterior could not be resolved", **figures), replace(keep, belief=at.prior)
+        if at.result.belief.weight[0] < self.settings.confidence:
+            count, best = len(at.result.belief), at.result.belief.weight[0]
+            reason = f"ambiguous: {count} places fit, the best with probability {best:.3f}"
+            return declined(at.batch, reason, **figures), keep
         # only now: what sticks out at a wrong place may be right
+        misfit, freedom, _ = at.consistency()
         keep = replace(
             keep,
+            noise=learnt,
             scale=keep.scale.seen(misfit * keep.scale.factor, freedom),
-            excluded=keep.excluded | sticking_out,
+            excluded=keep.excluded | at.sticking_out,
         )
-        return self._publish(batch, field_map, result.belief.mean[0], result.belief.covariance[0], figures, keep)
+        return self._publish(at, figures, keep)
 
-    def _publish(
-        self,
-        batch: Batch,
-        field_map: FieldMap | ChannelMap,
-        mean: Array,
-        covariance: Array,
-        figures: dict[str, float],
-        keep: Memory,
-    ) -> tuple[Fix, Memory]:
+    def _disagree(self, misfit: float, freedom: float, p_value: float) -> bool:
+        return p_value < self.settings.significance and misfit > self.settings.tolerance * freedom
+
+    def _figures(self, at: "_Matched", scale: Scale, noise: NoiseEstimate | None) -> dict[str, float]:
+        """Return what the diagnostics say."""
+        misfit, freedom, p_value = at.consistency()
+        place = at.batch.latitude[-1:], at.batch.longitude[-1:]
+        figures = {
+            "hypotheses": float(len(at.result.belief)),
+            "probability": float(at.result.belief.weight[0]),
+            "effective_samples": at.result.effective,
+            "rounds": float(at.result.rounds),
+            "misfit": misfit / freedom,
+            "p_value": p_value,
+            "noise_scale": scale.factor,
+            "readings_left_out": float(len(at.sticking_out)),
+            "feature_variability": float(feature_variability(channels_of(at.field_map)[0], *place)[0]),
+        }
+        return figures if noise is None else figures | noise.figures(self.noise)
+
+    def _publish(self, at: "_Matched", figures: dict[str, float], keep: Memory) -> tuple[Fix, Memory]:
+        batch, mean, covariance = at.batch, at.result.belief.mean[0], at.result.belief.covariance[0]
         information = likelihood_information(mean, covariance, batch.prior)
         position = measurement_only(mean, covariance, batch.prior)
         if not information.matrix.any():
@@ -278,7 +272,7 @@ class Pmht:
             latitude=float(batch.latitude[-1] - position[0][0] / north),
             longitude=float(batch.longitude[-1] - position[0][1] / east),
             covariance=position[1],
-            candidates=contour_candidates(*first_channel(batch, field_map), mean, covariance),
+            candidates=contour_candidates(*first_channel(batch, at.field_map), mean, covariance),
             diagnostics=figures,
             information=information,
             scan_position=np.stack(
@@ -288,49 +282,42 @@ class Pmht:
         )
         return fix, replace(keep, belief=None, suspicion=0)
 
-    def _inconsistent(
-        self,
-        batch: Batch,
-        field_map: FieldMap | ChannelMap,
-        result: Update,
-        every: BatchLikelihood,
-        prior: Mixture,
-        keep: Memory,
-        figures: dict[str, float],
-    ) -> tuple[Fix, Memory]:
+    def _inconsistent(self, at: "_Matched", keep: Memory, figures: dict[str, float]) -> tuple[Fix, Memory]:
         """Deal with a batch that does not agree with the map at the best place that the prior allows.
 
         Either the navigator is elsewhere: a search over tens of km finds places with far more evidence. Then its own covariance is what is
         wrong, and it is told so: with that covariance grown, the next batches search as they do from any uncertain start, and the
         navigator's errors keep the correlations that the filter gives them. Or nothing fits better: then the noise is larger than
-        assumed, which the fix's covariance must say, or the map is wrong altogether.
+        assumed, which is learnt and said in the fix's covariance, or the map is wrong altogether.
         """
+        batch = at.batch
         misfit = figures["misfit"]
         reason = f"readings and map do not agree (misfit {misfit:.1f} per degree of freedom)"
         suspicion = keep.suspicion + 1
         if suspicion < 2 and misfit > self.settings.largest_misfit:
-            return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
+            return declined(batch, reason, **figures), replace(keep, belief=at.prior, suspicion=suspicion)
         position, velocity, _ = LOST_SIGMA
         covariance = batch.prior + np.diag([position**2, position**2, velocity**2, velocity**2])
         # both places are judged on the same readings, with noise as large as a wrong assumption could explain: a likelihood that is
         # too sure of itself would find some far place better by chance
-        judged = every.scaled(min(misfit, _EXPLAINED))
+        judged = at.every.scaled(min(misfit, _EXPLAINED))
         found = self._update(judged, Mixture.gaussian(np.zeros(4), covariance))
-        near = self._update(judged, prior)
+        near = self._update(judged, at.prior)
         if found is not None and (near is None or found.log_evidence > near.log_evidence + _FAR_BETTER):
             reason += f"; navigator lost, searching within {position / 1000.0:.0f} km (1-sigma)"
             return replace(declined(batch, reason, **figures), reset=True), replace(keep, belief=None, scale=Scale())
-        scale = keep.scale.seen(
-            misfit * keep.scale.factor * result.likelihood.new_count, float(result.likelihood.new_count)
-        )
         if misfit > self.settings.largest_misfit:
-            return declined(batch, reason, **figures), replace(keep, belief=prior, suspicion=suspicion)
-        again = self._update(result.likelihood.scaled(misfit), prior)
-        if again is None or not again.resolved or again.belief.weight[0] < self.settings.confidence:
-            return declined(batch, reason, **figures), replace(keep, belief=prior, scale=scale)
-        return self._publish(
-            batch, field_map, again.belief.mean[0], again.belief.covariance[0], figures, replace(keep, scale=scale)
-        )
+            return declined(batch, reason, **figures), replace(keep, belief=at.prior, suspicion=suspicion)
+        again, learnt = self._learn(at, keep.noise)
+        misfit, freedom, p_value = again.consistency()
+        scale = keep.scale.seen(misfit * keep.scale.factor, freedom)
+        if self._disagree(misfit, freedom, p_value):
+            wider = self._update(again.result.likelihood.scaled(misfit / freedom), at.prior)
+            again = again if wider is None else replace(again, result=wider)
+        figures = self._figures(again, scale, learnt)
+        if not again.result.resolved or again.result.belief.weight[0] < self.settings.confidence:
+            return declined(batch, reason, **figures), replace(keep, belief=at.prior, scale=scale)
+        return self._publish(again, figures, replace(keep, noise=learnt, scale=scale))
 
     @staticmethod
     def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture) -> tuple[Fix, Memory]:
@@ -383,14 +370,3 @@ def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArr
         return np.zeros(len(residual), dtype=np.bool_)
     drift = likelihood.drift_at(mean)
     return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)
-
-
-def _consistency(result: Update, prior: Array) -> tuple[float, float, float]:
-    """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
-
-    The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
-    """
-    misfit = result.likelihood.misfit(result.belief.mean[0])
-    absorbed = float(np.trace(np.eye(4) - np.linalg.solve(prior, result.belief.covariance[0])))
-    freedom = max(result.likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
-    return misfit, freedom, survival(misfit, freedom)

@@ -5,6 +5,7 @@ matrix and shifted by random digits, modulo 2. It keeps the points' even spread 
 scipy.stats.qmc has the like, at 50 MB of memory in every node.
 """
 
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -50,6 +51,14 @@ def normal(points: Array) -> Array:
     """Return what standard normal variables have the given cumulative probabilities, any shape."""
     inverse = NormalDist().inv_cdf
     return np.array([inverse(p) for p in points.flat]).reshape(points.shape)
+
+
+@lru_cache(maxsize=8)
+def standard_normal(count: int, dimensions: int) -> Array:
+    """Return (count, dimensions) fixed standard normal points; read-only."""
+    points = normal(sobol(count, dimensions, 20230102))
+    points.setflags(write=False)
+    return points
 
 
 def _directions(dimension: int, count: int) -> Bits:
