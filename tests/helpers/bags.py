@@ -51,12 +51,26 @@ float64 y
 float64 z
 """
 )
+MAGNETIC = (
+    HEADER
+    + """geometry_msgs/Vector3 magnetic_field
+float64[9] magnetic_field_covariance
+"""
+    + STAMPED
+    + """================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+)
 TYPES = {
     "sensor_msgs/msg/NavSatFix": NAV_SAT_FIX,
     "geometry_msgs/msg/AccelWithCovarianceStamped": ACCEL,
     "std_msgs/msg/String": "string data\n",
+    "sensor_msgs/msg/MagneticField": MAGNETIC,
 }
-FIX, READING, TEXT = TYPES
+FIX, READING, TEXT, ANOMALY = TYPES
 
 
 def stamp(time):
@@ -81,6 +95,21 @@ def reading(time, value, variance=1e-10):
     covariance = [0.0] * 36
     covariance[14] = variance
     return SimpleNamespace(header=stamp(time), accel=SimpleNamespace(accel=accel, covariance=covariance))
+
+
+def anomaly(time, value, sigma=1.0):
+    """A reduced reading of a magnetometer, nT."""
+    vector = SimpleNamespace(x=float("nan"), y=float("nan"), z=value * 1e-9)
+    return SimpleNamespace(
+        header=stamp(time), magnetic_field=vector, magnetic_field_covariance=[0.0] * 8 + [sigma**2 * 1e-18]
+    )
+
+
+def ground(time, height, sigma=1.0, status=0):
+    """A reduced reading of a clearance meter, m."""
+    message = position(time, -36.0, 147.0, status)
+    message.altitude, message.position_covariance = height, [0.0] * 8 + [sigma**2]
+    return message
 
 
 def write_bag(path: Path, *messages: tuple[str, str, object], chunk_size: int = 1 << 20) -> Path:

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from helpers.node_bench import run_here, topics_of
+from helpers.recordings import collect, record, same
 from isogal.errors import InputError
-from isogal.evaluation.records import Runs
-from isogal.maps.load import map_for_scenario
 from isogal.montecarlo.engine import simulate
 from isogal_ros import topics
 from isogal_ros.bag_reader import BagReader, decode
-from isogal_ros.collect import Collector
 from isogal_ros.convert import read_position
 from isogal_ros.graph import GraphError, Plan
 from isogal_ros.health import ERROR, figures_of
@@ -22,28 +20,6 @@ from isogal_ros.spin import Interrupt
 from isogal_ros.stamps import peek_ns
 
 pytestmark = pytest.mark.ros
-
-
-def collect(bag) -> Collector:
-    reader = BagReader(bag)
-    collector = Collector(reader.scenario())
-    collector.take_bag(reader)
-    assert reader.cut is None
-    return collector
-
-
-def record(bag, scenario) -> Runs:
-    return collect(bag).runs(map_for_scenario(scenario))
-
-
-def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:
-    np.testing.assert_array_equal(a.time, b.time)
-    np.testing.assert_array_equal(a.fix_time, b.fix_time)
-    assert a.fix_reason == b.fix_reason
-    for name in ("error", "unaided_error", "posterior_error", *(["fix_error"] if fixes else [])):
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=tolerance, rtol=0, err_msg=name)
-    for name in ("covariance", "posterior_covariance", *(["fix_covariance"] if fixes else [])):
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name)
 
 
 def test_it_is_the_closed_loop_of_the_library(recording, scenario) -> None:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from helpers.bags import FIX, READING, TEXT, drive, position, reading, write_bag
+from helpers.bags import ANOMALY, FIX, READING, TEXT, anomaly, drive, ground, position, reading, write_bag
 from isogal.errors import InputError
 from isogal.tracks.recording import is_recording, read_recording
 
@@ -23,6 +23,22 @@ def test_readings_get_the_position_at_their_stamp(tmp_path, prefix):
     assert track.reduction == "velocity"
     assert recording.track("disturbance", 3e-5).sigma[0] == 3e-5
     np.testing.assert_allclose(recording.track("disturbance", None).value, 1e-5 * (track.time - 0.5), rtol=1e-12)
+
+
+def test_readings_of_other_sensors(tmp_path):
+    others = [("/magnetometer/anomaly", ANOMALY, anomaly(t, 10.0 * t, 2.0)) for t in range(3, 9)]
+    others += [("/altimeter/terrain", FIX, ground(t, 100.0 + t, 3.0)) for t in range(4, 10)]
+    others += [("/altimeter/terrain", FIX, ground(10, np.nan, 3.0, status=-1))]
+    recording = read_recording(write_bag(tmp_path / "b.mcap", *drive(), *others))
+    magnetic, terrain = recording.track("magnetic_anomaly", None), recording.track("height", None)
+    np.testing.assert_allclose(magnetic.value, 10.0 * magnetic.time, rtol=1e-12)
+    np.testing.assert_allclose(magnetic.sigma, 2.0)
+    np.testing.assert_allclose(terrain.value, [*(100.0 + terrain.time[:-1]), np.nan])
+    np.testing.assert_allclose(terrain.sigma, 3.0)
+    assert (magnetic.reduction, terrain.reduction) == ("main-field", "none")
+    assert recording.time.size == 20  # the ground is no position of the navigator
+    for track, quantity in ((magnetic, "magnetic_anomaly"), (terrain, "height")):
+        assert track.jacobian(quantity).any() == (quantity == "magnetic_anomaly")
 
 
 def test_of_a_stamp_that_comes_twice_the_first_counts(tmp_path):

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from helpers.tracks import field_of, made_track
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.magnetometer import intensity
 from isogal.tracks.track import fit_to_map, track_window
 
 DISTURBANCE = field_of("disturbance")
@@ -103,9 +105,26 @@ def test_jacobian_says_what_the_reduction_put_in():
     velocity = replace(track, reduction="velocity").jacobian("gravity")
     expected = reading_jacobian("gravity", track.latitude, *track.velocity.T)
     np.testing.assert_allclose(velocity, expected, rtol=1e-12)
-    for quantity, reduction in (("height", "latitude"), ("height", "velocity"), ("gravity", "latitude")):
+    others = ("height", "latitude"), ("height", "velocity"), ("gravity", "latitude"), ("height", "main-field")
+    for quantity, reduction in (*others, ("gravity", "main-field"), ("magnetic_anomaly", "velocity")):
         with pytest.raises(InputError, match=f"readings of {quantity} are not reduced with the track's {reduction}"):
             replace(track, reduction=reduction).jacobian(quantity)
+
+
+def test_a_magnetic_anomaly_has_the_main_field_of_the_track_taken_off():
+    track, _, _ = made_track(DISTURBANCE)
+    jacobian = replace(track, reduction="main-field").jacobian("magnetic_anomaly")
+    at = np.degrees([track.latitude, track.longitude])
+    per_metre = 1.0 / np.radians(1.0) / np.array([*metres_per_radian(track.latitude)])
+    for axis in (0, 1):
+        step = 500.0 * per_metre[axis]
+        ends = [
+            intensity(at[0] + sign * step * (axis == 0), at[1] + sign * step * (axis == 1), 0.0, 2025.0)
+            for sign in (1, -1)
+        ]
+        np.testing.assert_allclose(jacobian[:, axis], (ends[1] - ends[0]) / 1000.0, atol=2e-5)  # nT/m
+    assert np.abs(jacobian[:, 0]).min() > 1e-3
+    assert not jacobian[:, 2:].any()
 
 
 def test_window_crosses_the_date_line():

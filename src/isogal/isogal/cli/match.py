@@ -59,14 +59,16 @@ def match(
         ),
     ] = None,
     reduction: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--reduction",
-            metavar="none|latitude|velocity",
+            metavar="none|latitude|velocity|main-field",
             help="What of the track itself went into value or offset: normal gravity at its latitude, or also the Eötvös"
-            " acceleration of its velocity. A candidate elsewhere would have had another. A bag has both.",
+            " acceleration of its velocity, or the Earth's main magnetic field at its position. A candidate elsewhere would"
+            " have had another. Default: none, but an offset that holds normal gravity is allowed to be that of another"
+            " latitude. Of a bag's readings it is known.",
         ),
-    ] = "none",
+    ] = None,
     fix_topic: Annotated[
         str, typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position.")
     ] = "nav/fix",
@@ -167,6 +169,8 @@ def match(
     )
     recorded, off_map = fit_to_map(recorded, field_map)
     settings = _settings(overrides, field_map, factor, map_sigma, bias_sigma)
+    if reduction is None:
+        settings = _with_unknown_latitude(settings, recorded, field_map, factor, prior_sigma)
     if off_map.any():
         _say(f"{recorded.where}: the map has no value at {int(off_map.sum())} of {len(recorded)} readings; left out")
     matches = match_track(recorded, field_map, settings, uncertainty, chained=chain)
@@ -195,7 +199,7 @@ def _load(
     track: Path,
     track_unit: str | None,
     sensor_sigma: float | None,
-    reduction: str,
+    reduction: str | None,
     fix_topic: str,
     prior_sigma: float,
 ) -> "tuple[Track, FieldMap, float]":
@@ -223,7 +227,7 @@ def _load(
         return source.track(field_map.quantity, sigma), field_map, factor
     if sigma is None and field_map.unit == "m/s²":
         sigma = _DEFAULT_GRAVITY_SIGMA
-    return source.track(factor, sigma, reduction), field_map, factor
+    return source.track(factor, sigma, reduction or "none"), field_map, factor
 
 
 def _margin(prior_sigma: float) -> float:
@@ -262,6 +266,23 @@ def _settings(
     if map_sigma is None and "matcher.map_sigma" not in said and not _knows_error(field_map):
         _say("the map does not say how wrong it is and is taken as exact; give --map-sigma, a number or auto")
     return settings
+
+
+def _with_unknown_latitude(
+    settings: "Matcher", track: "Track", field_map: "FieldMap", factor: float, prior_sigma: float
+) -> "Matcher":
+    """Return settings with an unknown constant for normal gravity in the offset, taken at nobody knows which latitude."""
+    import math
+
+    change = track.normal_gravity_in_doubt(field_map.quantity) * prior_sigma
+    if change == 0.0:
+        return settings
+    unit = field_map.file_unit if factor == field_map.file_factor else "in the track's unit"
+    _say(
+        f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an unknown constant of {change / factor:.2g}"
+        f" {unit} is allowed for. Say --reduction latitude if it was the track's own, else --reduction none"
+    )
+    return settings.model_copy(update={"bias_sigma": math.hypot(settings.bias_sigma, change)})
 
 
 def _scaled(option: str, text: str, factor: float) -> str:

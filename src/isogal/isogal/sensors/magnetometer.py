@@ -12,7 +12,6 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isogal.earth.ellipsoid import A
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.sensors.reduction import State
@@ -23,6 +22,8 @@ SPACING = 1.0
 """deg between the points at which the model is evaluated; a cubic between them is good to 0.01 nT (tested)."""
 MARGIN = 300e3
 """m beyond the given points that a navigator may be lost."""
+HEIGHT_STEP = 1000.0
+"""m, over which the change with height is taken, about -0.02 nT/m."""
 _NEAREST_POLE = 89.0
 
 
@@ -49,22 +50,22 @@ class MainField:
         columns = SPACING * np.arange(math.floor(west / SPACING) - 1, math.ceil(east / SPACING) + 2)
         rows, columns = rows[np.abs(rows) <= _NEAREST_POLE], columns[: round(360.0 / SPACING)]
         # row by row: the package needs 3 kB for each point it is given
-        values = np.stack([intensity(row, columns, height, epoch) for row in rows])
-        self.grid = FieldMap(np.radians(rows), np.radians(columns), values, "nT", "magnetic_field", provenance="IGRF")
+        here, above = (
+            np.stack([intensity(row, columns, h, epoch) for row in rows]) for h in (height, height + HEIGHT_STEP)
+        )
+        axes = np.radians(rows), np.radians(columns)
+        self.grid = FieldMap(*axes, here, "nT", "magnetic_field", provenance="IGRF")
+        self._rise = FieldMap(*axes, (above - here) / HEIGHT_STEP, "nT/m", "magnetic_field", provenance="IGRF")
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
         """Return the intensity, nT; NaN far from the points."""
-        return self.grid.value(latitude, longitude) * (1.0 - self._fall * (np.asarray(height) - self.height))
+        rise = self._rise.value(latitude, longitude)
+        return self.grid.value(latitude, longitude) + rise * (np.asarray(height) - self.height)
 
     def gradient(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, Array]:
         """Return its derivative to the north, to the east and upwards, nT/m."""
-        value, north, east = self.grid.value_and_gradient(latitude, longitude)
-        return north, east, -self._fall * value
-
-    @property
-    def _fall(self) -> float:
-        """Relative decrease per m of height: a dipole's, as the third power of the radius."""
-        return 3.0 / (A + self.height)
+        _, north, east = self.grid.value_and_gradient(latitude, longitude)
+        return north, east, self._rise.value(latitude, longitude)
 
 
 def intensity(latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float) -> Array:

@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,44 @@ from isogal.tracks.track import Track, track_window
 Array = NDArray[np.float64]
 
 FIX_TOPIC = "nav/fix"
-READING_TOPICS = {"gravity": "gravimeter/gravity", "disturbance": "gravimeter/disturbance"}
-"""Topic of the readings by quantity of the map."""
-_TYPES = {"sensor_msgs/msg/NavSatFix": "position", "geometry_msgs/msg/AccelWithCovarianceStamped": "reading"}
+_POSITION = "sensor_msgs/msg/NavSatFix"
+_NANOTESLA = 1e9
+"""nT in 1 T, which messages have."""
+
+
+@dataclass(frozen=True)
+class ReadingSource:
+    """Where a bag has the reduced readings of one quantity."""
+
+    topic: str
+    type: str
+    read: Callable[[Any], tuple[float, float]]
+    """Value and variance in the unit inside, of a message."""
+    reduction: str
+    """What of the navigator's estimate went into them, see `Track.reduction`."""
+
+
+def _accel(message: Any) -> tuple[float, float]:
+    return message.accel.accel.linear.z, message.accel.covariance[14]
+
+
+def _anomaly(message: Any) -> tuple[float, float]:
+    return message.magnetic_field.z * _NANOTESLA, message.magnetic_field_covariance[8] * _NANOTESLA**2
+
+
+def _altitude(message: Any) -> tuple[float, float]:
+    return message.altitude, message.position_covariance[8]
+
+
+_ACCEL = "geometry_msgs/msg/AccelWithCovarianceStamped"
+READINGS = {
+    "gravity": ReadingSource("gravimeter/gravity", _ACCEL, _accel, "velocity"),
+    "disturbance": ReadingSource("gravimeter/disturbance", _ACCEL, _accel, "velocity"),
+    "magnetic_anomaly": ReadingSource("magnetometer/anomaly", "sensor_msgs/msg/MagneticField", _anomaly, "main-field"),
+    "height": ReadingSource("altimeter/terrain", _POSITION, _altitude, "none"),
+}
+"""By quantity of the map."""
+_TYPES = {_POSITION, *(source.type for source in READINGS.values())}
 
 
 def is_recording(path: Path) -> bool:
@@ -39,7 +74,7 @@ class Recording:
     longitude: Array
     """(M,) rad, continuous."""
     readings: Mapping[str, Array]
-    """(N, 3) stamp s, value m/s², variance by quantity."""
+    """(N, 3) stamp s, value, variance by quantity, units inside."""
 
     def window(self, margin: float) -> Window:
         """Return the part of a map within a margin (m) of the track."""
@@ -55,7 +90,7 @@ class Recording:
         quantity : str
             Of the map.
         sensor_sigma : float, optional
-            1-sigma of the readings, m/s²; None = as the messages say.
+            1-sigma of the readings, unit inside; None = as the messages say.
 
         Raises
         ------
@@ -80,7 +115,7 @@ class Recording:
             sigma=np.sqrt(variance) if sensor_sigma is None else np.full(time.size, sensor_sigma),
             offset=np.zeros(time.size),
             where=self.where,
-            reduction="velocity",
+            reduction=READINGS[quantity].reduction,
         )
 
 
@@ -100,21 +135,20 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
         No bag, no positions or no readings in it, or a topic of another type.
     """
     positions: dict[float, tuple[float, float]] = {}
-    readings: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in READING_TOPICS}
+    readings: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in READINGS}
     seen: set[str] = set()
     for name, kind, message in _messages(Path(path)):
         seen.add(name)
         if _is(name, fix_topic):
-            _require(kind, "position", path, name)
+            _require(kind, _POSITION, path, name)
             if message.status.status >= 0:
                 positions.setdefault(_stamp(message), (message.latitude, message.longitude))
-        for quantity, topic in READING_TOPICS.items():
-            if _is(name, topic):
-                _require(kind, "reading", path, name)
-                accel = message.accel
-                readings[quantity].setdefault(_stamp(message), (accel.accel.linear.z, accel.covariance[14]))
+        for quantity, source in READINGS.items():
+            if _is(name, source.topic):
+                _require(kind, source.type, path, name)
+                readings[quantity].setdefault(_stamp(message), source.read(message))
     if not positions or not any(readings.values()):
-        wanted = f"'{fix_topic}'" if not positions else " or ".join(f"'{topic}'" for topic in READING_TOPICS.values())
+        wanted = f"'{fix_topic}'" if not positions else " or ".join(f"'{source.topic}'" for source in READINGS.values())
         raise InputError(f"{path}: has no message on {wanted}; it has {', '.join(sorted(seen)) or 'none at all'}")
     time = np.array(sorted(positions))
     latitude, longitude = np.radians([positions[t] for t in time]).T
@@ -130,7 +164,7 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
-    """Yield (topic, what it is, decoded message) of the positions and readings in a bag, as far as it can be read."""
+    """Yield (topic, type, decoded message) of the positions and readings in a bag, as far as it can be read; other types are empty."""
     from mcap.exceptions import McapError
     from mcap.reader import NonSeekingReader
     from mcap_ros2.decoder import DecoderFactory
@@ -143,7 +177,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
                 factory = DecoderFactory()
                 for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
                     empty = False
-                    kind = _TYPES.get(schema.name, "") if schema else ""
+                    kind = schema.name if schema and schema.name in _TYPES else ""
                     if not kind:
                         yield channel.topic, "", None
                         continue
@@ -174,8 +208,7 @@ def _is(recorded: str, name: str) -> bool:
 
 def _require(kind: str, wanted: str, path: str | Path, topic: str) -> None:
     if kind != wanted:
-        types = {value: key for key, value in _TYPES.items()}
-        raise InputError(f"{path}: topic '{topic}' must be of type {types[wanted]}")
+        raise InputError(f"{path}: topic '{topic}' must be of type {wanted}")
 
 
 def _stamp(message: Any) -> float:

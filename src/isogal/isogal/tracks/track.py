@@ -14,19 +14,31 @@ from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import route_window
 from isogal.maps.quantities import QUANTITIES, UNITS
+from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.magnetometer import MagneticReduction, MainField
+from isogal.sensors.reduction import State
 
 Array = NDArray[np.float64]
 
-REDUCTIONS = ("none", "latitude", "velocity")
-"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or that and the Eötvös acceleration."""
+REDUCTIONS = ("none", "latitude", "velocity", "main-field")
+"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or that and the Eötvös acceleration; of a
+magnetometer's, the Earth's main field at its position."""
 FEWEST = 3
 """Readings that a track needs."""
 _OFF_SCALE = 30.0
 """Readings whose spread differs from the map's by this factor or more are in another unit, if some unit explains it."""
 _EXPLAINED = 8.0
 """A unit explains it where it brings the two spreads within this factor."""
+_LEAST_NORMAL_GRAVITY = 9.5
+"""m/s², less than it is anywhere up to 80 km."""
 _NORMAL_GRAVITY_TAKEN_OFF = ("disturbance", "gravity_anomaly", "bouguer_disturbance", "bouguer_anomaly")
+_REDUCED_WITH: dict[str, tuple[str, ...]] = {
+    "gravity": ("velocity",),
+    **dict.fromkeys(_NORMAL_GRAVITY_TAKEN_OFF, ("latitude", "velocity")),
+    "magnetic_anomaly": ("main-field",),
+}
+"""By quantity, what of the track its readings can have been reduced with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,16 +120,26 @@ class Track:
         jacobian = np.zeros((len(self), 4))
         if self.reduction == "none":
             return jacobian
-        disturbance = quantity in _NORMAL_GRAVITY_TAKEN_OFF
-        if not disturbance and (quantity != "gravity" or self.reduction == "latitude"):
+        if self.reduction not in _REDUCED_WITH.get(quantity, ()):
             raise InputError(f"{self.where}: readings of {quantity} are not reduced with the track's {self.reduction}")
+        if self.reduction == "main-field":
+            # the year hardly matters: the gradient changes by a thousandth in one
+            main_field = MainField(self.latitude, self.longitude, 0.0, Magnetometer().epoch)
+            return MagneticReduction(main_field).jacobian(State(self.latitude, self.longitude, 0.0, 0.0, 0.0))
         if self.reduction == "latitude":
             jacobian[:, 0] = -normal_gravity_gradient_north(self.latitude)
             return jacobian
-        velocity = self.velocity
-        return reading_jacobian(
-            "disturbance" if disturbance else "gravity", self.latitude, velocity[:, 0], velocity[:, 1]
-        )
+        reduced = "gravity" if quantity == "gravity" else "disturbance"
+        return reading_jacobian(reduced, self.latitude, *self.velocity.T)
+
+    def normal_gravity_in_doubt(self, quantity: str) -> float:
+        """Return by how much the readings may be off per metre of latitude (unit/m), where nobody said at which latitude the normal gravity
+        in the offset was taken; zero where there is none in it, or `reduction` says it."""
+        if self.reduction != "none" or quantity not in _NORMAL_GRAVITY_TAKEN_OFF:
+            return 0.0
+        if float(np.median(self.offset)) < _LEAST_NORMAL_GRAVITY:
+            return 0.0
+        return float(np.abs(normal_gravity_gradient_north(self.latitude)).max())
 
 
 def track_window(latitude: Array, longitude: Array, margin: float) -> Window:

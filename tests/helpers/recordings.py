@@ -1,0 +1,36 @@
+"""What a recorded graph left behind, as the library's record of a run."""
+
+from pathlib import Path
+
+import numpy as np
+
+from isogal.evaluation.records import Runs
+from isogal.maps.load import map_for_scenario
+from isogal.scenario import Scenario
+from isogal_ros.bag_reader import BagReader
+from isogal_ros.collect import Collector
+
+
+def collect(bag: Path) -> Collector:
+    """Messages of a whole bag."""
+    reader = BagReader(bag)
+    collector = Collector(reader.scenario())
+    collector.take_bag(reader)
+    assert reader.cut is None
+    return collector
+
+
+def record(bag: Path, scenario: Scenario) -> Runs:
+    """Record of the run in a bag."""
+    return collect(bag).runs(map_for_scenario(scenario))
+
+
+def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:
+    """Assert that two records are equal but for rounding (m)."""
+    np.testing.assert_array_equal(a.time, b.time)
+    np.testing.assert_array_equal(a.fix_time, b.fix_time)
+    assert a.fix_reason == b.fix_reason
+    for name in ("error", "unaided_error", "posterior_error", *(["fix_error"] if fixes else [])):
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=tolerance, rtol=0, err_msg=name)
+    for name in ("covariance", "posterior_covariance", *(["fix_covariance"] if fixes else [])):
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name)
