@@ -352,3 +352,22 @@ def test_rms_between_scans():
     bound = BoundResult(np.array([0.0, 10.0]), np.array([np.diag([9.0, 16.0]), np.diag([36.0, 64.0])]))
     np.testing.assert_allclose(bound.rms_at(np.array([0.0, 5.0, 10.0])), [5.0, 7.5, 10.0])
     assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
+
+
+def test_told_at_batch_ends_only():
+    """At a batch end all is known that is known with every reading at once; in between the navigator goes on alone, and is worse."""
+    settings = scenario(
+        route={"duration": 3000.0}, matcher={"batch_length": 20, "stride": 10}, map_error={"sigma": 2e-5}
+    )
+    trajectory = build_trajectory(settings)
+    at_once, batchwise = (
+        posterior_cramer_rao(settings, trajectory, field(waves), batchwise=batchwise).covariance
+        for batchwise in (False, True)
+    )
+    ends = np.arange(20, 301, 10)
+    np.testing.assert_array_equal(batchwise[ends], at_once[ends])
+    alone = unaided_covariance(settings, trajectory).covariance
+    np.testing.assert_allclose(batchwise[:20], alone[:20], rtol=1e-12)
+    between = np.setdiff1d(np.arange(20, 301), ends)
+    assert (np.trace(batchwise[between], axis1=1, axis2=2) > np.trace(at_once[between], axis1=1, axis2=2)).all()
+    assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])

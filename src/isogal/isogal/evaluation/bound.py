@@ -19,6 +19,7 @@ from isogal.evaluation.ins_error_model import Segments, divide, initial_covarian
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
+from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.trajectory import Trajectory
@@ -45,7 +46,9 @@ class BoundResult:
         return np.interp(time, self.time, self.rms, left=np.nan, right=np.nan)
 
 
-def posterior_cramer_rao(scenario: Scenario, trajectory: Trajectory, field_map: FieldMap) -> BoundResult:
+def posterior_cramer_rao(
+    scenario: Scenario, trajectory: Trajectory, field_map: FieldMap, *, batchwise: bool = False
+) -> BoundResult:
     """Bound for a navigator that uses every reading at once, with the scenario's noise and map error.
 
     Where the map has no gradient at a scan (missing data, outside), that reading tells nothing.
@@ -58,6 +61,8 @@ def posterior_cramer_rao(scenario: Scenario, trajectory: Trajectory, field_map: 
         The true route.
     field_map : FieldMap
         The map; its gradient is taken at the true positions.
+    batchwise : bool
+        The bound of a navigator that learns what a batch's readings say only where the batch ends, as any batch matcher does.
     """
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     latitude, longitude, velocity = trajectory.latitude[scans], trajectory.longitude[scans], trajectory.velocity[scans]
@@ -67,13 +72,16 @@ def posterior_cramer_rao(scenario: Scenario, trajectory: Trajectory, field_map: 
     sensitivity[:, 0] -= north
     sensitivity[:, 1] -= east
     noise = effective_noise_variance(scenario.gravimeter, field_map.quantisation)
-    return _run(scenario, trajectory, sensitivity, noise)
+    told = np.ones(len(scans), dtype=np.bool_)
+    if batchwise:
+        told[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
+    return _run(scenario, trajectory, sensitivity, noise, told)
 
 
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Error covariance of the navigator without any reading, from the same linear model."""
     scans = len(trajectory) // scenario.steps_per_scan
-    return _run(scenario, trajectory, np.full((scans, 4), np.nan), 1.0)
+    return _run(scenario, trajectory, np.full((scans, 4), np.nan), 1.0, np.ones(scans, dtype=np.bool_))
 
 
 def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
@@ -88,7 +96,9 @@ def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) 
     return 1.0 / ((1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier)
 
 
-def _run(scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: float) -> BoundResult:
+def _run(
+    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: float, told: NDArray[np.bool_]
+) -> BoundResult:
     segments = divide(scenario, trajectory)
     start = np.zeros((STATES + 1, STATES + 1))
     start[:STATES, :STATES] = initial_covariance(scenario)
@@ -104,6 +114,7 @@ def _run(scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: 
         segments.per_scan,
         sensitivity,
         noise,
+        told,
     )
     time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
     return BoundResult(time, covariance)
@@ -116,12 +127,16 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
 
 
 @kernel
-def _riccati(start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise):  # type: ignore[no-untyped-def]
-    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A scan whose sensitivity is NaN is skipped."""
+def _riccati(start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise, told):  # type: ignore[no-untyped-def]
+    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A scan whose sensitivity is NaN is skipped.
+
+    What the readings say gets through to the navigator where it is told of them; from there to the next time it goes on alone.
+    """
     n, m = start.shape[0], start.shape[0] - 1
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
+    alone = start.copy()
     result[0] = P[:2, :2]
     F = np.zeros((m, m))
     transition = np.zeros((n, n))
@@ -131,11 +146,14 @@ def _riccati(start, geometry, force, rotation, density, correlation, dt, per_sca
         _discretise(transition, half_noise, F, rotation[k], density, correlation[k], start[m, m], dt)
         P = transition @ (P + half_noise) @ transition.T + half_noise  # trapezoid: half the noise enters at either end
         P = 0.5 * (P + P.T)
+        alone = transition @ (alone + half_noise) @ transition.T + half_noise
         if (k + 1) % per_scan == 0:
             scan = (k + 1) // per_scan - 1
             if not np.isnan(sensitivity[scan]).any():
                 _update(P, sensitivity[scan], noise)
-            result[scan + 1] = P[:2, :2]
+            if told[scan]:
+                alone = P.copy()
+            result[scan + 1] = alone[:2, :2]
     return result
 
 

@@ -1,0 +1,176 @@
+"""The default matcher against the bound, case by case: maps in error, wrong assumptions, wide and hidden starts, outliers, turns.
+
+    python benchmarks/accuracy.py [--runs 100] [--map FILE] [--batch-lengths 30 15] [--cases NAME ...] [--out FILE.json]
+
+A case is a closed loop (3.6 h; wide starts 1 h, hidden ones 1.5 h) of so many runs. `ratio` is RMS error over RMS bound, both over
+the time after the first hour; `batch` is what the ratio would be for a navigator at the bound that learns of readings at batch
+ends only. Cases that are in FILE.json already are not computed again.
+"""
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import argparse
+import json
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isogal.evaluation.atomic import atomic_file
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import SETTLED_AFTER, summarise
+from isogal.maps.load import map_for_scenario
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario, load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+FOUND_WITHIN, FOUND = 2700.0, 500.0
+"""s and m: a start is found when the error is below the latter at the former."""
+GRAVITY, DISTURBANCE = ["gravimeter.quantity=gravity"], ["gravimeter.quantity=disturbance"]
+TOLD_3 = ["map_error.sigma=3e-5", "matcher.map_sigma=3e-5"]
+TOLD_8 = ["map_error.sigma=8e-5", "matcher.map_sigma=8e-5"]
+ROWS = {
+    "ga 1e-5": [*GRAVITY, "gravimeter.sigma=1e-5"],
+    "ga 2e-4": [*GRAVITY, "gravimeter.sigma=2e-4"],
+    "dg 1e-6": [*DISTURBANCE, "gravimeter.sigma=1e-6"],
+    "dg 4e-5": [*DISTURBANCE, "gravimeter.sigma=4e-5"],
+}
+GOOD = ROWS["ga 1e-5"]
+TURNS = (
+    "route.waypoints=[[-37.9, 144.8, 22], [-37.6, 145.2, 18], [-37.75, 145.7, 25],"
+    " [-37.3, 146.0, 22], [-37.35, 146.6, 20], [-36.9, 147.2, 22]]"
+)
+
+CASES: dict[str, list[str]] = (
+    {f"{name} exact": settings for name, settings in ROWS.items()}
+    | {f"{name} 3 mGal": [*settings, *TOLD_3] for name, settings in ROWS.items()}
+    | {f"{name} 8 mGal": [*settings, *TOLD_8] for name, settings in ROWS.items()}
+    | {
+        "ga 1e-5 3 mGal, sigma x 2": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=6e-5"],
+        "ga 1e-5 3 mGal, sigma / 2": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=1.5e-5"],
+        "ga 1e-5 3 mGal, L x 2": [*GOOD, *TOLD_3, "matcher.map_correlation_length=8000"],
+        "ga 1e-5 3 mGal, L / 2": [*GOOD, *TOLD_3, "matcher.map_correlation_length=2000"],
+        "ga 1e-5 3 mGal, auto": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
+        "dg 1e-6 3 mGal, auto": [*ROWS["dg 1e-6"], "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
+        "ga 1e-5, 5 % outliers": [*GOOD, "gravimeter.outlier_fraction=0.05"],
+        "ga 1e-5 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
+        "ga 1e-5 exact, stride 5": [*GOOD, "matcher.stride=5"],
+        "dg 1e-6 exact, stride 5": [*ROWS["dg 1e-6"], "matcher.stride=5"],
+        "ga 1e-5, turns": [*GOOD, TURNS],
+        "ga 1e-5, turns, pmht-paper": [*GOOD, TURNS, "matcher.name=pmht-paper"],
+        "start 10 km": [*GOOD, "initial_error.position=10000", "route.duration=3600"],
+        "start 10 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.position=10000", "route.duration=3600"],
+        "hidden 5 km": [*GOOD, "initial_error.hidden_position=5000", "route.duration=5400"],
+        "hidden 10 km": [*GOOD, "initial_error.hidden_position=10000", "route.duration=5400"],
+        "hidden 20 km": [*GOOD, "initial_error.hidden_position=20000", "route.duration=5400"],
+        "hidden 10 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.hidden_position=10000", "route.duration=5400"],
+    }
+)
+CHUNK = 10
+"""Runs to a job."""
+
+
+def scenario_of(case: str, length: int, map_file: str | None) -> Scenario:
+    settings = [*CASES[case], f"matcher.batch_length={length}"]
+    return load_scenario(None, [*settings, f"map.source={map_file}"] if map_file else settings)
+
+
+def some_runs(case: str, length: int, map_file: str | None, runs: range) -> Runs:
+    scenario = scenario_of(case, length, map_file)
+    trajectory = build_trajectory(scenario)
+    return simulate(scenario, runs, map_for_scenario(scenario, trajectory))
+
+
+def measure(case: str, length: int, map_file: str | None, runs: int, pool: ProcessPoolExecutor) -> dict[str, Any]:
+    """Run one case."""
+    scenario = scenario_of(case, length, map_file)
+    trajectory = build_trajectory(scenario)
+    field_map = map_for_scenario(scenario, trajectory)
+    parts = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
+    jobs = [pool.submit(some_runs, case, length, map_file, part) for part in parts]
+    record = Runs.concatenate([job.result() for job in jobs])
+    bound, batch = (
+        posterior_cramer_rao(scenario, trajectory, field_map, batchwise=batchwise).rms_at(record.time)
+        for batchwise in (False, True)
+    )
+    summary = summarise(record, scenario, bound, wall_seconds=0.0)
+    row = {
+        "runs": runs,
+        "diverged": summary["diverged"],
+        "declined": summary["fixes"]["declined"],
+        "nees_per_axis": summary["nees_per_axis"]["mean"],
+        "fix_ms": float(np.median(record.fix_seconds)) * 1e3,
+        "mean_m": summary["position_error"]["mean"],
+    }
+    error = record.horizontal_error
+    if record.elapsed[-1] > SETTLED_AFTER:
+        late = record.elapsed >= SETTLED_AFTER
+        of_run = np.sqrt((error[:, late] ** 2).mean(axis=1))
+        rms, limit = float(np.sqrt((of_run**2).mean())), float(np.sqrt((bound[late] ** 2).mean()))
+        row |= {
+            "rms_after_1h_m": rms,
+            "bound_after_1h_m": limit,
+            "ratio": rms / limit,
+            "ratio_error": float(np.std(of_run**2) / np.sqrt(runs) / (2.0 * rms) / limit),
+            "batch": float(np.sqrt((batch[late] ** 2).mean())) / limit,
+        }
+    if "start" in case or "hidden" in case:
+        outside = error > FOUND
+        last = np.array([np.flatnonzero(far)[-1] if far.any() else -1 for far in outside])
+        when = record.elapsed[np.minimum(last + 1, len(record.elapsed) - 1)]
+        row |= {
+            "found_at_45_min": float((error[:, np.searchsorted(record.elapsed, FOUND_WITHIN)] < FOUND).mean()),
+            "found_at_end": float((error[:, -1] < FOUND).mean()),
+            "found_median_min": float(np.median(when)) / 60.0,
+            "found_last_min": float(when.max()) / 60.0,
+        }
+    return row
+
+
+def text_of(case: str, length: int, row: dict[str, Any]) -> str:
+    """One line of the table."""
+    line = f"{case:30} T={length:<3} {row['runs']:4d} runs  "
+    if "found_at_end" in row:
+        return line + (
+            f"found at 45 min {100 * row['found_at_45_min']:.0f} %, at the end {100 * row['found_at_end']:.0f} %;"
+            f" median {row['found_median_min']:.0f} min, last {row['found_last_min']:.0f} min"
+        )
+    return line + (
+        f"{row['rms_after_1h_m']:7.1f} m  bound {row['bound_after_1h_m']:6.1f}  ratio {row['ratio']:.3f} ± {row['ratio_error']:.3f}"
+        f" (batch {row['batch']:.3f})  NEES {row['nees_per_axis']:.2f}  diverged {row['diverged']}  declined {row['declined']}"
+        f"  {row['fix_ms']:.1f} ms"
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--map", help="map file; default: the synthetic map")
+    parser.add_argument("--batch-lengths", type=int, nargs="+", default=[30, 15])
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="keep results there")
+    options = parser.parse_args()
+    kept: dict[str, Any] = {}
+    if options.out and options.out.exists():
+        kept = json.loads(options.out.read_text())
+    with ProcessPoolExecutor(options.workers) as pool:
+        for length in options.batch_lengths:
+            for case in options.cases:
+                key = f"{case}, T = {length}, {Path(options.map).name if options.map else 'synthetic'}"
+                if kept.get(key, {}).get("runs") != options.runs:
+                    kept[key] = measure(case, length, options.map, options.runs, pool)
+                    if options.out:
+                        with atomic_file(options.out) as stream:
+                            stream.write(json.dumps(kept, indent=1).encode())
+                print(text_of(case, length, kept[key]), flush=True)
+
+
+if __name__ == "__main__":
+    main()
