@@ -24,9 +24,12 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Matcher
+from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Matcher, declined
+from isogal.matching.pmht import Pmht
+from isogal.matching.pmht_memory import Memory
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.robust import confirmed, widened
 from isogal.tracks.track import Track
 
 Array = NDArray[np.float64]
@@ -35,6 +38,8 @@ FEWEST_IN_BATCH = 4
 """Scans that the incomplete last batch needs to be matched."""
 _EDGE_REACH = ((2.0, 2.0 / 3.0), (1.0, 0.5))
 """Prior 1-sigmas round a reading that the map should cover, and the share of readings that must be left for that."""
+_EMPTY = 5.0
+"""Prior 1-sigmas from which on a fix is none: it would narrow no direction by more than 2 %."""
 _LOST = np.diag(np.square([LOST_SIGMA[0], LOST_SIGMA[0], LOST_SIGMA[1], LOST_SIGMA[1]]))
 _LEAST_VELOCITY = 1e-6
 """m/s; matchers need a prior that is positive definite."""
@@ -146,7 +151,11 @@ def match_track(
         rows = slice(max(0, previous - overlap - matcher.context), end)
         batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
         batch = without_map_edge(batch, field_map)
-        fix, memory = matcher.match(batch, field_map, memory)
+        before = memory
+        fix, memory = matcher.match(batch, field_map, before)
+        if isinstance(matcher, Pmht):
+            fix, memory = _scrutinised(fix, memory, before, batch, field_map, matcher)
+        fix = _unless_empty(fix, batch)
         error, covariance = update(batch, fix, error, covariance)
         if fix.reset:
             prior = uncertainty.prior + _LOST
@@ -162,6 +171,30 @@ def match_track(
         )
         previous = end
     return matches
+
+
+def _scrutinised(
+    fix: Fix, after: Memory, before: Memory | None, batch: Batch, field_map: FieldMap, matcher: Pmht
+) -> tuple[Fix, Memory]:
+    """Return fix and memory as `robust` lets them pass."""
+    if fix.published:
+        fix, after = confirmed(fix, after, before, batch, field_map, matcher)
+    if fix.published:
+        mean, covariance = update(batch, fix, np.zeros(4), batch.prior)
+        fix = widened(fix, after, batch, field_map, matcher, mean, covariance)
+    return fix, after
+
+
+def _unless_empty(fix: Fix, batch: Batch) -> Fix:
+    """Return the fix unless it is far less certain than the prior in every direction: then that is why there is none."""
+    if not fix.published:
+        return fix
+    known = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
+    least = math.sqrt(float(np.linalg.eigvalsh(fix.covariance)[0]))
+    if least < _EMPTY * known:
+        return fix
+    reason = f"tells next to nothing: 1-sigma of {least / 1e3:.0f} km and more, where {known / 1e3:.3g} km were known"
+    return replace(declined(batch, reason, **fix.diagnostics), reset=fix.reset)
 
 
 def build_batch(track: Track, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array) -> Batch:
