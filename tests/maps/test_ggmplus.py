@@ -1,19 +1,23 @@
 """GGMplus tiles: layout, joints, missing tiles, no-data, memory."""
 
 import json
+import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from isogal.errors import InputError
+from isogal.evaluation.figures.style import field_scale
 from isogal.maps.axes import Track, Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus import CELLS, KINDS, is_ggmplus, read_ggmplus, tile_name, tiles_of, write_ggmplus
 from isogal.maps.load import load_map, map_for_scenario, route_window
 from isogal.maps.sparse import row_spans, strip_grid
+from isogal.montecarlo.chunks import map_digest
 from isogal.scenario import load_scenario
 
 
@@ -232,3 +236,49 @@ def test_a_route_over_four_full_tiles_takes_under_60_mb(four_tiles, start, end, 
     megabytes, size = json.loads(done.stdout)
     assert size > cells
     assert megabytes < 60.0
+
+
+@pytest.fixture
+def strip(four_tiles):
+    """A map along a route over four tiles, its route."""
+    route = [f"route.{key}" for key in ("start=[-37.5,142.5]", "end=[-32.5,147.5]", "speed=100", "duration=null")]
+    field_map = map_for_scenario(load_scenario(overrides=[f"map.source={four_tiles}", *route]))
+    assert field_map.strip is not None
+    return field_map
+
+
+def test_a_strip_is_sent_without_its_empty_part(strip):
+    sent = pickle.dumps(strip)
+    assert len(sent) < 0.4 * strip.values.nbytes
+    before = resident()
+    got = pickle.loads(sent)
+    assert resident() - before < 0.5 * strip.values.nbytes / 1024
+    np.testing.assert_array_equal(got.values, strip.values)
+    np.testing.assert_array_equal(got.strip, strip.strip)
+    assert map_digest(got) == map_digest(strip)
+
+
+def test_a_strip_has_its_key_by_its_numbers(strip):
+    values = strip.values.copy()
+    row = values.shape[0] // 2
+    values[row, strip.strip[row, 0] + 5] += 1e-5
+    assert map_digest(replace(strip, values=values)) != map_digest(strip)
+    shifted = replace(strip, longitude=strip.longitude + 1e-6)
+    assert map_digest(shifted) != map_digest(strip)
+
+
+def test_key_scale_and_thinned_view_leave_the_empty_part_alone(strip):
+    before = resident()
+    map_digest(strip)
+    field_scale(strip)
+    thin = strip.thinned(3, 5)
+    assert resident() - before < 0.3 * strip.values.nbytes / 1024
+    np.testing.assert_array_equal(thin.values, strip.values[::3, ::5])
+    np.testing.assert_array_equal(thin.longitude, strip.longitude[::5])
+
+
+def test_a_window_of_a_strip_is_whole(strip):
+    middle = float(strip.latitude.mean()), float(strip.longitude.mean())
+    part = strip.window(middle[0] - 0.01, middle[0] + 0.01, middle[1] - 0.01, middle[1] + 0.01)
+    assert part.strip is None
+    assert np.isfinite(part.value(*middle))

@@ -1,7 +1,7 @@
 """The one map type: a scalar field on a regular latitude/longitude grid, with what is known about its errors."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
 from isogal.maps.interpolation import Values, bilinear_at, is_periodic, values_and_gradients, values_at
+from isogal.maps.sparse import Spans, pack, unpack
 
 Array = NDArray[np.float64]
 Grid = tuple[Values, float, float, float, float]
@@ -45,6 +46,9 @@ class FieldMap:
         Unit that the file was in; `file_factor` times a number in it is a number in `unit`.
     file_factor : float
         See `file_unit`.
+    strip : (n, 2) int or None
+        First column with a value in each row, and one after the last: the rest of a large grid along a route (`isogal.maps.sparse`),
+        which takes memory when it is read. None = there may be values anywhere.
 
     Raises
     ------
@@ -63,6 +67,7 @@ class FieldMap:
     provenance: str = ""
     file_unit: str = ""
     file_factor: float = 1.0
+    strip: Spans | None = None
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -86,6 +91,7 @@ class FieldMap:
         drop = is_periodic(longitude.size - 1, step)  # the last meridian repeats the first
         if drop:
             longitude, values = longitude[:-1], np.ascontiguousarray(values[:, :-1])
+            object.__setattr__(self, "strip", None)
         if not any(np.isfinite(row).any() for row in values):
             raise InputError(f"{where}: has no value at all (all missing)")
         object.__setattr__(self, "latitude", latitude)
@@ -113,6 +119,19 @@ class FieldMap:
             raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
         if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
             raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the empty part of a strip out of what other processes are sent."""
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        if self.strip is not None:
+            state["values"] = pack(self.values, self.strip)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if state["strip"] is not None:
+            size = state["latitude"].size, state["longitude"].size
+            state["values"] = unpack(state["values"], *size, state["strip"])
+        self.__dict__.update(state)
 
     @cached_property
     def grid(self) -> Grid:
@@ -191,6 +210,30 @@ class FieldMap:
             longitude=first + dlon * np.arange(count),
             values=cut(self.values),
             sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
+            strip=None,
+        )
+
+    def thinned(self, rows: int, columns: int) -> "FieldMap":
+        """Keep every so many-th row and column only (at least four of each), without reading the rest."""
+        rows, columns = (
+            max(1, min(step, (n - 1) // 3)) for step, n in zip((rows, columns), self.values.shape, strict=True)
+        )
+        values = self.values[::rows, ::columns]
+        if self.strip is not None:
+            strip = self.strip[::rows]
+            first, last = -(-strip[:, :1] // columns), -(-strip[:, 1:] // columns)
+            column = np.arange(values.shape[1])
+            at = np.nonzero((column >= first) & (column < last))
+            thin = np.full(values.shape, np.nan)
+            thin[at] = values[at]
+            values = thin
+        return replace(
+            self,
+            latitude=self.latitude[::rows],
+            longitude=self.longitude[::columns],
+            values=values,
+            sigma=self.sigma if isinstance(self.sigma, float) else self.sigma[::rows, ::columns],
+            strip=None,
         )
 
 

@@ -160,6 +160,7 @@ def read_ggmplus(
         quantisation=kind.step,
         provenance=f"GGMplus {path}:{extension}{note}",
         file_unit=QUANTITIES[kind.quantity].unit,
+        strip=spans,
     )
 
 

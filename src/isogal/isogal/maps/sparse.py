@@ -83,6 +83,21 @@ def strip_grid(rows: int, columns: int, spans: Spans) -> Array:
     return grid
 
 
+def pack(grid: NDArray[Any], spans: Spans) -> Array:
+    """Return what a grid has within the spans, row after row, as one flat array."""
+    return np.concatenate([grid[row, first:last] for row, (first, last) in enumerate(spans.tolist())])
+
+
+def unpack(numbers: Array, rows: int, columns: int, spans: Spans) -> Array:
+    """Return the `strip_grid` (rows, columns) of which `pack` has made the numbers."""
+    grid = strip_grid(rows, columns, spans)
+    at = 0
+    for row, (first, last) in enumerate(spans.tolist()):
+        grid[row, first:last] = numbers[at : at + last - first]
+        at += last - first
+    return grid
+
+
 @contextlib.contextmanager
 def _nan_file() -> Any:
     """Give the descriptor of a nameless file of NaN."""

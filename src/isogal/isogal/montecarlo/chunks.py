@@ -155,9 +155,14 @@ def map_digest(field_map: FieldMap) -> str:
     known = _DIGESTS.get(id(field_map))
     if known is None:
         digest = hashlib.sha256()
-        for array in (field_map.latitude, field_map.longitude, field_map.values, np.asarray(field_map.sigma)):
+        strip = field_map.strip
+        whole = [field_map.values] if strip is None else [strip]
+        for array in (field_map.latitude, field_map.longitude, np.asarray(field_map.sigma), *whole):
             digest.update(f"{array.shape} {array.dtype}".encode())
             digest.update(np.ascontiguousarray(array).data)
+        if strip is not None:  # the rest is empty, and would take memory if it were read
+            for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
+                digest.update(row[first:last].data)
         rest = (field_map.unit, field_map.quantity, field_map.correlation_length, field_map.quantisation)
         digest.update(repr(rest).encode())
         known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])

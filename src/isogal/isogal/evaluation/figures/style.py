@@ -179,6 +179,8 @@ class FieldScale:
         return (np.asarray(values, dtype=np.float64) - self.offset) / self.unit
 
 
+_MEDIAN_OF = 500
+"""Rows and columns that the middle of a map's values is taken from."""
 _NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity disturbance"}
 
 
@@ -187,7 +189,9 @@ def field_scale(field_map: "FieldMap") -> FieldScale:
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
     if field_map.unit != "m/s²":
         return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
-    middle = float(np.nanmedian(field_map.values))
+    rows, columns = (1 + size // _MEDIAN_OF for size in field_map.values.shape)
+    some = field_map.thinned(rows, columns).values  # a large map is not read, nor copied, for a round number
+    middle = float(np.nanmedian(some if np.isfinite(some).any() else field_map.values))
     if abs(middle) < 0.1:
         return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
     offset = round(middle, 2)

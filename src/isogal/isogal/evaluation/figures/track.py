@@ -24,6 +24,8 @@ _MAP_WIDTH, _LEGEND = 5.2, 0.6
 """in, of the overview without axes and colour bar, and of the legend."""
 _FLATTEST, _TALLEST = 0.3, 0.85
 """Height over width of the overview."""
+_DOTS = 700
+"""Rows and columns of the overview's picture of the map at most: about as many as it has dots."""
 _LATTICE = 90
 """Points along each side of a close-up's picture of the map."""
 
@@ -85,16 +87,27 @@ def _frame(runs: Runs) -> _Frame:
     return _Frame(middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon, north / east)
 
 
+def _drawn(field_map: "FieldMap", frame: _Frame) -> "FieldMap":
+    """Cut out the part of a map in the frame, no finer than the picture's dots."""
+    edges = frame.south, frame.north, frame.west, frame.east
+    if field_map.strip is None:
+        part = field_map.window(*edges)
+        return part.thinned(*(-(-size // _DOTS) for size in part.values.shape))
+    # the window of a strip would be filled with its empty part, so that is thinned first
+    _, _, lat_step, _, lon_step = field_map.grid
+    rows, columns = (frame.north - frame.south) / lat_step, (frame.east - frame.west) / lon_step
+    return field_map.thinned(math.ceil(rows / _DOTS), math.ceil(columns / _DOTS)).window(*edges)
+
+
 def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, run: int, chosen: list[int]) -> None:
     latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
-    part = field_map.window(frame.south, frame.north, frame.west, frame.east)
+    part = _drawn(field_map, frame)
     scale = style.field_scale(part)
-    rows, columns = (max(1, size // 900) for size in part.values.shape)  # finer than the picture's dots is in vain
-    values = scale(part.values[::rows, ::columns])
+    values = scale(part.values)
     # the map may count its longitudes from another turn than the route
     turn = 2.0 * math.pi * round((0.5 * (frame.west + frame.east) - float(part.longitude.mean())) / (2.0 * math.pi))
-    south, north = _edges(np.degrees(part.latitude[::rows]))
-    west, east = _edges(np.degrees(part.longitude[::columns] + turn))
+    south, north = _edges(np.degrees(part.latitude))
+    west, east = _edges(np.degrees(part.longitude + turn))
     low, high = np.nanpercentile(values, [1.0, 99.0])
     figure: Any = panel.figure
     image = panel.imshow(
