@@ -42,7 +42,7 @@ def test_the_names_are_those_of_the_scenario():
 def test_without_field_the_gravimeters_quantity_counts():
     assert scalar_field(Scenario()).name == "gravity"
     assert scalar_field(load_scenario(None, ["gravimeter.quantity=disturbance"])).name == "disturbance"
-    both = load_scenario(None, ["gravimeter.quantity=disturbance", "field=terrain"])
+    both = load_scenario(None, ["gravimeter.quantity=disturbance", "field=terrain", "gravimeter.sigma=1"])
     assert scalar_field(both).name == "terrain"
     assert [field.name for field in of_instrument("gravimeter")] == ["gravity", "disturbance"]
 
@@ -50,7 +50,7 @@ def test_without_field_the_gravimeters_quantity_counts():
 @pytest.mark.parametrize(("name", "unit"), [("magnetic", "nT"), ("terrain", "m")])
 def test_a_gravimeters_sigma_is_not_taken_for_another_fields(name, unit):
     with pytest.raises(InputError, match=rf"gravimeter\.sigma: must be in {unit} where field is {name}, .* is 1e-05"):
-        FIELDS[name].reduction(load_scenario(None, [*ROUTE, f"field={name}"]))
+        scalar_field(load_scenario(None, [*ROUTE, f"field={name}"]))
 
 
 @pytest.mark.parametrize("name", FIELDS)

@@ -126,16 +126,17 @@ def load(
     """Read a map; ``meaning`` is variable, quantity, unit, crs and format as the user gave them."""
     from isogal.maps.load import load_map
     from isogal.maps.synthetic import synthetic_map
+    from isogal.sensors.fields import scalar_field
 
     variable, quantity, unit, crs, format_name = meaning
     if source != "synthetic":
         return load_map(source, variable, quantity, window, unit=unit, crs=crs, format_name=format_name)
     if window is None:
         raise InputError("the synthetic map has no end: give --window, --route or --scenario")
-    by_variable = {None: None, "ga": "gravity", "dg": "disturbance"}
+    by_variable = {None: None, "ga": "gravity", "dg": "disturbance", "height": "height"}
     if variable not in by_variable:
-        raise InputError(f"--variable {variable}: the synthetic map has ga and dg")
-    quantity = quantity or by_variable[variable] or (settings.gravimeter.quantity if settings else "gravity")
+        raise InputError(f"--variable {variable}: the synthetic map has height, ga and dg")
+    quantity = quantity or by_variable[variable] or (scalar_field(settings).quantity if settings else "gravity")
     with Bars("tiles") as progress:
         return synthetic_map(quantity, window, lambda done, total: progress("tiles", done, total))
 

@@ -28,22 +28,8 @@ class ScalarField:
     """No instrument is as good; a smaller `gravimeter.sigma` is meant for another field."""
     sign: float
     """How the raw reading goes with the field: 1, or -1 where it falls as the field rises."""
-    build: Callable[[Scenario], Reduction]
-
-    def reduction(self, scenario: Scenario) -> Reduction:
-        """Return how readings of this field are made and reduced in a scenario.
-
-        Raises
-        ------
-        InputError
-            `gravimeter.sigma` is not in this field's unit, or the route cannot be driven.
-        """
-        sigma = scenario.gravimeter.sigma
-        if sigma < self.least_sigma:
-            raise InputError(
-                f"gravimeter.sigma: must be in {self.unit} where field is {self.name}, at least {self.least_sigma:g}; is {sigma:g}"
-            )
-        return self.build(scenario)
+    reduction: Callable[[Scenario], Reduction]
+    """Returns how readings of this field are made and reduced in a scenario; raises InputError where its route cannot be driven."""
 
 
 def _magnetic(scenario: Scenario) -> MagneticReduction:
@@ -69,8 +55,19 @@ FIELDS = {
 
 
 def scalar_field(scenario: Scenario) -> ScalarField:
-    """Return the field that a scenario measures and matches."""
-    return FIELDS[scenario.scalar_field]
+    """Return the field that a scenario measures and matches.
+
+    Raises
+    ------
+    InputError
+        `gravimeter.sigma` is not in this field's unit.
+    """
+    field, sigma = FIELDS[scenario.scalar_field], scenario.gravimeter.sigma
+    if sigma < field.least_sigma:
+        raise InputError(
+            f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least {field.least_sigma:g}; is {sigma:g}"
+        )
+    return field
 
 
 def of_instrument(instrument: str) -> list[ScalarField]:
