@@ -119,6 +119,28 @@ def test_offset_is_added_to_the_map(files, capsys, tmp_path):
         assert a["covariance_enu"][1] == pytest.approx(b["covariance_enu"][1], rel=1e-3)
 
 
+def test_normal_gravity_in_the_offset_may_be_that_of_another_latitude(files, capsys, tmp_path):
+    """Normal gravity at the navigator's latitude, 700 m off, or at the true one: without --reduction the fix is honest about both."""
+    map_, _, sigma, latitude, longitude = files["disturbance"]
+    track, _, _ = made_track(field_of("disturbance"), error=(700.0, -500.0), sigma=sigma)
+    from dataclasses import replace
+
+    truth = normal_gravity(latitude, 100.0)
+    for name, offset in (("own", normal_gravity(track.latitude, 100.0)), ("true", truth)):
+        columns = "time,latitude,longitude,value,offset"
+        path = write_csv(tmp_path / f"{name}.csv", replace(track, value=track.value + truth, offset=offset), columns)
+        options = ["--map", map_, "--track", path, "--sensor-sigma", sigma, "--batch-length", 60, "--json"]
+        _, out, error = call(capsys, *options)
+        assert "offset holds normal gravity" in error
+        assert "an unknown constant of 7.8e-06 m s-2 is allowed for" in error
+        (fix,) = json.loads(out)
+        apart = horizontal_difference(*np.radians([fix["latitude"], fix["longitude"]]), latitude[-1], longitude[-1])
+        assert apart[::-1] @ np.linalg.solve(fix["covariance_enu"], apart[::-1]) < 13.8  # 99.9 %
+        _, told, error = call(capsys, *options, "--reduction", "latitude" if name == "own" else "none")
+        assert "normal gravity" not in error
+        assert np.trace(json.loads(told)[0]["covariance_enu"]) < np.trace(fix["covariance_enu"])
+
+
 @pytest.mark.parametrize(
     ("options", "ends"),
     [

@@ -170,7 +170,9 @@ def match(
     recorded, off_map = fit_to_map(recorded, field_map)
     settings = _settings(overrides, field_map, factor, map_sigma, bias_sigma)
     if reduction is None:
-        settings = _with_unknown_latitude(settings, recorded, field_map, factor, prior_sigma)
+        settings = _with_unknown_latitude(
+            settings, recorded, field_map, prior_sigma, factor, track_unit or field_map.file_unit
+        )
     if off_map.any():
         _say(f"{recorded.where}: the map has no value at {int(off_map.sum())} of {len(recorded)} readings; left out")
     matches = match_track(recorded, field_map, settings, uncertainty, chained=chain)
@@ -269,7 +271,7 @@ def _settings(
 
 
 def _with_unknown_latitude(
-    settings: "Matcher", track: "Track", field_map: "FieldMap", factor: float, prior_sigma: float
+    settings: "Matcher", track: "Track", field_map: "FieldMap", prior_sigma: float, factor: float, unit: str
 ) -> "Matcher":
     """Return settings with an unknown constant for normal gravity in the offset, taken at nobody knows which latitude."""
     import math
@@ -277,7 +279,6 @@ def _with_unknown_latitude(
     change = track.normal_gravity_in_doubt(field_map.quantity) * prior_sigma
     if change == 0.0:
         return settings
-    unit = field_map.file_unit if factor == field_map.file_factor else "in the track's unit"
     _say(
         f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an unknown constant of {change / factor:.2g}"
         f" {unit} is allowed for. Say --reduction latitude if it was the track's own, else --reduction none"

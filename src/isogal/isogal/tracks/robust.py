@@ -13,8 +13,9 @@ derivatives G by the navigator's error, H = G'G, and J is the covariance of the 
 
     J = sum_t s_t s_t' + sum_k (1 - k / (m + 1)) sum_t (s_t s_{t-k}' + s_{t-k} s_t'),   s_t = w_t G_t,
 
-(Newey & West 1987, Econometrica 55(3):703-708; m = 4 (n / 100)^(2/9), their rule of 1994, Rev. Econ. Stud. 61(4):631-653). If the noise
-model is right J is H but for chance. So only what J has more than H, beyond two 1-sigmas of that chance, widens a fix.
+(Newey & West 1987, Econometrica 55(3):703-708; m = 4 (n / 100)^(2/9), their rule of 1994, Rev. Econ. Stud. 61(4):631-653; residuals
+over sqrt(1 - leverage), MacKinnon & White 1985, J. Econometrics 29(3):305-325). If the noise model is right J is H but for chance.
+So only what J has more than H, beyond two 1-sigmas of that chance, widens a fix.
 """
 
 from dataclasses import replace
@@ -122,7 +123,8 @@ def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
         return np.zeros_like(prior)
     axes = (scale @ vectors[:, informed]) / np.sqrt(values[informed])  # of H⁻¹
     unit = slope @ axes
-    score = unit * whitened[:, None]
+    leverage = np.minimum((unit**2).sum(axis=1), 0.5)
+    score = unit * (whitened / np.sqrt(1.0 - leverage))[:, None]
     weight = _bartlett(len(whitened))
     factors, turn = np.linalg.eigh(score.T @ weight @ score)
     chance = np.sqrt(2.0 * np.einsum("ti,tu,ui->i", (unit @ turn) ** 2, weight**2, (unit @ turn) ** 2))
