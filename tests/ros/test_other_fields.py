@@ -169,6 +169,19 @@ class TestSensorNode:
             assert variances[1] - 4.0 == pytest.approx(variances[0] - 9.0)  # unknown: gravimeter.sigma of 2 nT
             assert not made.heard["gravimeter/gravity"]
 
+    def test_a_fast_instrument_gives_one_reading_per_scan(self, magnetic) -> None:
+        with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
+            for k in range(1, 81):
+                made.publish(topics.MAGNETIC_FIELD, field_of(0.5 * k, 0.0, 0.0, 5e-5))
+            for second in range(41):
+                made.nav(second, *PLACE)
+            made.wait(lambda: len(made.heard["magnetometer/anomaly"]) == 5)
+            made.settle()
+            scans = [message.header.stamp.sec for message in made.heard["magnetometer/anomaly"]]
+            assert np.diff(scans).tolist() == [8, 10, 10, 10]
+            assert not made.node.health.dropped
+            assert made.node.health.figures["readings between scans"] == 75
+
     def test_a_clearance_meters_readings_are_reduced(self, terrain) -> None:
         with bench(topics.GRAVIMETER, terrain, simulate=False) as made:
             for seconds, message in ((10.0, range_of(10.0, 70.0, variance=4.0)), (20.0, range_of(20.0, math.inf))):

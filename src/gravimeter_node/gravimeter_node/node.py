@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
+from gravimeter_node.thinning import Thinning
 from isogal.maps.load import map_for_scenario
 from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import build_trajectory
@@ -44,7 +45,7 @@ class GravimeterNode(GraphNode):
         """Draw the readings and make publishers and subscriptions."""
         self.reduced = 0
         """Readings reduced so far."""
-        self._out_of_range = 0
+        self._out_of_range = self._left_out = 0
         self._variance = self.scenario.gravimeter.sigma**2
         self._waiting: list[tuple[int, float, float]] = []
         self._newest = -1
@@ -55,6 +56,7 @@ class GravimeterNode(GraphNode):
             self._raw = self.advertise(self._adapter.raw)
             self.listen(topics.TRUTH_FIX, self._feel, raw=True)
         else:
+            self._thinning = Thinning(from_seconds(self.scenario.gravimeter.interval))
             self.listen(self._adapter.raw, self._take)
         self._outputs = Outputs(self)
         self._nav = NavBuffer(self, self.scenario, self._reduce)
@@ -79,12 +81,16 @@ class GravimeterNode(GraphNode):
     def _take(self, message: Any) -> None:
         ns = to_ns(message.header.stamp)
         felt, variance = self._adapter.read_raw(message)
-        self._enqueue(ns, felt, self._variance if variance is None else variance)
-
-    def _enqueue(self, ns: int, felt: float, variance: float) -> None:
         if ns <= self._newest:
             raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
         self._newest = ns
+        if self._thinning.takes(ns):
+            self._enqueue(ns, felt, self._variance if variance is None else variance)
+        else:
+            self._left_out += 1
+            self.health.figures["readings between scans"] = self._left_out
+
+    def _enqueue(self, ns: int, felt: float, variance: float) -> None:
         if math.isnan(felt):
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
