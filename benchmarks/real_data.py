@@ -47,6 +47,8 @@ WHOLE = 1000
 GROWTH = (10, 15, 20, 30, 45, 60, 90, 120)
 """Readings after which a line's fix is looked at."""
 MGAL = 1e-5
+UNLEARNT = (4000.0, 0.5 * MGAL)
+"""Correlation length (m) and sensor noise of somebody who has learnt nothing here: the default of `isogal match`, and 0.5 mGal."""
 
 
 @dataclass(frozen=True)
@@ -154,10 +156,10 @@ def match_line(
     line: Line, field_map: FieldMap, length: float, sensor_sigma: float, shift: tuple[float, float], **keys: Any
 ) -> list[Match]:
     """Match a line that the navigator sees AWAY from where it is."""
-    chained = keys.pop("chained", False)
+    how = {"chained": keys.pop("chained", False), "checked": keys.pop("checked", True)}
     settings = Matcher(**{"batch_length": WHOLE, "map_correlation_length": length} | keys)
     track, _ = fit_to_map(line.track(sensor_sigma, shift), field_map)
-    return match_track(track, field_map, settings, Uncertainty(position=AWAY), chained=chained)
+    return match_track(track, field_map, settings, Uncertainty(position=AWAY), **how)
 
 
 def row_of(line: Line, match: Match, aided: bool = False) -> dict[str, Any]:
@@ -220,14 +222,17 @@ def rigid_search(line: Line, field_map: FieldMap, shift: tuple[float, float], re
     return float(np.hypot(*(found - shift)))
 
 
-def study_clear_lake(data: Path, directions: int = 8, growth: Sequence[int] = GROWTH) -> dict[str, Any]:
+def study_clear_lake(data: Path, directions: int = 4, growth: Sequence[int] = GROWTH) -> dict[str, Any]:
     """Return everything about Clear Lake."""
     field_map, lines, scattered = clear_lake(data)
     result: dict[str, Any] = {
+        "stations": {line.name: int(line.value.size) for line in lines},
         "settings": {},
         "nis": {},
         "whole": {},
         "white": {},
+        "unlearnt": {},
+        "bare": {},
         "rigid_m": {},
         "growth": {},
         "batches": {},
@@ -236,39 +241,54 @@ def study_clear_lake(data: Path, directions: int = 8, growth: Sequence[int] = GR
     result["settings"]["all lines"] = vars_of(everything)
     length, sensor = everything.correlation_length, everything.sensor_sigma
     result["nis"]["scattered"] = [*nis(scattered, field_map, 1.0, sensor), *nis(scattered, field_map, length, sensor)]
-    batches: dict[str, list[dict[str, Any]]] = {"independent": [], "chained": [], "white": []}
+    batches: dict[str, list[dict[str, Any]]] = {"independent": [], "bare": [], "chained": [], "white": []}
     for line in lines:
         others = [other.track(1.0) for other in lines if other is not line]
         fit = fit_map_error(others, field_map)
         length, sensor = fit.correlation_length, fit.sensor_sigma
         result["settings"][line.name] = vars_of(fit)
         result["nis"][line.name] = [*nis(line, field_map, 1.0, sensor), *nis(line, field_map, length, sensor)]
-        for kind, own in (("whole", length), ("white", 1.0)):
-            rows = [row_of(line, match_line(line, field_map, own, sensor, shift)[0]) for shift in bearings(directions)]
+        for kind, own, noise, checked in (
+            ("whole", length, sensor, True),
+            ("bare", length, sensor, False),
+            ("white", 1.0, sensor, False),
+            ("unlearnt", *UNLEARNT, True),
+        ):
+            rows = [
+                row_of(line, match_line(line, field_map, own, noise, shift, checked=checked)[0])
+                for shift in bearings(directions)
+            ]
             result[kind][line.name] = {"rows": rows, **summary_of(rows)}
         result["rigid_m"][line.name] = [rigid_search(line, field_map, shift) for shift in bearings(directions)]
         result["growth"][line.name] = [
-            {"readings": n} | growth_at(line.part(n), field_map, length, sensor, directions // 2)
+            {"readings": n} | growth_at(line.part(n), field_map, length, sensor, 2)
             for n in [*(n for n in growth if n < line.value.size), line.value.size]
         ]
-        for shift in bearings(directions // 2):
-            for kind, own, chained in (
-                ("independent", length, False),
-                ("chained", length, True),
-                ("white", 1.0, False),
+        for shift in bearings(directions)[:2]:
+            for kind, own, chained, checked in (
+                ("independent", length, False, True),
+                ("bare", length, False, False),
+                ("chained", length, True, True),
+                ("white", 1.0, False, False),
             ):
-                matches = match_line(line, field_map, own, sensor, shift, batch_length=30, chained=chained)
+                matches = match_line(
+                    line, field_map, own, sensor, shift, batch_length=30, chained=chained, checked=checked
+                )
                 batches[kind] += [row_of(line, match, aided=chained) for match in matches]
     result["batches"] = {kind: summary_of(rows) | {"rows": rows} for kind, rows in batches.items()}
     return result
 
 
 def growth_at(line: Line, field_map: FieldMap, length: float, sensor: float, directions: int) -> dict[str, Any]:
-    """Return error and 1-sigma after some readings (prior and fix together), correlated and white; medians over directions."""
+    """Return medians over directions of error and 1-sigma after some readings, prior and fix together; white: the likelihood alone."""
     result = {}
     on_map = [shift for shift in bearings(directions) if _starts_on_map(line, field_map, shift)]
     for kind, own in (("correlated", length), ("white", 1.0)):
-        rows = [row_of(line, match_line(line, field_map, own, sensor, shift)[0], aided=True) for shift in on_map]
+        checked = kind == "correlated"
+        rows = [
+            row_of(line, match_line(line, field_map, own, sensor, shift, checked=checked)[0], aided=True)
+            for shift in on_map
+        ]
         result[kind] = {
             key: float(np.median([row[key] for row in rows])) if rows else math.nan
             for key in ("error_m", "sigma_long_m", "nees_per_axis")
@@ -281,7 +301,7 @@ def _starts_on_map(line: Line, field_map: FieldMap, shift: tuple[float, float]) 
     return int(np.isfinite(field_map.value(track.latitude, track.longitude)).sum()) >= 4
 
 
-def study_scotland(data: Path, directions: int = 4, thin: int = 2, swap: bool = True) -> dict[str, Any]:
+def study_scotland(data: Path, directions: int = 2, thin: int = 3, swap: bool = True) -> dict[str, Any]:
     """Return everything about Scotland: settings from the flight lines, applied to the tie lines, and the other way round."""
     field_map, flights, ties = scotland(data)
     result: dict[str, Any] = {}
@@ -292,18 +312,19 @@ def study_scotland(data: Path, directions: int = 4, thin: int = 2, swap: bool = 
         spread = np.concatenate([residuals(line, field_map)[0] for line in references])
         even = replace(field_map, sigma=np.full(field_map.values.shape, float(np.sqrt(np.nanmean(spread**2)))))
         runs = {
-            "own": (own, fit.correlation_length),
-            "even": (even, fit.correlation_length),
-            "white": (own, 1.0),
+            "own": (own, fit.correlation_length, True),
+            "bare": (own, fit.correlation_length, False),
+            "even": (even, fit.correlation_length, True),
+            "white": (own, 1.0, False),
         }
         part: dict[str, Any] = {"settings": vars_of(fit) | {"even_sigma": float(even.sigma.flat[0])}}  # type: ignore[union-attr]
         part["nis"] = {
             kind: np.mean([nis(line, used, length, sensor) for line in lines], axis=0).tolist()
-            for kind, (used, length) in runs.items()
+            for kind, (used, length, _) in runs.items()
         }
-        for kind, (used, length) in runs.items():
+        for kind, (used, length, checked) in runs.items():
             rows = [
-                row_of(line, match_line(line, used, length, sensor, shift)[0])
+                row_of(line, match_line(line, used, length, sensor, shift, checked=checked)[0])
                 for line in lines
                 for shift in bearings(directions)
             ]
@@ -325,59 +346,6 @@ def vars_of(fit: MapError) -> dict[str, float]:
     return {name: float(getattr(fit, name)) for name in fit.__slots__}
 
 
-def print_clear_lake(result: dict[str, Any]) -> None:
-    print("\nClear Lake: NIS per reading (and of a line's mean residual), white / correlated")
-    for name, (white, white_mean, correlated, mean) in result["nis"].items():
-        fit = result["settings"].get(name, result["settings"]["all lines"])
-        print(
-            f"  {name:10s} {white:5.2f} ({white_mean:6.1f}) / {correlated:5.2f} ({mean:5.1f})"
-            f"   L {fit['correlation_length']:6.0f} m, sensor {fit['sensor_sigma'] / MGAL:.2f} mGal"
-        )
-    print(
-        f"Whole lines from {AWAY / 1e3:.0f} km away; error km, long 1-sigma km, NEES per axis: correlated | white | rigid search"
-    )
-    for name in result["whole"]:
-        texts = [_text(result[kind][name]) for kind in ("whole", "white")]
-        print(f"  {name:10s} {' | '.join(texts)} | {np.median(result['rigid_m'][name]) / 1e3:.2f} km")
-    print("After n readings; error / long 1-sigma km, correlated | white")
-    for name, steps in result["growth"].items():
-        for step in steps:
-            texts = [
-                f"{step[kind]['error_m'] / 1e3:5.2f} / {step[kind]['sigma_long_m'] / 1e3:5.2f}"
-                for kind in ("correlated", "white")
-            ]
-            print(f"  {name:10s} {step['readings']:4d}  {' | '.join(texts)}")
-    print("Batches of 30:")
-    for kind, summary in result["batches"].items():
-        print(f"  {kind:12s} {_text(summary)}")
-
-
-def _text(s: dict[str, Any]) -> str:
-    head = f"{s['fixes']:3d} of {s['batches']:3d}"
-    if not s["fixes"]:
-        return head
-    return (
-        f"{head}: median {s['error_median_m'] / 1e3:.2f}, 90 % {s['error_90_m'] / 1e3:.2f},"
-        f" sigma {s['sigma_long_median_m'] / 1e3:.2f}, NEES {s['nees_per_axis']:.2f} (median {s['nees_per_axis_median']:.2f})"
-    )
-
-
-def print_scotland(result: dict[str, Any]) -> None:
-    for name, part in result.items():
-        fit = part["settings"]
-        print(
-            f"\nScotland, {name}: L {fit['correlation_length']:.0f} m, sensor {fit['sensor_sigma']:.2f} nT, sigma ="
-            f" hypot({fit['floor']:.1f} nT, {fit['reach']:.0f} m x RMS gradient over {fit['smoothing'] / 1e3:.0f} km);"
-            f" even: {fit['even_sigma']:.0f} nT"
-        )
-        for kind in ("own", "even", "white"):
-            per_reading, mean = part["nis"][kind]
-            print(f"  {kind:6s} NIS {per_reading:5.2f} (mean residual {mean:6.1f})  {_text(part[kind])}")
-        print(
-            f"  rigid search: median {part['rigid']['error_median_m'] / 1e3:.2f}, 90 % {part['rigid']['error_90_m'] / 1e3:.2f}"
-        )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", nargs="?", type=Path, default=Path("../shared/data"), help="folder of the data")
@@ -391,16 +359,17 @@ def main() -> None:
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "real_data.json").write_text(json.dumps(results, indent=1))
+    sys.path.insert(0, str(Path(__file__).parent))
     if options.figures:
-        sys.path.insert(0, str(Path(__file__).parent))
         from real_data_figures import write_figures
 
         write_figures(options.data, results, options.figures)
     if options.json:
         print(json.dumps(results))
     else:
-        print_clear_lake(results["clear_lake"])
-        print_scotland(results["scotland"])
+        from real_data_tables import tables
+
+        print(tables(results))
 
 
 if __name__ == "__main__":

@@ -115,6 +115,7 @@ def match_track(
     *,
     chained: bool = False,
     matcher: Matcher | None = None,
+    checked: bool = True,
 ) -> list[Match]:
     """Match all batches of a track.
 
@@ -129,6 +130,8 @@ def match_track(
         See the module.
     matcher : Matcher, optional
         Default: the one that the settings name.
+    checked : bool
+        Whether fixes of `pmht` are looked at twice (`robust`); False = its likelihood alone counts, for studies.
 
     Raises
     ------
@@ -153,7 +156,7 @@ def match_track(
         batch = without_map_edge(batch, field_map)
         before = memory
         fix, memory = matcher.match(batch, field_map, before)
-        if isinstance(matcher, Pmht):
+        if checked and isinstance(matcher, Pmht):
             fix, memory = _scrutinised(fix, memory, before, batch, field_map, matcher)
         fix = _unless_empty(fix, batch)
         error, covariance = update(batch, fix, error, covariance)
