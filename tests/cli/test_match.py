@@ -2,12 +2,14 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from helpers.bags import FIX, READING, position, reading, write_bag
 from helpers.tracks import FIELDS, field_of, made_track, write_csv
@@ -139,6 +141,35 @@ def test_normal_gravity_in_the_offset_may_be_that_of_another_latitude(files, cap
         _, told, error = call(capsys, *options, "--reduction", "latitude" if name == "own" else "none")
         assert "normal gravity" not in error
         assert np.trace(json.loads(told)[0]["covariance_enu"]) < np.trace(fix["covariance_enu"])
+
+
+def test_the_maps_error_is_learnt_from_reference_tracks(capsys, tmp_path):
+    """The map has an error of 30 nT over 2 km that it does not tell; two tracks with true positions do, the fix is then honest."""
+    from dataclasses import replace
+
+    field_map = field_of("magnetic_anomaly")
+    random = np.random.default_rng(5)
+    error = gaussian_filter(random.normal(size=field_map.values.shape), 1000.0 / field_map.cell_size_m(0.6)[0])
+    wrong = replace(field_map, values=field_map.values + 30.0 * error / error.std())
+    write_netcdf(wrong, tmp_path / "map.nc")
+    columns = "time,latitude,longitude,value"
+    references = []
+    for k, start in enumerate([(-20e3, -12e3), (0.0, -25e3)]):
+        known, _, _ = made_track(field_map, count=150, sigma=1.0, seed=k, start=start)
+        references += ["--reference", write_csv(tmp_path / f"r{k}.csv", known, columns)]
+    track, latitude, longitude = made_track(field_map, error=(700.0, -500.0), sigma=1.0, seed=9, count=120)
+    path = write_csv(tmp_path / "t.csv", track, columns)
+    options = ["--map", tmp_path / "map.nc", "--track", path, "--sensor-sigma", 1.0, "--batch-length", 120, "--json"]
+    status, out, said = call(capsys, *options, *references)
+    assert status == 0
+    assert 15.0 < float(re.search(r"300 readings: map error (\S+)", said)[1]) < 60.0
+    assert "taken as exact" not in said
+    (fix,) = json.loads(out)
+    apart = horizontal_difference(*np.radians([fix["latitude"], fix["longitude"]]), latitude[-1], longitude[-1])[::-1]
+    assert apart @ np.linalg.solve(fix["covariance_enu"], apart) < 13.8  # 99.9 %
+    status, _, said = call(capsys, *options, "--reference", tmp_path / "none.csv")
+    assert status == 2
+    assert "none.csv: cannot be read" in said
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from isogal.tracks.track import Track
 
 _MAP, _PRIOR, _OUT = "Map", "What is assumed", "Results"
+_UNUSED_SIGMA = 1.0  # of reference tracks: their noise is learnt
 _DEFAULT_GRAVITY_SIGMA = 1.0e-5  # m/s², as `gravimeter.sigma` of a scenario
 
 
@@ -140,6 +141,15 @@ def match(
             rich_help_panel=_PRIOR,
         ),
     ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--reference",
+            metavar="FILE",
+            help="Track like --track (CSV), near by and with true positions: the map's error is learnt from it; repeatable.",
+            rich_help_panel=_PRIOR,
+        ),
+    ] = None,
     bias_sigma: Annotated[
         float | None,
         typer.Option(
@@ -167,6 +177,8 @@ def match(
     recorded, field_map, factor = _load(
         map_, variable, quantity, unit, track, track_unit, sensor_sigma, reduction, fix_topic, prior_sigma
     )
+    if reference:
+        field_map = _with_learnt_error(field_map, reference, factor)
     recorded, off_map = fit_to_map(recorded, field_map)
     settings = _settings(overrides, field_map, factor, map_sigma, bias_sigma)
     if reduction is None:
@@ -230,6 +242,25 @@ def _load(
     if sigma is None and field_map.unit == "m/s²":
         sigma = _DEFAULT_GRAVITY_SIGMA
     return source.track(factor, sigma, reduction or "none"), field_map, factor
+
+
+def _with_learnt_error(field_map: "FieldMap", references: list[Path], factor: float) -> "FieldMap":
+    """Return the map with the error that makes the residuals of tracks with true positions most likely."""
+    import numpy as np
+
+    from isogal.tracks.csv_file import read_csv_track
+    from isogal.tracks.map_error import fit_map_error
+    from isogal.tracks.track import fit_to_map
+
+    tracks = [fit_to_map(read_csv_track(path).track(factor, _UNUSED_SIGMA), field_map)[0] for path in references]
+    fit = fit_map_error(tracks, field_map)
+    learnt = fit.apply(field_map)
+    sigma = np.concatenate([np.ravel(learnt.sigma_at(one.latitude, one.longitude)) for one in tracks])
+    _say(
+        f"learnt from {sum(len(one) for one in tracks)} readings: map error {np.nanmedian(sigma) / factor:.3g} (median there),"
+        f" correlated over {fit.correlation_length:.0f} m; readings good to {fit.sensor_sigma / factor:.2g}"
+    )
+    return learnt
 
 
 def _margin(prior_sigma: float) -> float:
