@@ -308,7 +308,7 @@ def study_scotland(data: Path, directions: int = 2, thin: int = 3, swap: bool = 
     for name, references, lines in (("tie lines", flights, ties), ("flight lines", ties, flights)):
         fit = fit_map_error([thinned(line, thin).track(1.0) for line in references], field_map)
         own = fit.apply(field_map)
-        sensor = max(fit.sensor_sigma, 1.0)  # readings were scaled off contours drawn every few nT
+        sensor = max(fit.sensor_sigma, 1.0)  # no aeromagnetic reading of the time was better
         spread = np.concatenate([residuals(line, field_map)[0] for line in references])
         even = replace(field_map, sigma=np.full(field_map.values.shape, float(np.sqrt(np.nanmean(spread**2)))))
         runs = {
