@@ -1,5 +1,6 @@
 """The bound against independent computations: dense conditioning, the non-linear strapdown, an exhaustive point-mass filter."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.strapdown import propagate
+from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
@@ -371,3 +373,43 @@ def test_told_at_batch_ends_only():
     between = np.setdiff1d(np.arange(20, 301), ends)
     assert (np.trace(batchwise[between], axis1=1, axis2=2) > np.trace(at_once[between], axis1=1, axis2=2)).all()
     assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
+
+
+# ---------------------------------------------------------------------------------------------------- several channels
+
+
+class TestChannels:
+    """Channels that see the same are worth as much as one with less noise."""
+
+    FIELD = field(lambda n, e: 1e-8 * np.sin(n / 3e3 + e / 5e3))
+
+    def bound(self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any) -> np.ndarray:
+        names = ("nn", "ne")[: len(covariance)]
+        settings = scenario(
+            field="gradient",
+            route={"duration": 1800.0},
+            gradiometer={"components": names, "covariance_eotvos": covariance},
+            map_error={"sigma": map_sigma},
+            **keys,
+        )
+        one = replace(self.FIELD, unit="1/s²", quantity="gradient")
+        return posterior_cramer_rao(settings, build_trajectory(settings), ChannelMap([one] * len(names))).covariance
+
+    def test_noise_of_one_and_of_two(self) -> None:
+        np.testing.assert_allclose(self.bound([[8.0, 0.0], [0.0, 8.0]]), self.bound([[4.0]]), rtol=1e-9)
+
+    def test_correlated_noise(self) -> None:
+        # the mean of both is the best there is: its variance is (a + b) / 2, or by weights (1' R⁻¹ 1)⁻¹
+        np.testing.assert_allclose(self.bound([[4.0, 2.0], [2.0, 4.0]]), self.bound([[3.0]]), rtol=1e-9)
+        weighted = 1.0 / np.linalg.inv([[4.0, 1.0], [1.0, 9.0]]).sum()
+        np.testing.assert_allclose(self.bound([[4.0, 1.0], [1.0, 9.0]]), self.bound([[weighted]]), rtol=1e-9)
+
+    def test_map_errors_of_two_channels_are_independent(self) -> None:
+        two = self.bound([[8.0, 0.0], [0.0, 8.0]], 3e-9)
+        np.testing.assert_allclose(two, self.bound([[4.0]], 3e-9 / np.sqrt(2.0)), rtol=1e-9)
+        assert (two[-1] > self.bound([[8.0, 0.0], [0.0, 8.0]])[-1]).any()
+
+    def test_outliers(self) -> None:
+        keys = {"gravimeter": {"outlier_fraction": 0.2, "outlier_sigma": 30.0}}
+        np.testing.assert_allclose(self.bound([[8.0, 0.0], [0.0, 8.0]], **keys), self.bound([[4.0]], **keys), rtol=1e-9)
+        assert self.bound([[4.0]], **keys)[-1, 0, 0] > self.bound([[4.0]])[-1, 0, 0]

@@ -132,7 +132,7 @@ class Bench:
         topic: Topic | None = None,
     ) -> None:
         """Publish a reduced (or raw) reading."""
-        topic = topic or topics.readings(self.scenario.scalar_field)
+        topic = topic or topics.readings(self.scenario.measured_field)
         message = topic.type()
         message.header.frame_id = frame
         convert.fill_accel(message, from_seconds(seconds), value, variance)

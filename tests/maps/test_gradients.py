@@ -132,3 +132,34 @@ def test_a_map_that_is_mostly_missing_or_too_tall_is_refused():
     tall = replace(field_map, latitude=np.linspace(-1.2, -0.2, 81))
     with pytest.raises(InputError, match="reaches too far north-south"):
         tensor_maps(tall)
+
+
+@pytest.mark.parametrize("length", [None, 3000.0])
+def test_errors_of_the_map_go_through_the_transform(length):
+    """Draws of white noise or of a field with covariance exp(-d / L), against the gain by their spectrum."""
+    flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=600.0)
+    n, m = flat.values.shape
+    side = 600.0 * np.arange(2 * n)
+    distance = np.hypot(*np.meshgrid(np.minimum(side, 2 * n * 600.0 - side), np.minimum(side, 2 * n * 600.0 - side)))
+    # circulant embedding: the spectrum of the covariance on a torus twice as large
+    power = np.ones((2 * n, 2 * n)) if length is None else np.maximum(np.fft.fft2(np.exp(-distance / length)).real, 0.0)
+    spread = {name: [] for name in COMPONENTS}
+    for seed in range(6):
+        white = np.random.default_rng(seed).standard_normal((2 * n, 2 * n))
+        values = 1e-5 * np.fft.ifft2(np.sqrt(power) * np.fft.fft2(white)).real[:n, :m]
+        for name, channel in zip(
+            COMPONENTS, tensor_maps(replace(flat, values=values), COMPONENTS, height=200.0).channels, strict=True
+        ):
+            spread[name].append(np.nanmean(channel.values**2))
+    told = {"quantisation": 1e-5} if length is None else {"sigma": 1e-5, "correlation_length": length}
+    maps = tensor_maps(replace(flat, **told), COMPONENTS, height=200.0)
+    for name, channel in zip(COMPONENTS, maps.channels, strict=True):
+        gain = channel.quantisation if length is None else channel.sigma
+        assert gain == pytest.approx(np.sqrt(np.mean(spread[name])), rel=0.05), name
+        assert (channel.sigma if length is None else channel.quantisation) == 0.0
+
+
+def test_a_map_that_is_exact_has_exact_gradients():
+    assert [channel.sigma for channel in tensor_maps(field_map_of(lambda n, e: 1e-9 * n + 0.0 * e)).channels] == [
+        0.0
+    ] * 5

@@ -1,25 +1,26 @@
-"""The sensor of the scalar field: what it feels (simulated, or from another source), and its reductions with the navigator's estimate.
+"""The sensor of the field: what it feels (simulated, or from another source), and its reductions with the navigator's estimate.
 
-A gravimeter, unless the parameter `field` says a magnetometer or a clearance meter.
+A gravimeter, unless the parameter `field` says a magnetometer, a clearance meter or a gradiometer.
 """
 
-import math
 import sys
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
 from gravimeter_node.thinning import Thinning
 from isogal.maps.load import map_for_scenario
+from isogal.sensors.fields import measured_field
 from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.health import OK, BadMessageError
 from isogal_ros.nav_buffer import NavBuffer
 from isogal_ros.node import GraphNode, NodeSettings
-from isogal_ros.readings import ADAPTERS
+from isogal_ros.readings import adapter_of
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import from_seconds, peek_ns, to_ns, to_seconds
 
@@ -36,7 +37,8 @@ class GravimeterNode(GraphNode):
     """At each scan publishes what the instrument feels, then its reductions once the navigator's state of that stamp is there."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "map", "map_error",
+        "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map",
+        "map_error",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
@@ -46,10 +48,11 @@ class GravimeterNode(GraphNode):
         self.reduced = 0
         """Readings reduced so far."""
         self._out_of_range = self._left_out = 0
-        self._variance = self.scenario.gravimeter.sigma**2
-        self._waiting: list[tuple[int, float, float]] = []
+        covariance = measured_field(self.scenario).covariance(self.scenario)
+        self._variance = self.scenario.gravimeter.sigma**2 if covariance is None else covariance
+        self._waiting: list[tuple[int, Any, Any]] = []
         self._newest = -1
-        self._adapter = ADAPTERS[self.scenario.scalar_field]
+        self._adapter = adapter_of(self.scenario)
         self._message = self._adapter.new_raw(self.scenario)
         if self.settings.simulate:
             self._felt = self._readings()
@@ -61,14 +64,14 @@ class GravimeterNode(GraphNode):
         self._outputs = Outputs(self)
         self._nav = NavBuffer(self, self.scenario, self._reduce)
 
-    def _readings(self) -> dict[int, float]:
-        """Return what is felt at each scan, by stamp; the map is not kept."""
+    def _readings(self) -> dict[int, Any]:
+        """Return what is felt at each scan, a number or one for each channel, by stamp; the map is not kept."""
         trajectory = build_trajectory(self.scenario)
         simulator = ReadingSimulator(
             self.scenario, trajectory, map_for_scenario(self.scenario, trajectory), [self.settings.run]
         )
         stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]
-        return dict(zip(stamps, simulator.felt[0].tolist(), strict=True))
+        return dict(zip(stamps, simulator.felt[0], strict=True))
 
     def _feel(self, data: bytes) -> None:
         felt = self._felt.get(ns := peek_ns(data))
@@ -90,8 +93,8 @@ class GravimeterNode(GraphNode):
             self._left_out += 1
             self.health.figures["readings between scans"] = self._left_out
 
-    def _enqueue(self, ns: int, felt: float, variance: float) -> None:
-        if math.isnan(felt):
+    def _enqueue(self, ns: int, felt: Any, variance: Any) -> None:
+        if np.isnan(felt).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
         self._waiting.append((ns, felt, variance))

@@ -1,35 +1,36 @@
 """What the sensor publishes of a reading: all reductions of its instrument."""
 
 import math
+from typing import Any
 
-from isogal.sensors.fields import of_instrument, scalar_field
+from isogal.sensors.fields import measured_field, of_instrument
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.nav_buffer import NavSample
 from isogal_ros.node import GraphNode
-from isogal_ros.readings import ADAPTERS
+from isogal_ros.readings import adapter_of
 
 
 class Outputs:
     """Publishers and messages; the graph waits for the reduction that is matched only."""
 
     def __init__(self, node: GraphNode) -> None:
-        matched = scalar_field(node.scenario)
+        matched = measured_field(node.scenario)
         self._reductions = []
         for field in of_instrument(matched.instrument):
-            adapter = ADAPTERS[field.name]
+            adapter = adapter_of(node.scenario, field.name)
             publisher = node.advertise(adapter.reduced, (topics.PMHT_MM, topics.INS_SIM) if field is matched else ())
             self._reductions.append((field.reduction(node.scenario), adapter, publisher, adapter.new_reduced()))
 
-    def publish(self, ns: int, felt: float, variance: float, nav: NavSample | None) -> None:
+    def publish(self, ns: int, felt: Any, variance: Any, nav: NavSample | None) -> None:
         """Publish a reading; NaN where there is nothing to reduce, or to reduce with, so that the scan is known to be without."""
         for reduction, adapter, publisher, message in self._reductions:
-            value, total, place = math.nan, variance, None
+            value, total, place = math.nan * felt, variance, None
             if nav is not None:
                 place = nav.latitude, nav.longitude
                 estimate = State(*place, nav.height, float(nav.velocity[0]), float(nav.velocity[1]))
-                value = float(reduction.reduce(felt, estimate))
+                value = reduction.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(reduction, estimate, nav.covariance[:4, :4], nav.height_variance)
-                total += float(by_navigator)
+                total = variance + float(by_navigator)
             adapter.fill_reduced(message, ns, value, total, place)
             publisher.publish(message)

@@ -48,7 +48,7 @@ class InsSimNode(GraphNode):
             self._others_say = self.listen(topics.DIAGNOSTICS, self._peers.hear)
             self.listen(topics.NAV_ODOM, self._hear_nav, raw=True)
             self.listen(topics.FIX, lambda data: self._answered(self.lock_step.fix(peek_ns(data))), raw=True)
-            reading = topics.readings(self.scenario.scalar_field)
+            reading = topics.readings(self.scenario.measured_field)
             self.listen(reading, lambda data: self._answered(self.lock_step.reading(peek_ns(data))), raw=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._pace = Pace(self, steady, self._paced)

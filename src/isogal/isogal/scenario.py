@@ -107,6 +107,51 @@ class Altimeter(_Section):
         return self
 
 
+TENSOR_COMPONENTS = ("nn", "ne", "nd", "ee", "ed", "dd")
+"""Second derivatives of the gravity potential by north (n), east (e) and down (d); five of them say all: dd = -nn - ee."""
+
+
+class Gradiometer(_Section):
+    """What field: gradient needs besides: components of the gravity gradient tensor and their noise, in Eötvös (1 E = 1e-9 1/s²)."""
+
+    components: tuple[str, ...] = Field(
+        TENSOR_COMPONENTS[:5],
+        min_length=1,
+        max_length=5,
+        description="which it measures, of nn, ne, nd, ee, ed, dd (n north, e east, d down)",
+    )
+    sigma_eotvos: Positive = Field(1.0, description="white noise of each component, E; instead of gravimeter.sigma")
+    covariance_eotvos: tuple[tuple[float, ...], ...] | None = Field(
+        None, description="covariance of the noise, row by row in the order of components, E², instead of sigma_eotvos"
+    )
+
+    @model_validator(mode="after")
+    def _known_components(self) -> "Gradiometer":
+        unknown = [name for name in self.components if name not in TENSOR_COMPONENTS]
+        if unknown:
+            raise ValueError(f"components: unknown '{unknown[0]}'; allowed: {', '.join(TENSOR_COMPONENTS)}")
+        if len(set(self.components)) < len(self.components):
+            raise ValueError(f"components: each once, not {', '.join(self.components)}")
+        return self
+
+    @model_validator(mode="after")
+    def _possible_covariance(self) -> "Gradiometer":
+        if self.covariance_eotvos is None:
+            return self
+        count = len(self.components)
+        if [len(row) for row in self.covariance_eotvos] != [count] * count:
+            raise ValueError(
+                f"covariance_eotvos: must have {count} rows of {count} numbers, one for each of components"
+            )
+        import numpy as np
+
+        matrix = np.array(self.covariance_eotvos)
+        symmetric = np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0)
+        if not (symmetric and np.linalg.eigvalsh(matrix).min() > 0.0):
+            raise ValueError("covariance_eotvos: must be symmetric and positive definite")
+        return self
+
+
 class Map(_Section):
     """The map."""
 
@@ -118,7 +163,7 @@ class Map(_Section):
 class MapError(_Section):
     """How the simulated truth differs from the map: a Gaussian field with covariance sigma² exp(-d / L)."""
 
-    sigma: NonNegative = Field(0.0, description="m/s² (field: magnetic nT, terrain m)")
+    sigma: NonNegative = Field(0.0, description="m/s² (field: magnetic nT, terrain m, gradient 1/s²)")
     correlation_length: Positive = Field(4000.0, description="L, m")
 
 
@@ -163,8 +208,8 @@ class Scenario(_Section):
     """A whole run."""
 
     seed: int = Field(0, ge=0, description="every random stream derives from it")
-    field: Literal["gravity", "disturbance", "magnetic", "terrain"] | None = Field(
-        None, description="scalar field that is measured and matched; null = gravimeter.quantity"
+    field: Literal["gravity", "disturbance", "magnetic", "terrain", "gradient"] | None = Field(
+        None, description="field that is measured and matched; null = gravimeter.quantity"
     )
     route: Route = Route()
     imu: Imu = Imu()
@@ -172,6 +217,7 @@ class Scenario(_Section):
     gravimeter: Gravimeter = Gravimeter()
     magnetometer: Magnetometer = Magnetometer()
     altimeter: Altimeter = Altimeter()
+    gradiometer: Gradiometer = Gradiometer()
     map: Map = Map()
     map_error: MapError = MapError()
     matcher: Matcher = Matcher()
@@ -186,7 +232,7 @@ class Scenario(_Section):
         return self
 
     @property
-    def scalar_field(self) -> str:
+    def measured_field(self) -> str:
         """Name of the field that is measured and matched, one of `isogal.sensors.fields.FIELDS`."""
         return self.field or self.gravimeter.quantity
 
@@ -270,7 +316,8 @@ def _nearest(key: str) -> str:
     siblings = [k for k in keys if k.rpartition(".")[0] == section]
     for candidates, cutoff in ((siblings, 0.6), (keys, 0.8)):
         leaves = {k.rpartition(".")[2]: k for k in candidates}
-        close = difflib.get_close_matches(leaf, leaves, n=1, cutoff=cutoff)
+        close = [name for name in leaves if leaf and name.startswith(f"{leaf}_")]
+        close = close or difflib.get_close_matches(leaf, leaves, n=1, cutoff=cutoff)
         if close:
             return f", did you mean '{leaves[close[0]]}'?"
     return f"; allowed: {', '.join(siblings)}" if siblings else ""

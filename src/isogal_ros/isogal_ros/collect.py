@@ -9,6 +9,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Candidates
 from isogal.scenario import Scenario
@@ -16,7 +17,7 @@ from isogal_ros import topics
 from isogal_ros.bag_reader import BagReader, topic_of
 from isogal_ros.convert import read_candidates, read_covariance, read_position
 from isogal_ros.health import BadMessageError, figures_of
-from isogal_ros.readings import ADAPTERS
+from isogal_ros.readings import adapter_of
 from isogal_ros.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.topics import Topic
 
@@ -48,7 +49,7 @@ class Collector:
         self._plain: dict[str, dict[int, bytes]] = {
             topics.TRUTH_FIX.name: self.truth,
             topics.INS_FIX.name: self.unaided,
-            topics.readings(scenario.scalar_field).name: self.readings,
+            topics.readings(scenario.measured_field).name: self.readings,
             topics.FIX.name: self.fixes,
             topics.CANDIDATES.name: self.candidates,
         }
@@ -95,7 +96,7 @@ class Collector:
                 result[ns] = latitude, longitude
         return result
 
-    def runs(self, field_map: FieldMap) -> Runs | None:
+    def runs(self, field_map: AnyMap) -> Runs | None:
         """Return the record of the run; None where truth or navigation is missing, or no scan is covered by both."""
         scans = sorted(ns for ns in self.readings if ns in self.truth and ns in self.last_nav)
         starts = sorted(ns for ns in self.last_nav if ns in self.truth)
@@ -118,7 +119,7 @@ class Collector:
             covariance=covariance[None],
             unaided_error=horizontal_difference(unaided[:, 0], unaided[:, 1], truth[:, 0], truth[:, 1])[None],
             **self._fix_record(ends),
-            detail=self._detail(scans, ends, field_map),
+            detail=self._detail(scans, ends, channels_of(field_map)[0]),
         )
 
     def _fix_record(self, ends: list[int]) -> dict[str, Any]:
@@ -170,9 +171,10 @@ class Collector:
         return found if found is not None and len(found.latitude) else None
 
     def _reading(self, data: bytes) -> float:
-        adapter = ADAPTERS[self.scenario.scalar_field]
+        adapter = adapter_of(self.scenario)
         try:
-            return adapter.read_reduced(deserialize_message(data, adapter.reduced.type))[0]
+            value, _ = adapter.read_reduced(deserialize_message(data, adapter.reduced.type))
+            return float(np.ravel(value)[0])  # figures show the first channel
         except BadMessageError:
             return float("nan")
 

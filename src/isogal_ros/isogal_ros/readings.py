@@ -1,6 +1,7 @@
-"""Readings of scalar fields as messages: what each instrument publishes raw, and what is published of it once it is reduced.
+"""Readings as messages: what each instrument publishes raw, and what is published of it once it is reduced.
 
-Values and variances are in the unit of the field's maps (m/s², nT, m); messages have those of their definitions (m/s², T, m).
+Values and variances are in the unit of the field's maps (m/s², nT, m, 1/s²); messages have those of their definitions (m/s², T, m).
+A reading of several channels is an array (C,) with a covariance (C, C) instead of a number and its variance.
 Readers raise `BadMessageError` for what cannot be used.
 """
 
@@ -14,6 +15,7 @@ from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.convert import NOT_MEASURED, PLATFORM, fill_accel, fill_fix, read_accel
+from isogal_ros.gradiometer import GradiometerAdapter
 from isogal_ros.health import BadMessageError
 from isogal_ros.stamps import set_stamp
 from isogal_ros.topics import Topic
@@ -38,11 +40,11 @@ class Adapter(Protocol):
         """Return a raw message of the simulated instrument, to be filled."""
         ...
 
-    def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
+    def fill_raw(self, message: Any, ns: int, value: Any, variance: Any) -> None:
         """Write what is felt (NaN = nothing in range) into a raw message."""
         ...
 
-    def read_raw(self, message: Any) -> tuple[float, float | None]:
+    def read_raw(self, message: Any) -> tuple[Any, Any | None]:
         """Return (what was felt, NaN = nothing in range; its variance, None = unknown)."""
         ...
 
@@ -50,11 +52,11 @@ class Adapter(Protocol):
         """Return a message for reduced readings, to be filled."""
         ...
 
-    def fill_reduced(self, message: Any, ns: int, value: float, variance: float, place: Place) -> None:
+    def fill_reduced(self, message: Any, ns: int, value: Any, variance: Any, place: Place) -> None:
         """Write a reduced reading (NaN = none) into its message."""
         ...
 
-    def read_reduced(self, message: Any) -> tuple[float, float]:
+    def read_reduced(self, message: Any) -> tuple[Any, Any]:
         """Return (reduced reading, NaN = the instrument had none in range; variance)."""
         ...
 
@@ -211,10 +213,17 @@ class AltimeterAdapter:
         return value, variance
 
 
-ADAPTERS: dict[str, Adapter] = {
+ADAPTERS: dict[str, Any] = {
     "gravity": GravimeterAdapter(topics.GRAVITY),
     "disturbance": GravimeterAdapter(topics.DISTURBANCE),
     "magnetic": MagnetometerAdapter(),
     "terrain": AltimeterAdapter(),
+    "gradient": GradiometerAdapter(),
 }
 """By name of the field (`isogal.sensors.fields.FIELDS`)."""
+
+
+def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
+    """Return the adapter of a field, by default the scenario's own, as the scenario's instrument needs it."""
+    adapter: Adapter = ADAPTERS[field or scenario.measured_field]
+    return GradiometerAdapter(scenario.gradiometer.components) if isinstance(adapter, GradiometerAdapter) else adapter

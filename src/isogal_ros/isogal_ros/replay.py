@@ -65,13 +65,13 @@ class Replay:
 class _Feeder(GraphNode):
     """Publishes the recorded messages and hears all that the nodes answer."""
 
-    sections: ClassVar[Collection[str]] = ("field", "gravimeter")
+    sections: ClassVar[Collection[str]] = ("field", "gravimeter", "gradiometer")
 
     def setup(self) -> None:
         self.collector = Collector(self.scenario)
         self.heard = 0
         self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
-        self._readings = self.advertise(topics.readings(self.scenario.scalar_field), consumers=(topics.PMHT_MM,))
+        self._readings = self.advertise(topics.readings(self.scenario.measured_field), consumers=(topics.PMHT_MM,))
         for topic in ANSWERS:
             self.listen(topic, self._keep(topic), raw=True)
 
@@ -150,7 +150,7 @@ def replay(reader: BagReader, interrupt: Interrupt, report: Callable[[float, flo
 
 
 def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
-    topic = topics.readings(scenario.scalar_field)
+    topic = topics.readings(scenario.measured_field)
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
     wanted = (topics.IMU, *collector.topics())

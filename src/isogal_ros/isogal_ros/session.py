@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from isogal.errors import InputError
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap
 from isogal.maps.load import map_for_scenario
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
+from isogal.sensors.fields import measured_field
+from isogal.sensors.simulator import true_readings
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bag import prepare_folder
 from isogal_ros.bag_reader import BagReader
@@ -36,8 +38,9 @@ def run_session(scenario: Scenario, out: Path, bag: Path | None, *, in_process: 
     """
     _say("Preparing the map and the route ...")
     trajectory = build_trajectory(scenario)
+    build_matcher(scenario.matcher, measured_field(scenario).vector is not None)
     field_map = map_for_scenario(scenario, trajectory)
-    build_matcher(scenario.matcher)
+    true_readings(scenario, trajectory, field_map)  # as the sensor's node will want to have them
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)
@@ -124,7 +127,7 @@ def evaluate(
     collector: Collector,
     scenario: Scenario,
     trajectory: Trajectory,
-    field_map: FieldMap,
+    field_map: AnyMap,
     out: Path,
     wall_seconds: float,
 ) -> dict[str, Any] | None:

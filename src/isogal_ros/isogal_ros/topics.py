@@ -50,6 +50,8 @@ MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
 ANOMALY = Topic("magnetometer/anomaly", MagneticField)
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
+FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
+GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
 """Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector (4) and matrix (4 x 4) of the likelihood
@@ -65,13 +67,20 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN,
-    FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
+    FULL_GRADIENT, GRADIENT, FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
 )  # fmt: skip
 
 
 def readings(field: str) -> Topic:
     """Return the topic of a field's reduced readings (`isogal.sensors.fields`)."""
-    return {"gravity": GRAVITY, "disturbance": DISTURBANCE, "magnetic": ANOMALY, "terrain": TERRAIN}[field]
+    names = {
+        "gravity": GRAVITY,
+        "disturbance": DISTURBANCE,
+        "magnetic": ANOMALY,
+        "terrain": TERRAIN,
+        "gradient": GRADIENT,
+    }
+    return names[field]
 
 
 def type_name(message_type: Any) -> str:

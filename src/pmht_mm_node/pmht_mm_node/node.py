@@ -10,12 +10,12 @@ from isogal.maps.load import map_for_scenario
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher
-from isogal.sensors.fields import scalar_field
+from isogal.sensors.fields import measured_field
 from isogal_ros import params, topics
 from isogal_ros.health import OK, BadMessageError, status
 from isogal_ros.nav_buffer import NavSample
 from isogal_ros.node import GraphNode
-from isogal_ros.readings import ADAPTERS
+from isogal_ros.readings import adapter_of
 from isogal_ros.spin import run_node
 from isogal_ros.stamps import to_ns, to_seconds
 from pmht_mm_node.outputs import Outputs
@@ -27,7 +27,7 @@ class PmhtMmNode(GraphNode):
     """Collects scans with the navigator's state at their stamps; at the end of a batch publishes a fix, or says why there is none."""
 
     sections: ClassVar[Sequence[str]] = (
-        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "map", "matcher",
+        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map", "matcher",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
@@ -41,14 +41,16 @@ class PmhtMmNode(GraphNode):
         self.taken = 0
         """Readings received, whatever became of them."""
         self._fixes = self._declined = 0
-        self._matcher, self._memory = build_matcher(self.scenario.matcher), None
+        field = measured_field(self.scenario)
+        self._vector = field.vector is not None
+        self._matcher, self._memory = build_matcher(self.scenario.matcher, self._vector), None
         self._map = map_for_scenario(self.scenario)
-        reduction = scalar_field(self.scenario).reduction(self.scenario)
-        self._builder = BatchBuilder(self.scenario.matcher, reduction, self._matcher.context)
+        reduction, covariance = field.reduction(self.scenario), field.covariance(self.scenario)
+        self._builder = BatchBuilder(self.scenario.matcher, reduction, self._matcher.context, covariance)
         warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._scan)
-        self._adapter = ADAPTERS[self.scenario.scalar_field]
+        self._adapter = adapter_of(self.scenario)
         self.listen(self._adapter.reduced, self._take)
 
     def changed(self, values: dict[str, Any]) -> None:
@@ -59,7 +61,7 @@ class PmhtMmNode(GraphNode):
             document[section][key] = value
         scenario = params.scenario_from(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
-            self._matcher, self._memory = build_matcher(scenario.matcher), None
+            self._matcher, self._memory = build_matcher(scenario.matcher, self._vector), None
             self.scenario = scenario
 
     def _take(self, message: Any) -> None:
@@ -73,7 +75,7 @@ class PmhtMmNode(GraphNode):
             reading = math.nan  # the scan took place; that it gave nothing is known to the batch
         self.scans.add(ns, reading)
 
-    def _scan(self, nav: NavSample, reading: float) -> None:
+    def _scan(self, nav: NavSample, reading: Any) -> None:
         for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
         sigma = self.scenario.gravimeter.sigma

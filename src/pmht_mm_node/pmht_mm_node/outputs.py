@@ -31,7 +31,9 @@ class Outputs:
         each_scan = fix.published and self._retrodict and not fix.reset
         if each_scan and fix.scan_position is not None and fix.scan_covariance is not None:
             # a fix for each scan that no earlier batch has used; the last one is that of the batch end
-            for stamp, position, covariance in zip(batch.time, fix.scan_position, fix.scan_covariance, strict=True):
+            for stamp, position, covariance in zip(
+                batch.scan_time, fix.scan_position, fix.scan_covariance, strict=True
+            ):
                 if np.isfinite(covariance).all():
                     self._send(from_seconds(stamp), (*position, height), covariance)
         else:

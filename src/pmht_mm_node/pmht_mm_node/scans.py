@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -27,8 +28,8 @@ class Scans:
         Called with the navigator's state and the reading (NaN = none) of each scan, in order of time.
     """
 
-    def __init__(self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, float], None]) -> None:
-        self.waiting: list[tuple[int, float]] = []
+    def __init__(self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, Any], None]) -> None:
+        self.waiting: list[tuple[int, Any]] = []
         """Readings (stamp, value) for which the navigator's state is still to come."""
         self._health = node.health
         self._interval = from_seconds(scenario.gravimeter.interval)
@@ -43,7 +44,7 @@ class Scans:
             raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
         self._newest = ns
 
-    def add(self, ns: int, reading: float) -> None:
+    def add(self, ns: int, reading: Any) -> None:
         """Take a reading; NaN = the scan took place and gave nothing."""
         self.waiting.append((ns, reading))
         self._process()
@@ -86,6 +87,6 @@ class Scans:
             if nav is not None:
                 self._scan(nav, math.nan)
 
-    def _scan(self, nav: NavSample, reading: float) -> None:
+    def _scan(self, nav: NavSample, reading: Any) -> None:
         self._last = nav.ns
         self._taken(nav, reading)

@@ -2,23 +2,24 @@
 
 import numpy as np
 
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Matcher
 from isogal.scenario import Scenario
+from isogal.sensors.fields import measured_field, reading_sigma
 from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import build_trajectory
 
 
-def warm_up(matcher: Matcher, field_map: FieldMap, scenario: Scenario, reduction: Reduction) -> None:
+def warm_up(matcher: Matcher, field_map: AnyMap, scenario: Scenario, reduction: Reduction) -> None:
     """Match a made-up batch at the start of the route; the result is thrown away."""
     trajectory = build_trajectory(scenario)
     settings = scenario.matcher
-    builder = BatchBuilder(settings, reduction, matcher.context)
+    builder = BatchBuilder(settings, reduction, matcher.context, measured_field(scenario).covariance(scenario))
     for scan in range(1, settings.batch_length + 1):
         k = min(scan * scenario.steps_per_scan, len(trajectory))
         place = trajectory.latitude[k], trajectory.longitude[k]
-        reading = float(field_map.value(*place)) + scenario.gravimeter.sigma * (-1.0) ** scan
+        reading = field_map.value(*place) + reading_sigma(scenario) * (-1.0) ** scan
         builder.add_scan(
             scan * scenario.gravimeter.interval, *place, trajectory.velocity[k, :2], reading, scenario.gravimeter.sigma
         )

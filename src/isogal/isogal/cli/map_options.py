@@ -126,7 +126,7 @@ def load(
     """Read a map; ``meaning`` is variable, quantity, unit, crs and format as the user gave them."""
     from isogal.maps.load import load_map
     from isogal.maps.synthetic import synthetic_map
-    from isogal.sensors.fields import scalar_field
+    from isogal.sensors.fields import measured_field
 
     variable, quantity, unit, crs, format_name = meaning
     if source != "synthetic":
@@ -136,7 +136,7 @@ def load(
     by_variable = {None: None, "ga": "gravity", "dg": "disturbance", "height": "height"}
     if variable not in by_variable:
         raise InputError(f"--variable {variable}: the synthetic map has height, ga and dg")
-    quantity = quantity or by_variable[variable] or (scalar_field(settings).quantity if settings else "gravity")
+    quantity = quantity or by_variable[variable] or (measured_field(settings).source if settings else "gravity")
     with Bars("tiles") as progress:
         return synthetic_map(quantity, window, lambda done, total: progress("tiles", done, total))
 

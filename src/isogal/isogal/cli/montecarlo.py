@@ -55,14 +55,17 @@ def montecarlo(
     from isogal.montecarlo.store import Store
     from isogal.montecarlo.study import Backend, compute_cases
     from isogal.scenario import load_scenario
+    from isogal.sensors.fields import measured_field
+    from isogal.sensors.simulator import true_readings
     from isogal.sensors.trajectory import build_trajectory
 
     overrides = [*(set_ or ()), *([f"matcher.name={matcher}"] if matcher else ())]
     settings = load_scenario(scenario, overrides)
     backend = Backend(workers, scheduler)
-    build_matcher(settings.matcher)
+    build_matcher(settings.matcher, measured_field(settings).vector is not None)
     trajectory = build_trajectory(settings)
     field_map = map_for_scenario(settings, trajectory)
+    true_readings(settings, trajectory, field_map)
     case = Case("montecarlo", settings, runs, field_map)
     store = Store(out / "runs")
     out.mkdir(parents=True, exist_ok=True)

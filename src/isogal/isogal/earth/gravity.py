@@ -46,6 +46,24 @@ def normal_gravity_gradient_north(latitude: ArrayLike) -> NDArray[np.float64]:
     return derivative / radii(latitude)[0]
 
 
+def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.float64]:
+    """Return the normal gravity gradient (..., 3, 3), s⁻², axes north, east, down, at latitudes (rad) and heights (m) that broadcast.
+
+    On the ellipsoid, a level surface, its curvatures give U_nn = -g/M and U_ee = -g/N, the change of g along it U_nd, and Poisson's
+    equation outside the masses the rest, U_nn + U_ee + U_dd = 2 w² (Heiskanen and Moritz 1967, sections 1-5 and 2-9). The radii grow by the
+    height, g falls by it.
+    """
+    lat, h = np.broadcast_arrays(np.asarray(latitude, dtype=float), np.asarray(height, dtype=float))
+    m, n = radii(lat)
+    gravity = normal_gravity(lat, h)
+    gradient = np.zeros((*lat.shape, 3, 3))
+    gradient[..., 0, 0] = -gravity / (m + h)
+    gradient[..., 1, 1] = -gravity / (n + h)
+    gradient[..., 2, 2] = 2.0 * EARTH_RATE**2 - gradient[..., 0, 0] - gradient[..., 1, 1]
+    gradient[..., 0, 2] = gradient[..., 2, 0] = normal_gravity_gradient_north(lat)
+    return gradient
+
+
 def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> NDArray[np.float64]:
     """Return the Eötvös acceleration (m/s², positive up): 2 w cos(lat) v_e + v_e²/(N+h) + v_n²/(M+h).
 

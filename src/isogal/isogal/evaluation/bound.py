@@ -6,6 +6,9 @@ the truth: a reading compares the map at the navigator's position with the field
 map's gradient, velocity and latitude errors by the reductions, the map's own error and white noise. The map's error, a field with
 covariance sigma² exp(-d / L), is along the track a first-order Gauss-Markov process: one more state.
 
+A reading of several channels is turned, by the eigenvectors of its noise's covariance, into as many with independent noise; map errors of
+the channels, independent and equal in sigma and L, stay so. Each has then its own state and is taken in turn.
+
 The vertical accelerometer tells nothing here: with the height known it could sense the east velocity by the Coriolis term, but only if
 gravity along the route were known to the accelerometer's noise, which no vehicle has (see `isogal.fusion.navigator`).
 """
@@ -18,9 +21,10 @@ from numpy.typing import NDArray
 from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.kernels import kernel
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
+from isogal.sensors.fields import measured_field
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.trajectory import Trajectory
 
@@ -47,7 +51,7 @@ class BoundResult:
 
 
 def posterior_cramer_rao(
-    scenario: Scenario, trajectory: Trajectory, field_map: FieldMap, *, batchwise: bool = False
+    scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, *, batchwise: bool = False
 ) -> BoundResult:
     """Bound for a navigator that uses every reading at once, with the scenario's noise and map error.
 
@@ -59,19 +63,27 @@ def posterior_cramer_rao(
         Initial errors, IMU grade, gravimeter noise and the map error of the simulated truth.
     trajectory : Trajectory
         The true route.
-    field_map : FieldMap
+    field_map : FieldMap or ChannelMap
         The map; its gradient is taken at the true positions.
     batchwise : bool
         The bound of a navigator that learns what a batch's readings say only where the batch ends, as any batch matcher does.
     """
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     latitude, longitude, velocity = trajectory.latitude[scans], trajectory.longitude[scans], trajectory.velocity[scans]
-    _, north, east = field_map.value_and_gradient(latitude, longitude)
     # with the navigator at error xi: reading - map(navigator's position) = (jacobian - gradient) xi + map error + noise
-    sensitivity = reading_jacobian(field_map.quantity, latitude, velocity[:, 0], velocity[:, 1])
-    sensitivity[:, 0] -= north
-    sensitivity[:, 1] -= east
-    noise = effective_noise_variance(scenario.gravimeter, field_map.quantisation)
+    channels = []
+    for one in channels_of(field_map):
+        _, north, east = one.value_and_gradient(latitude, longitude)
+        jacobian = reading_jacobian(one.quantity, latitude, velocity[:, 0], velocity[:, 1])
+        jacobian[:, 0] -= north
+        jacobian[:, 1] -= east
+        channels.append(jacobian)
+    sensitivity = np.stack(channels, axis=1)
+    noise = np.array([effective_noise_variance(scenario.gravimeter, channels_of(field_map)[0].quantisation)])
+    if (covariance := measured_field(scenario).covariance(scenario)) is not None:
+        rounding = np.array([one.quantisation for one in channels_of(field_map)]) ** 2 / 12.0
+        noise, turn = np.linalg.eigh(_effective_noise(scenario.gravimeter, covariance, rounding))
+        sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
     told = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
         told[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
@@ -81,7 +93,7 @@ def posterior_cramer_rao(
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Error covariance of the navigator without any reading, from the same linear model."""
     scans = len(trajectory) // scenario.steps_per_scan
-    return _run(scenario, trajectory, np.full((scans, 4), np.nan), 1.0, np.ones(scans, dtype=np.bool_))
+    return _run(scenario, trajectory, np.full((scans, 1, 4), np.nan), np.ones(1), np.ones(scans, dtype=np.bool_))
 
 
 def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
@@ -96,13 +108,22 @@ def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) 
     return 1.0 / ((1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier)
 
 
+def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) -> Array:
+    """Return the same (C, C) for readings of C channels with a covariance of their noise, and variances (C,) of the maps' rounding."""
+    good = covariance + np.diag(rounding)
+    outlier = good + gravimeter.outlier_sigma**2 * covariance
+    share = gravimeter.outlier_fraction
+    return np.asarray(np.linalg.inv((1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)))
+
+
 def _run(
-    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: float, told: NDArray[np.bool_]
+    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: Array, told: NDArray[np.bool_]
 ) -> BoundResult:
     segments = divide(scenario, trajectory)
-    start = np.zeros((STATES + 1, STATES + 1))
+    channels = len(noise)
+    start = np.zeros((STATES + channels, STATES + channels))
     start[:STATES, :STATES] = initial_covariance(scenario)
-    start[STATES, STATES] = scenario.map_error.sigma**2
+    start[STATES:, STATES:] = scenario.map_error.sigma**2 * np.eye(channels)
     covariance = _riccati(
         start,
         segments.geometry,
@@ -128,11 +149,11 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
 
 @kernel
 def _riccati(start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise, told):  # type: ignore[no-untyped-def]
-    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A scan whose sensitivity is NaN is skipped.
+    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A channel whose sensitivity is NaN is skipped.
 
     What the readings say gets through to the navigator where it is told of them; from there to the next time it goes on alone.
     """
-    n, m = start.shape[0], start.shape[0] - 1
+    n, m = start.shape[0], start.shape[0] - noise.shape[0]
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
@@ -149,8 +170,9 @@ def _riccati(start, geometry, force, rotation, density, correlation, dt, per_sca
         alone = transition @ (alone + half_noise) @ transition.T + half_noise
         if (k + 1) % per_scan == 0:
             scan = (k + 1) // per_scan - 1
-            if not np.isnan(sensitivity[scan]).any():
-                _update(P, sensitivity[scan], noise)
+            for c in range(noise.shape[0]):
+                if not np.isnan(sensitivity[scan, c]).any():
+                    _update(P, sensitivity[scan, c], noise[c], m + c)
             if told[scan]:
                 alone = P.copy()
             result[scan + 1] = alone[:2, :2]
@@ -165,7 +187,8 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
         for j in range(m):
             transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]
         transition[i, i] += 1.0
-    transition[m, m] = correlation
+    for c in range(m, transition.shape[0]):
+        transition[c, c] = correlation
     for i in range(3):
         for j in range(3):
             acceleration, rate = 0.0, 0.0
@@ -176,19 +199,20 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
                 half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
             half_noise[4 + i, 4 + j] = 0.5 * dt * rate
     # the same trapezoid for the map error: c² (P + q) + q keeps its stationary variance
-    half_noise[m, m] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
+    for c in range(m, transition.shape[0]):
+        half_noise[c, c] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
 
 
 @kernel
-def _update(P, sensitivity, noise):  # type: ignore[no-untyped-def]
-    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, and the map error by one."""
+def _update(P, sensitivity, noise, error):  # type: ignore[no-untyped-def]
+    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, its map error (a state) by one."""
     n = P.shape[0]
     column = np.empty(n)
     for i in range(n):
-        column[i] = P[i, n - 1]
+        column[i] = P[i, error]
         for j in range(4):
             column[i] += P[i, j] * sensitivity[j]
-    variance = noise + column[n - 1]
+    variance = noise + column[error]
     for j in range(4):
         variance += sensitivity[j] * column[j]
     for i in range(n):

@@ -16,16 +16,19 @@ from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.records import Runs
 from isogal.evaluation.report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.summary import summarise
+from isogal.maps.channels import channels_of
 from isogal.scenario import Scenario
+from isogal.sensors.fields import reading_sigma
 
 if TYPE_CHECKING:
+    from isogal.maps.channels import AnyMap
     from isogal.maps.field_map import FieldMap
 
 
 def run_report(
     runs: Runs,
     scenario: Scenario,
-    field_map: "FieldMap",
+    field_map: "AnyMap",
     bound: BoundResult,
     out_dir: str | Path,
     summary: dict[str, Any] | None = None,
@@ -38,8 +41,8 @@ def run_report(
         One run is shown in detail; of many, the ensemble and, where it has a detail, the first run.
     scenario : Scenario
         What they were runs of.
-    field_map : FieldMap
-        The map they were matched against.
+    field_map : FieldMap or ChannelMap
+        The map they were matched against; of several channels the first is shown.
     bound : BoundResult
         `posterior_cramer_rao` of the scenario.
     out_dir : path
@@ -55,7 +58,11 @@ def run_report(
     bound_rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
     summary = summary or summarise(runs, scenario, bound_rms)
     many = len(runs) > 1
-    sections = [_accuracy(runs, bound_rms, many), *_single(runs, scenario, field_map, many), _batches(runs, many)]
+    sections = [
+        _accuracy(runs, bound_rms, many),
+        *_single(runs, scenario, channels_of(field_map)[0], many),
+        _batches(runs, many),
+    ]
     listing = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
     sections.append(
         Section(
@@ -71,8 +78,8 @@ def run_report(
         f"{scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed}, "
         f"{runs.elapsed[-1] / 3600:.2f} h"
     )
-    sigma = f"{scenario.gravimeter.sigma:g}".replace("e-0", "e-")
-    title = f"{what}: {scenario.scalar_field} matching, sigma {sigma} {field_map.unit}"
+    sigma = f"{reading_sigma(scenario):g}".replace("e-0", "e-")
+    title = f"{what}: {scenario.measured_field} matching, sigma {sigma} {field_map.unit}"
     return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
 
 
@@ -149,7 +156,7 @@ def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -
         )
     ]
     if runs.detail is not None:
-        measured = signal_figure(runs, field_map, scenario.gravimeter.sigma)
+        measured = signal_figure(runs, field_map, reading_sigma(scenario))
         caption = (
             "Reduced readings and the map's values. Slow differences to the map at the true position come from the "
             "reduction with the navigator's wrong velocity, and from the map's error where it has one."

@@ -1,14 +1,16 @@
 """Several maps on one grid, for sensors that measure several quantities at once, such as the gravity gradient tensor."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap, Grid
+from isogal.maps.interpolation import Values
 
 
 class ChannelMap:
@@ -18,6 +20,8 @@ class ChannelMap:
     ----------
     channels : sequence of FieldMap
         At least one.
+    values : (C, n, m) array, optional
+        Of all channels, where theirs are parts of one array already; else they are put together in one.
 
     Raises
     ------
@@ -25,31 +29,51 @@ class ChannelMap:
         Grids or units differ.
     """
 
-    def __init__(self, channels: Sequence[FieldMap]) -> None:
+    def __init__(self, channels: Sequence[FieldMap], values: Values | None = None) -> None:
         if not channels:
             raise InputError("a vector map needs at least one channel")
-        self.channels = tuple(channels)
-        first = self.channels[0]
-        for number, other in enumerate(self.channels[1:], 1):
+        first = channels[0]
+        for number, other in enumerate(channels[1:], 1):
             if other.unit != first.unit:
                 raise InputError(f"channel {number} of a vector map is in {other.unit}, channel 0 in {first.unit}")
             same = other.values.shape == first.values.shape and np.allclose(other.grid[1:], first.grid[1:], rtol=1e-12)
             if not same:
                 raise InputError(f"channel {number} of a vector map is on another grid than channel 0")
+        self.channels = tuple(channels)
+        if values is None:
+            values = np.asarray(np.stack([channel.values for channel in channels]))
+            self.channels = tuple(replace(one, values=part) for one, part in zip(channels, values, strict=True))
+        self._values = values
 
     def __len__(self) -> int:
         return len(self.channels)
 
+    def __reduce__(self) -> tuple[type["ChannelMap"], tuple[tuple[FieldMap, ...]]]:
+        """Leave out of what other processes are sent what they can make themselves."""
+        return ChannelMap, (self.channels,)
+
+    def value(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.float64]:
+        """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where a map says nothing."""
+        return np.stack([channel.value(latitude, longitude) for channel in self.channels], axis=-1)
+
+    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.bool_]:
+        """Tell where all channels have a value."""
+        return np.asarray(np.isfinite(self.value(latitude, longitude)).all(axis=-1))
+
     @cached_property
     def grid(self) -> Grid:
         """``(values (C, n, m), lat0, dlat, lon0, dlon)``, rad."""
-        values = np.stack([np.asarray(channel.values, dtype=np.float64) for channel in self.channels])
-        return (values, *self.channels[0].grid[1:])
+        return (self._values, *self.channels[0].grid[1:])
 
     @property
     def unit(self) -> str:
         """Unit of all channels."""
         return self.channels[0].unit
+
+    @property
+    def quantity(self) -> str:
+        """Quantity of all channels."""
+        return self.channels[0].quantity
 
     @property
     def extent(self) -> Window:
@@ -60,6 +84,10 @@ class ChannelMap:
     def provenance(self) -> str:
         """Where it comes from, one line."""
         return self.channels[0].provenance
+
+
+AnyMap = FieldMap | ChannelMap
+"""What readings are matched against."""
 
 
 def channels_of(field_map: FieldMap | ChannelMap) -> tuple[FieldMap, ...]:

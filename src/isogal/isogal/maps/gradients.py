@@ -13,6 +13,7 @@ of several latitudes and interpolating.
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,16 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
+from isogal.scenario import TENSOR_COMPONENTS
 
 Array = NDArray[np.float64]
 
-COMPONENTS = ("nn", "ne", "nd", "ee", "ed", "dd")
+COMPONENTS = TENSOR_COMPONENTS
 """Second derivatives of the disturbing potential by north (n), east (e) and down (d)."""
-INDEPENDENT = ("nn", "ne", "nd", "ee", "ed")
+INDEPENDENT = COMPONENTS[:5]
 """Five that say all: dd = -nn - ee."""
+USUAL_LENGTH = 4000.0
+"""m, correlation length of a disturbance map's error where the map does not say it (the scenario's default)."""
 _STRETCH = 0.01
 """Share by which the length of a degree of longitude may differ between the latitudes computed with."""
 _WIDEST = 0.2
@@ -44,6 +48,10 @@ def tensor_maps(
     edge: float = 20_000.0,
 ) -> ChannelMap:
     """Return maps of components of the gradient tensor, one channel each, in 1/s² (1 E = 1e-9 1/s²).
+
+    What the map says of its errors goes through the same transform: its sigma, as of a field with covariance sigma² exp(-d / L), and its
+    step of values, as white noise of the nodes, become sigma and step of each channel. Neither has then the correlation that it had:
+    the errors of a gradient hold together over a cell or the height, whichever is larger, not over L.
 
     Edges: what lies beyond the map is unknown. The map's mean is taken off, the map continued by its mirror image, and the continuation
     faded out by a cosine over `taper`. What the unknown outside changes is largest at the rim, where the result is left out over `edge`.
@@ -75,6 +83,9 @@ def tensor_maps(
         _, columns_m = disturbance.cell_size_m(latitude)
         for i, component in enumerate(_components(filled, rows_m, columns_m, components, height, taper)):
             result[i] += weight[:, None] * component
+    sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
+    length = disturbance.correlation_length or USUAL_LENGTH
+    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
     cut = _rim(missing, disturbance, edge)
     if not (~cut).any():
         raise InputError(f"{where}: nothing is left of the map within {edge / 1000.0:g} km of its edges and holes")
@@ -88,6 +99,8 @@ def tensor_maps(
                 component,
                 unit="1/s²",
                 quantity="gradient",
+                sigma=sigma and sigma * error_gain(name, cell, height, length),
+                quantisation=disturbance.quantisation and disturbance.quantisation * error_gain(name, cell, height),
                 provenance=f"T_{name} of {where}",
                 file_unit="1/s²",
             )
@@ -138,10 +151,17 @@ def _components(
     shape = tuple(next_fast_len(count + 2 * pad, real=True) for count, pad in zip((n, m), pads, strict=True))
     extended = _continued(values, pads)
     spectrum = rfft2(extended, shape)
+    for name in components:
+        whole = irfft2(spectrum * _operator(name, shape, rows_m, columns_m, height), shape)
+        yield whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
+
+
+def _operator(component: str, shape: tuple[int, int], rows_m: float, columns_m: float, height: float) -> NDArray[Any]:
+    """Return what the real transform of a map of that shape is to be multiplied by."""
     k_n = 2.0 * np.pi * np.fft.fftfreq(shape[0], rows_m)[:, None]
     k_e = 2.0 * np.pi * np.fft.rfftfreq(shape[1], columns_m)[None, :]
     k = np.hypot(k_n, k_e)
-    spectrum = spectrum * np.exp(-k * height)
+    decay = np.exp(-k * height)
     k[0, 0] = 1.0  # the mean has been taken off
     # of the highest wavenumber an even grid only has the cosine, whose derivative it cannot show
     odd_n, odd_e = k_n.copy(), k_e.copy()
@@ -149,17 +169,34 @@ def _components(
         odd_n[shape[0] // 2] = 0.0
     if shape[1] % 2 == 0:
         odd_e[:, -1] = 0.0
-    operators = {
-        "nn": -(k_n**2) / k,
-        "ne": -odd_n * odd_e / k,
-        "nd": 1j * odd_n,
-        "ee": -(k_e**2) / k,
-        "ed": 1j * odd_e,
-        "dd": (k_n**2 + k_e**2) / k,
-    }
-    for name in components:
-        whole = irfft2(spectrum * operators[name], shape)
-        yield whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
+    if component in ("nd", "ed"):
+        return 1j * (odd_n if component == "nd" else odd_e) * decay
+    products = {"nn": -(k_n**2), "ne": -odd_n * odd_e, "ee": -(k_e**2), "dd": k_n**2 + k_e**2}
+    return products[component] / k * decay
+
+
+def error_gain(component: str, cell: tuple[float, float], height: float, length: float | None = None) -> float:
+    """Return how many 1/s² of error a component gets from 1 m/s² of error of the disturbance (1-sigma each).
+
+    The mean of the squared operator over all wavenumbers that the grid can show, weighted by the error's spectrum.
+
+    Parameters
+    ----------
+    cell : (float, float)
+        Of the grid, to the north and to the east, m.
+    height : float
+        m.
+    length : float, optional
+        L of the errors' covariance exp(-d / L) between nodes, m; None = white noise of the nodes.
+    """
+    shape = (256, 256)
+    power = np.abs(_operator(component, shape, *cell, height)) ** 2
+    weight = np.ones_like(power)
+    weight[:, [0, -1]] = 0.5  # a real transform holds the other columns once for two
+    if length is not None:
+        north, east = (size * count * np.abs(np.fft.fftfreq(count)) for size, count in zip(cell, shape, strict=True))
+        weight *= np.maximum(np.fft.rfft2(np.exp(-np.hypot(north[:, None], east) / length)).real, 0.0)
+    return math.sqrt(float((weight * power).sum() / weight.sum()))
 
 
 def _continued(values: Array, pads: list[int]) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from isogal.errors import InputError
 from isogal.maps.axes import Track, Window
+from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gdf import read_gdf
 from isogal.maps.geotiff import read_geotiff
@@ -18,7 +19,7 @@ from isogal.maps.ggmplus import is_ggmplus, read_ggmplus
 from isogal.maps.netcdf import read_netcdf
 from isogal.maps.xyz import read_xyz
 from isogal.scenario import Scenario
-from isogal.sensors.fields import scalar_field
+from isogal.sensors.fields import measured_field
 
 Array = NDArray[np.float64]
 CORRIDOR_MARGIN = 25_000.0
@@ -130,8 +131,36 @@ def route_window(latitude: Array, longitude: Array, margin: float = CORRIDOR_MAR
     return around._replace(track=Track(latitude, turned, margin))
 
 
-def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin: float = CORRIDOR_MARGIN) -> FieldMap:
-    """Return the map that a scenario means, cut to its route.
+def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin: float = CORRIDOR_MARGIN) -> AnyMap:
+    """Return the map of what a scenario measures, cut to its route.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its ``map``, field and route.
+    trajectory : Trajectory, optional
+        The route's points, if they are there already.
+    margin : float
+        m of map kept around the route, as far as the map reaches.
+
+    Returns
+    -------
+    FieldMap, or ChannelMap of a field with several channels
+
+    Raises
+    ------
+    InputError
+        The map cannot be read, is of another quantity than is needed, or does not cover the route.
+    """
+    if measured_field(scenario).vector is None:
+        return source_map(scenario, trajectory, margin)
+    from isogal.maps.derived import derived_maps
+
+    return derived_maps(scenario, margin)
+
+
+def source_map(scenario: Scenario, trajectory: Route | None = None, margin: float = CORRIDOR_MARGIN) -> FieldMap:
+    """Return the map that a scenario names; for several channels, all of it that theirs are computed from.
 
     Parameters
     ----------
@@ -148,8 +177,11 @@ def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin
         The map cannot be read, is of another quantity than the sensor, or does not cover the route.
     """
     route = trajectory or _route(scenario)
-    quantity = scalar_field(scenario).quantity
+    field = measured_field(scenario)
+    quantity, vector = field.source, field.vector
     window = route_window(route.latitude, route.longitude, margin)
+    if vector is not None:
+        window = window.grown(vector.reach)  # and all of it, also what is off the track
     source, path = scenario.map.source, scenario.map.path
     if source == "synthetic":
         from isogal.maps.synthetic import synthetic_map
@@ -172,16 +204,17 @@ def map_for_scenario(scenario: Scenario, trajectory: Route | None = None, margin
             format_name=source if named else None,
         )
     if field_map.quantity != quantity:
+        needs = "" if vector is None else f", which needs one of {quantity}"
         key = "field" if scenario.field else "gravimeter.quantity"
         raise InputError(
-            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is {scenario.scalar_field};"
+            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is {scenario.measured_field}{needs};"
             f" change map.variable or {key}"
         )
     check_coverage(field_map, route.latitude, route.longitude)
     return field_map
 
 
-def check_coverage(field_map: FieldMap, latitude: Array, longitude: Array) -> None:
+def check_coverage(field_map: AnyMap, latitude: Array, longitude: Array) -> None:
     """Raise InputError unless the map has a value at every route point; names the first without, and the map's extent."""
     bare = ~field_map.covers(latitude, longitude)
     if bare.any():
@@ -206,7 +239,7 @@ def _synthetic_quantity(scenario: Scenario) -> str:
         "gravity": "gravity",
         "disturbance": "disturbance",
         "height": "height",
-        None: scalar_field(scenario).quantity,
+        None: measured_field(scenario).source,
     }
     if scenario.map.variable not in names:
         raise InputError(f"map.variable: the synthetic map has height, ga and dg, not '{scenario.map.variable}'")

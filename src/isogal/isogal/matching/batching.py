@@ -11,6 +11,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.kernels import kernel
 from isogal.matching.interfaces import Batch
+from isogal.matching.vector import vector_batch
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
 
@@ -26,7 +27,7 @@ class _Scan:
     latitude: float
     longitude: float
     velocity: Array
-    reading: float
+    reading: float | Array
     sigma: float
     offset: float
 
@@ -46,11 +47,16 @@ class BatchBuilder:
         How the readings were reduced; says how the navigator's error got into them.
     context : int
         How many scans before the batch the matcher wants to see as well.
+    covariance : (C, C) array, optional
+        Of the noise of readings that are C numbers each; None = they are one number.
     """
 
-    def __init__(self, settings: MatcherSettings, reduction: Reduction, context: int = 0) -> None:
+    def __init__(
+        self, settings: MatcherSettings, reduction: Reduction, context: int = 0, covariance: Array | None = None
+    ) -> None:
         self.settings = settings
         self.reduction = reduction
+        self.covariance = covariance
         self._scans: deque[_Scan] = deque(maxlen=settings.batch_length + context)
         self._count = 0
         self._unused = 0
@@ -66,11 +72,14 @@ class BatchBuilder:
         latitude: float,
         longitude: float,
         velocity: Array,
-        reading: float,
+        reading: float | Array,
         sigma: float,
         offset: float = 0.0,
     ) -> None:
-        """Add a scan: where the navigator was (rad), its velocity (2,) north-east m/s, the reduced reading (NaN = none)."""
+        """Add a scan: where the navigator was (rad), its velocity (2,) north-east m/s, the reduced reading (NaN = none).
+
+        A reading of several channels is (C,), NaN where a channel has none, and its noise is `covariance` instead of sigma.
+        """
         self._scans.append(_Scan(time, latitude, longitude, np.array(velocity, float), reading, sigma, offset))
         self._count += 1
         self._unused += 1
@@ -95,7 +104,7 @@ class BatchBuilder:
             scan.latitude += shift[i, 0] / north[i]
             scan.longitude += shift[i, 1] / east[i]
             scan.velocity = scan.velocity + shift[i, 2:]
-            scan.reading += change[i]
+            scan.reading = scan.reading + change[i]
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -114,12 +123,13 @@ class BatchBuilder:
         new = min(self._unused, len(scans))
         self._unused = 0
         before = len(scans) - new - 1
-        return Batch(
+        several = self.covariance is not None
+        batch = Batch(
             time=times,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.array([scan.reading for scan in scans]),
+            reading=np.full(len(scans), np.nan) if several else np.array([scan.reading for scan in scans]),
             sigma=np.array([scan.sigma for scan in scans]),
             offset=np.array([scan.offset for scan in scans]),
             transition=np.ascontiguousarray(transition[:, :2]),
@@ -131,6 +141,10 @@ class BatchBuilder:
             back_transition=None if before < 0 else transition[before].copy(),
             back_drift=None if before < 0 else drift[before].copy(),
         )
+        if self.covariance is None:
+            return batch
+        readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
+        return vector_batch(batch, np.stack(readings), self.covariance)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height is known."""

@@ -1,6 +1,6 @@
 """What a matcher is given and what it gives back.
 
-A batch is T scans of one scalar sensor with the navigator's own estimate of where each was taken. The unknown is the navigator's
+A batch is T scans of one sensor with the navigator's own estimate of where each was taken. The unknown is the navigator's
 horizontal error at the last scan, xi = (d_north m, d_east m, dv_north m/s, dv_east m/s), estimate minus truth. Over a batch the
 navigator's increments are good to about a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its
 tilt adds (``drift_position``). A matcher answers with a fix, measurement information only: the navigator's prior is not in its covariance.
@@ -12,8 +12,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from isogal.maps.field_map import FieldMap
 
 Array = NDArray[np.float64]
 
@@ -66,6 +64,11 @@ class Batch:
 
     def __len__(self) -> int:
         return self.time.shape[0]
+
+    @property
+    def scan_time(self) -> Array:
+        """Stamps of the scans, each once."""
+        return self.time if self.channel is None else self.time[self.channel == 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,8 +137,10 @@ class Matcher(Protocol):
     context: int
     """How many scans before the batch it wants to see as well (rows of the batch that are not new)."""
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the last call returned.
+
+        The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every matcher takes (`registry.VECTOR`).
 
         Pure: the same batch, map and memory give the same fix. Never raises on odd data: it declines with a reason.
         """

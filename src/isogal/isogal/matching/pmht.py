@@ -261,22 +261,23 @@ class Pmht:
                 keep, belief=None
             )
         north, east = metres_per_radian(batch.latitude[-1])
-        scans = slice(len(batch) - batch.new, None)
-        moved = np.full((len(batch), 2), np.nan)
-        moved[scans] = batch.transition[scans] @ mean
-        scan_north, scan_east = metres_per_radian(batch.latitude)
-        scan_covariance = np.full((len(batch), 2, 2), np.nan)
-        scan_covariance[scans] = position[1] * batch.new
+        each, first = first_channel(batch, at.field_map)  # each scan once
+        scans = slice(len(each) - each.new, None)
+        moved = np.full((len(each), 2), np.nan)
+        moved[scans] = each.transition[scans] @ mean
+        scan_north, scan_east = metres_per_radian(each.latitude)
+        scan_covariance = np.full((len(each), 2, 2), np.nan)
+        scan_covariance[scans] = position[1] * each.new
         fix = Fix(
             time=float(batch.time[-1]),
             latitude=float(batch.latitude[-1] - position[0][0] / north),
             longitude=float(batch.longitude[-1] - position[0][1] / east),
             covariance=position[1],
-            candidates=contour_candidates(*first_channel(batch, at.field_map), mean, covariance),
+            candidates=contour_candidates(each, first, mean, covariance),
             diagnostics=figures,
             information=information,
             scan_position=np.stack(
-                [batch.latitude - moved[:, 0] / scan_north, batch.longitude - moved[:, 1] / scan_east], axis=-1
+                [each.latitude - moved[:, 0] / scan_north, each.longitude - moved[:, 1] / scan_east], axis=-1
             ),
             scan_covariance=scan_covariance,
         )

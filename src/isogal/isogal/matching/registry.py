@@ -21,14 +21,23 @@ MATCHERS: dict[str, str] = {
     "viterbi": "isogal.matching.viterbi:Viterbi.from_settings",
 }
 
+VECTOR = ("pmht",)
+"""Those that take readings of several channels."""
 
-def build_matcher(settings: MatcherSettings) -> Matcher:
+
+def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
     """Return the matcher that the scenario names.
+
+    Parameters
+    ----------
+    settings : scenario.Matcher
+    vector : bool
+        Whether it is to match readings of several channels.
 
     Raises
     ------
     InputError
-        The name is unknown, or an option is unknown or out of range.
+        The name is unknown, an option is unknown or out of range, or it does not take several channels.
     """
     try:
         target = MATCHERS[settings.name]
@@ -36,6 +45,14 @@ def build_matcher(settings: MatcherSettings) -> Matcher:
         close = difflib.get_close_matches(settings.name, MATCHERS, n=1)
         hint = f", did you mean '{close[0]}'?" if close else f"; allowed: {', '.join(MATCHERS)}"
         raise InputError(f"matcher.name: unknown matcher '{settings.name}'{hint}") from None
+    if vector and settings.name not in VECTOR:
+        raise InputError(
+            f"matcher.name: {settings.name} takes one number per scan; for vector readings give {' or '.join(VECTOR)}"
+        )
+    if vector and settings.map_sigma == "auto":
+        raise InputError(
+            "matcher.map_sigma: auto is for scalar fields; for vector readings give a number, 1/s² where field is gradient"
+        )
     module_name, _, path = target.partition(":")
     factory: Any = import_module(module_name)
     for part in path.split("."):

@@ -13,6 +13,7 @@ import numpy as np
 
 import isogal
 from isogal.evaluation.records import FORMAT, Runs
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.montecarlo.engine import Progress, simulate
@@ -33,7 +34,7 @@ class Case:
     name: str
     scenario: Scenario
     runs: int
-    field_map: FieldMap
+    field_map: AnyMap
     aided: bool = True
     """False: no fix is ever taken; shows the inertial navigator and its filter left alone."""
 
@@ -81,12 +82,12 @@ class Unaided:
     name = "unaided"
     context = 0
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Decline (see `isogal.matching.interfaces.Matcher`)."""
         return declined(batch, "unaided"), None
 
 
-def compute(chunk: Chunk, field_map: FieldMap, progress: Progress | None = None) -> Runs:
+def compute(chunk: Chunk, field_map: AnyMap, progress: Progress | None = None) -> Runs:
     """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
     return simulate(chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress)
 
@@ -146,24 +147,29 @@ def _python_files(path: Path) -> list[Path]:
 
 
 _DIGESTS: dict[
-    int, tuple[FieldMap, str]
+    int, tuple[AnyMap, str]
 ] = {}  # a map cannot change, and stays here so that its id is not given to another
 
 
-def map_digest(field_map: FieldMap) -> str:
+def map_digest(field_map: AnyMap) -> str:
     """Hash of a map's numbers, by which workers know it."""
     known = _DIGESTS.get(id(field_map))
     if known is None:
         digest = hashlib.sha256()
-        strip = field_map.strip
-        whole = [field_map.values] if strip is None else [strip]
-        for array in (field_map.latitude, field_map.longitude, np.asarray(field_map.sigma), *whole):
-            digest.update(f"{array.shape} {array.dtype}".encode())
-            digest.update(np.ascontiguousarray(array).data)
-        if strip is not None:  # the rest is empty, and would take memory if it were read
-            for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
-                digest.update(row[first:last].data)
-        rest = (field_map.unit, field_map.quantity, field_map.correlation_length, field_map.quantisation)
-        digest.update(repr(rest).encode())
+        for channel in channels_of(field_map):
+            _digest(channel, digest)
         known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])
     return known[1]
+
+
+def _digest(field_map: FieldMap, digest: Any) -> None:
+    strip = field_map.strip
+    whole = [field_map.values] if strip is None else [strip]
+    for array in (field_map.latitude, field_map.longitude, np.asarray(field_map.sigma), *whole):
+        digest.update(f"{array.shape} {array.dtype}".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    if strip is not None:  # the rest is empty, and would take memory if it were read
+        for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
+            digest.update(row[first:last].data)
+    rest = (field_map.unit, field_map.quantity, field_map.correlation_length, field_map.quantisation)
+    digest.update(repr(rest).encode())

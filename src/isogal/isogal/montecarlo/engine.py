@@ -23,13 +23,13 @@ from isogal.fusion.navigator import (
     widen,
 )
 from isogal.inertial.strapdown import propagate as propagate_ins
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.load import map_for_scenario
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
-from isogal.sensors.fields import scalar_field
+from isogal.sensors.fields import measured_field
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.reduction import State
@@ -62,7 +62,7 @@ def simulate_unaided(
 def simulate(
     scenario: Scenario,
     runs: Sequence[int],
-    field_map: FieldMap | None = None,
+    field_map: AnyMap | None = None,
     matcher: Matcher | None = None,
     progress: Progress | None = None,
     revised: Revised | None = None,
@@ -74,7 +74,7 @@ def simulate(
     scenario : Scenario
     runs : sequence of int
         Indices of the runs; they seed the random streams.
-    field_map : FieldMap, optional
+    field_map : FieldMap or ChannelMap, optional
         Default: the scenario's.
     matcher : Matcher, optional
         Default: the scenario's.
@@ -89,7 +89,8 @@ def simulate(
     """
     trajectory = build_trajectory(scenario)
     field_map = field_map or map_for_scenario(scenario, trajectory)
-    loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher or build_matcher(scenario.matcher), revised)
+    matcher = matcher or build_matcher(scenario.matcher, measured_field(scenario).vector is not None)
+    loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
     for scan in range(loop.scans):
         loop.advance(scan)
         if progress is not None:
@@ -105,7 +106,7 @@ class _ClosedLoop:
         scenario: Scenario,
         runs: Sequence[int],
         trajectory: Trajectory,
-        field_map: FieldMap,
+        field_map: AnyMap,
         matcher: Matcher,
         revised: Revised | None,
     ) -> None:
@@ -120,9 +121,10 @@ class _ClosedLoop:
         self.felt = ReadingSimulator(scenario, trajectory, field_map, runs).felt
         self.model = FilterModel.from_scenario(scenario)
         self.state = FilterState.start(draw_initial_state(scenario, trajectory, runs), self.model)
-        self.reduction = scalar_field(scenario).reduction(scenario)
+        field = measured_field(scenario)
+        self.reduction, covariance = field.reduction(scenario), field.covariance(scenario)
         context = matcher.context
-        self.builders = [BatchBuilder(scenario.matcher, self.reduction, context) for _ in runs]
+        self.builders = [BatchBuilder(scenario.matcher, self.reduction, context, covariance) for _ in runs]
         self.memories: list[Any] = [None for _ in runs]
         self.anchor = (self.state.copy(), 0)  # states at the last batch end, for retrodiction
         self.due = [scan for scan in range(self.scans) if fix_due(scan + 1, scenario.matcher)]
@@ -182,7 +184,7 @@ class _ClosedLoop:
                 reading[run],
                 self.scenario.gravimeter.sigma,
             )
-        self.reading[scan] = reading[0]
+        self.reading[scan] = reading[0].flat[0]  # figures show the first channel
         self.seen[scan] = position[0, :2]
 
     def _match(self, run: int, batch: int) -> Fix:
@@ -249,11 +251,12 @@ class _ClosedLoop:
         at = self.index
         latitude, longitude = self.trajectory.latitude[at], self.trajectory.longitude[at]
         ends = at[np.array(self.due, dtype=np.int64) + 1]
+        shown = channels_of(self.field_map)[0]
         detail = RunDetail(
             scan_time=self.trajectory.time[at[1:]],
             reading=self.reading,
-            map_value=self.field_map.value(latitude[1:], longitude[1:]),
-            map_value_navigator=self.field_map.value(self.seen[:, 0], self.seen[:, 1]),
+            map_value=shown.value(latitude[1:], longitude[1:]),
+            map_value_navigator=shown.value(self.seen[:, 0], self.seen[:, 1]),
             feature_variability=self.variability,
             **RunDetail.flatten(self.candidates),
         )

@@ -18,7 +18,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap
 from isogal.montecarlo.chunks import Chunk, compute
 from isogal.threads import VARIABLES
 
@@ -57,7 +57,7 @@ def throttled(send: Callable[[float], Any]) -> Callable[[float], None]:
 
 def serve(connection: Connection) -> None:
     """Work of a worker process: chunks in, runs out, until the parent closes the pipe."""
-    maps: dict[str, FieldMap] = {}
+    maps: dict[str, AnyMap] = {}
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             chunk, field_map = connection.recv()
@@ -93,7 +93,7 @@ class _Worker:
         theirs.close()
         return cls(process, ours)
 
-    def give(self, chunk: Chunk, maps: Mapping[str, FieldMap]) -> None:
+    def give(self, chunk: Chunk, maps: Mapping[str, AnyMap]) -> None:
         new = chunk.map_key not in self.maps
         self.chunk = chunk
         with contextlib.suppress(
@@ -113,7 +113,7 @@ class _Worker:
 
 
 def local_results(
-    chunks: Sequence[Chunk], maps: Mapping[str, FieldMap], workers: int, report: Report
+    chunks: Sequence[Chunk], maps: Mapping[str, AnyMap], workers: int, report: Report
 ) -> Generator[tuple[Chunk, Runs], None, None]:
     """Compute chunks by so many processes; yields them as they are finished.
 

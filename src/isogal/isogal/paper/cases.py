@@ -6,7 +6,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import map_for_scenario
+from isogal.maps.load import source_map
 from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
@@ -147,7 +147,7 @@ def _map_of(source: str, quantity: str, speed: float, duration: float) -> FieldM
         }
     )
     try:
-        return map_for_scenario(scenario, build_trajectory(scenario))
+        return source_map(scenario, build_trajectory(scenario))
     except InputError as error:
         raise InputError(f"--map: {error}" if source != "synthetic" else str(error)) from None
 

@@ -185,8 +185,10 @@ _NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity distu
 
 
 def field_scale(field_map: "FieldMap") -> FieldScale:
-    """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle, others as they are."""
+    """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle, gradients in Eötvös, others as they are."""
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
+    if field_map.unit == "1/s²":
+        return FieldScale(0.0, 1e-9, f"{name} (E)")
     if field_map.unit != "m/s²":
         return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
     rows, columns = (1 + size // _MEDIAN_OF for size in field_map.values.shape)

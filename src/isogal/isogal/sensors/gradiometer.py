@@ -1,0 +1,81 @@
+"""The gradiometer: components of the gravity gradient tensor at the vehicle, several numbers at each scan.
+
+It feels the gradient of gravity in axes north, east, down, at the vehicle's height. Reduced is that less the normal gradient at the
+navigator's own latitude and height: the gradient of the disturbing potential, of which the maps are. The normal gradient changes by
+0.003 E in a kilometre of latitude and 0.001 E in a metre of height, so what the navigator's error does to the reduction is left out.
+
+Taken for granted is a platform that is level and points north, and an instrument that takes off the rotation of that platform itself
+(Jekeli 1988, The gravity gradiometer survey system, EOS 69). A platform tilted by 1e-4 rad would add 0.5 E to nd or ed.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isogal.earth.gravity import normal_gradient
+from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Scenario
+from isogal.seeds import generator
+from isogal.sensors.reduction import State
+
+Array = NDArray[np.float64]
+
+EOTVOS = 1e-9
+"""1/s² in 1 E."""
+_AXES = {"n": 0, "e": 1, "d": 2}
+
+
+def noise_covariance(settings: Gradiometer) -> Array:
+    """Return the covariance (C, C) of a reading's white noise, 1/s⁴."""
+    if settings.covariance_eotvos is not None:
+        return np.array(settings.covariance_eotvos) * EOTVOS**2
+    return np.eye(len(settings.components)) * (settings.sigma_eotvos * EOTVOS) ** 2
+
+
+def draw_noise(scenario: Scenario, run: int, scans: int) -> Array:
+    """Return the noise (scans, C) of one run, 1/s²; all components of an outlier are outliers, see `scenario.Gravimeter`."""
+    root = np.linalg.cholesky(noise_covariance(scenario.gradiometer))
+    white = generator(scenario.seed, run, "gradiometer_noise").standard_normal((scans, len(root)))
+    settings = scenario.gravimeter
+    if settings.outlier_fraction > 0.0:
+        random = generator(scenario.seed, run, "gradiometer_outliers")
+        hit = random.random((scans, 1)) < settings.outlier_fraction
+        white = white + hit * settings.outlier_sigma * random.standard_normal(white.shape)
+    return white @ root.T
+
+
+class GradientReduction:
+    """Gravity gradient felt (..., C) in 1/s² to that of the disturbing potential.
+
+    Parameters
+    ----------
+    components : sequence of str
+        C of `scenario.TENSOR_COMPONENTS`.
+    """
+
+    def __init__(self, components: Sequence[str] = TENSOR_COMPONENTS) -> None:
+        self._rows = [_AXES[name[0]] for name in components]
+        self._columns = [_AXES[name[1]] for name in components]
+
+    def _normal(self, at: State) -> Array:
+        return normal_gradient(at.latitude, at.height)[..., self._rows, self._columns]
+
+    def raw(self, value: ArrayLike, at: State) -> Array:
+        """Return what is felt where the disturbing potential has a gradient."""
+        return np.asarray(value) + self._normal(at)
+
+    def report(self, raw: ArrayLike) -> Array:
+        """Return it as it is."""
+        return np.asarray(raw, dtype=float)
+
+    def reduce(self, raw: ArrayLike, at: State) -> Array:
+        """Return what is felt less the normal gradient."""
+        return np.asarray(raw) - self._normal(at)
+
+    def jacobian(self, at: State) -> Array:
+        """Return zeros, see the module."""
+        return np.zeros((*np.shape(at.latitude), 4))
+
+    def height_slope(self, at: State) -> Array:
+        """Return zeros, see the module."""
+        return np.zeros(np.shape(at.latitude))

@@ -1,0 +1,141 @@
+"""The gradiometer: normal gradient, reduction, noise with covariance, and what a scenario may say of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.earth.gravity import normal_gradient, normal_gravity
+from isogal.errors import InputError
+from isogal.maps.gradients import tensor_maps
+from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
+from isogal.sensors.fields import FIELDS, measured_field, reading_sigma
+from isogal.sensors.gradiometer import EOTVOS, GradientReduction, draw_noise, noise_covariance
+from isogal.sensors.reduction import State, reduction_variance
+from isogal.sensors.simulator import ReadingSimulator, draw_map_error
+from isogal.sensors.trajectory import build_trajectory
+
+COVARIANCE = ((4.0, 1.0), (1.0, 9.0))
+TENSOR = tensor_maps(field_map_of(wavy, half=50e3, step=500.0), ("nd", "ee"), height=100.0)
+
+
+def scenario(*more):
+    return load_scenario(None, ["field=gradient", *more])
+
+
+def vehicle(**gradiometer):
+    route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0)
+    return Scenario(field="gradient", route=route, gradiometer={"components": ("nd", "ee")} | gradiometer)
+
+
+@pytest.mark.parametrize("degrees", [-80.0, -38.0, 0.0, 10.0, 55.0])
+def test_normal_gradient_is_the_derivative_of_normal_gravity(degrees):
+    latitude, step = np.radians(degrees), 10.0
+    gradient = normal_gradient(latitude, 500.0)
+    down = (normal_gravity(latitude, 500.0 - step) - normal_gravity(latitude, 500.0 + step)) / (2.0 * step)
+    assert gradient[2, 2] == pytest.approx(down, rel=5e-5)
+    assert np.trace(gradient) == pytest.approx(2.0 * EARTH_RATE**2, rel=1e-9)
+    north = (normal_gravity(latitude + 1e-5) - normal_gravity(latitude - 1e-5)) / 2e-5 / 6.37e6
+    assert gradient[0, 2] == pytest.approx(north, rel=1e-2, abs=1e-12)
+    np.testing.assert_array_equal(gradient, gradient.T)
+
+
+def test_a_reduction_undoes_what_is_felt_and_hardly_needs_the_navigator():
+    reduction = GradientReduction()
+    at = State(np.full(3, -0.65), 2.5, 200.0, 15.0, 15.0)
+    value = 50.0 * EOTVOS * np.arange(18.0).reshape(3, 6)
+    felt = reduction.raw(value, at)
+    normal = [
+        normal_gradient(-0.65, 200.0)[row, column] for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    ]
+    np.testing.assert_allclose(felt - value, np.tile(normal, (3, 1)), atol=1e-17)
+    np.testing.assert_allclose(reduction.reduce(felt, at), value, atol=1e-6 * EOTVOS)
+    far = State(-0.65 + 1e3 / 6.37e6, 2.5, 205.0, 15.0, 15.0)
+    assert np.abs(reduction.reduce(felt, far) - value).max() < 0.01 * EOTVOS
+    assert reduction.jacobian(at).shape == (3, 4)
+    assert not np.any(reduction_variance(reduction, at, 1e6 * np.eye(4), 100.0))
+
+
+def test_noise_has_its_covariance():
+    it = scenario(
+        "gradiometer.components=[nd,ee]", f"gradiometer.covariance_eotvos={[list(row) for row in COVARIANCE]}"
+    )
+    np.testing.assert_allclose(noise_covariance(it.gradiometer), np.array(COVARIANCE) * 1e-18)
+    assert reading_sigma(it) == pytest.approx(2e-9)
+    noise = np.concatenate([draw_noise(it, run, 500) for run in range(8)])
+    nis = np.einsum("si,ij,sj->", noise, np.linalg.inv(noise_covariance(it.gradiometer)), noise)
+    low, high = chi2.ppf([0.0005, 0.9995], noise.size)
+    assert low < nis < high
+    assert noise.T @ noise / len(noise) * 1e18 == pytest.approx(np.array(COVARIANCE), abs=0.5)
+    np.testing.assert_array_equal(noise[500:1000], draw_noise(it, 1, 500))
+    assert reading_sigma(scenario("gradiometer.sigma_eotvos=3")) == pytest.approx(3e-9)
+
+
+def test_an_outlier_is_one_in_all_components():
+    it = scenario("gravimeter.outlier_fraction=0.1", "gravimeter.outlier_sigma=1000")
+    large = np.abs(draw_noise(it, 0, 4000)) > 20.0 * EOTVOS
+    assert 0.05 < large.any(axis=1).mean() < 0.15
+    assert large[large.any(axis=1)].mean() > 0.95
+
+
+def test_readings_are_the_maps_channels():
+    it = vehicle(sigma_eotvos=2.0)
+    trajectory = build_trajectory(it)
+    simulator = ReadingSimulator(it, trajectory, TENSOR, range(20))
+    assert simulator.felt.shape == (20, 60, 2)
+    i = simulator.index
+    at = State(trajectory.latitude[i], trajectory.longitude[i], 100.0, 0.0, 0.0)
+    noise = FIELDS["gradient"].reduction(it).reduce(simulator.felt, at) - TENSOR.value(at.latitude, at.longitude)
+    low, high = chi2.ppf([0.0005, 0.9995], noise.size)
+    assert low < ((noise / (2.0 * EOTVOS)) ** 2).sum() < high
+    alone = ReadingSimulator(it, trajectory, TENSOR, [7]).felt
+    np.testing.assert_array_equal(alone[0], simulator.felt[7])
+
+
+def test_each_channel_has_a_map_error_of_its_own():
+    it = vehicle().model_copy(update={"map_error": MapError(sigma=5e-9, correlation_length=3000.0)})
+    trajectory = build_trajectory(it)
+    errors = draw_map_error(it, trajectory, np.arange(10, 601, 10), range(40), (2,))
+    assert errors.shape == (40, 60, 2)
+    assert errors.std() == pytest.approx(5e-9, rel=0.2)
+    assert abs(np.mean(errors[..., 0] * errors[..., 1])) < 0.2 * 25e-18
+    assert np.mean(errors[:, 1:] * errors[:, :-1]) > 0.8 * 25e-18
+
+
+def test_a_map_of_something_else_is_not_felt():
+    it = vehicle()
+    with pytest.raises(InputError, match="a gradiometer does not feel disturbance; give gradient"):
+        ReadingSimulator(it, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
+    holed = replace(TENSOR.channels[1], values=np.where(TENSOR.channels[1].values > 0.0, np.nan, 1.0))
+    with pytest.raises(InputError, match="does not cover the route at latitude"):
+        ReadingSimulator(it, build_trajectory(it), type(TENSOR)([TENSOR.channels[0], holed]), [0])
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("gradiometer.components=[nn,nx]", f"components: unknown 'nx'; allowed: {', '.join(TENSOR_COMPONENTS)}"),
+        ("gradiometer.components=[nn,nn]", "components: each once"),
+        ("gradiometer.components=[]", "gradiometer.components: tuple should have at least 1 item"),
+        ("gradiometer.components=[nn,ne,nd,ee,ed,dd]", "gradiometer.components: tuple should have at most 5 items"),
+        ("gradiometer.sigma_eotvos=0", "gradiometer.sigma_eotvos: input should be greater than 0"),
+        ("gradiometer.sigma_eotvos=-1", "gradiometer.sigma_eotvos: input should be greater than 0"),
+        ("gradiometer.sigma=1", "unknown key 'gradiometer.sigma', did you mean 'gradiometer.sigma_eotvos'"),
+        ("gradiometer.covariance_eotvos=[[1,0],[0,1]]", "covariance_eotvos: must have 5 rows of 5 numbers"),
+        (f"gradiometer.covariance_eotvos={(np.eye(5) - 2.0).tolist()}", "must be symmetric and positive definite"),
+    ],
+)
+def test_what_a_scenario_may_not_say(override, words):
+    with pytest.raises(InputError) as error:
+        scenario(override)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_gravimeters_sigma_says_nothing():
+    with pytest.raises(InputError, match=r"sigma: says nothing where field is gradient, .* in the section gradiometer"):
+        measured_field(scenario("gravimeter.sigma=1e-9"))
+    assert measured_field(Scenario(field="gradient", gravimeter=Gravimeter(interval=5.0))).source == "disturbance"
