@@ -112,6 +112,21 @@ def test_a_mixture_as_prior():
     np.testing.assert_allclose(result.mixture.mean[0, :2], [3000.0, 100.0], atol=10.0)
 
 
+@pytest.mark.parametrize("light", [1e-2, 1e-4])
+def test_a_light_part_of_the_prior_is_not_overlooked(light):
+    """All of the likelihood is where the prior has little weight: moments and evidence are those of that part."""
+    small = random_covariance(0.1 * SIGMA)
+    prior = Mixture(
+        np.array([1.0 - light, light]), np.array([[0.0, 0, 0, 0], [900.0, -600.0, 0, 0]]), np.stack([small] * 2)
+    )
+    likelihood = Gaussians(np.array([[940.0, -580.0, 0.0, 0.0]]), 0.5 * small[None], np.zeros(1))
+    result, _ = sample(likelihood, prior, Sampling(samples=512))
+    _, mean, covariance, evidence = posterior(prior.component(1), likelihood)
+    assert len(result.mixture) == 1
+    close(*result.mixture.moments(), mean[0], covariance[0], 0.1)
+    assert result.log_evidence == pytest.approx(evidence + np.log(light), abs=0.1)
+
+
 def test_a_proposal_looks_at_its_place_only():
     likelihood = two_modes()
     _, means, covariances, _ = posterior(PRIOR, likelihood)

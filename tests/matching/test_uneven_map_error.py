@@ -89,3 +89,23 @@ def test_pmht_weighs_by_the_error_where_the_track_turns_out_to_be():
     error = true.error_of(fix)
     assert error @ np.linalg.solve(fix.covariance, error) < 13.8  # 99.9 %
     assert np.sqrt(np.trace(fix.covariance)) < 700.0  # with the error of the north it would be 3 km
+
+
+def test_pmht_does_not_choose_a_place_by_the_map_error_of_another():
+    """The two halves of a track contradict each other by 4 km. Where the one half would be right, the map is good for the other half:
+    each place speaks for the other one, and whichever is tried last would win by many of its 1-sigmas."""
+    slope, apart, error = 5e-8, 2000.0, np.array([1000.0, 0.0, 0.0, 0.0])
+    plane = field_map_of(lambda north, east: slope * north + 0.0 * east, step=500.0)
+    batch, _ = make_batch(
+        plane, error, start=(0.0, -3000.0), velocity=(0.0, 20.0), prior_sigma=(1000.0, 1e-3), sigma=1e-7
+    )
+    west = np.arange(len(batch)) < len(batch) // 2
+    batch = replace(batch, reading=batch.reading + slope * apart * np.where(west, 1.0, -1.0))
+    bad_for_the_west = (plane.latitude > ORIGIN[0])[:, None]
+    sigma = slope * np.where(bad_for_the_west == (plane.longitude < ORIGIN[1]), 3000.0, 200.0)
+    fix, _ = build_matcher(Matcher(map_correlation_length=1.0)).match(batch, replace(plane, sigma=sigma), None)
+    assert fix.published, fix.reason
+    posterior = np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix)
+    deviation = np.sqrt(posterior[0, 0])
+    assert abs((posterior @ fix.information.vector - error)[0]) < 2.0 * deviation
+    assert 200.0 < deviation < 600.0

@@ -1,7 +1,8 @@
 """Update of several hypotheses about the navigator's error by one batch.
 
 Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several pieces, and its evidence; weights go with
-evidence, negligible pieces are dropped, pieces that have come to the same place are joined.
+evidence, negligible pieces are dropped, pieces that have come to the same place are joined. Hypotheses that overlap are one prior; those
+that do not are never sampled together, since a sampler does not come across a light one far from the others.
 """
 
 import math
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from isogal.matching.acquisition import acquire
 from isogal.matching.likelihood import BatchLikelihood
-from isogal.matching.mixture import Mixture
+from isogal.matching.mixture import SEPARATION, Mixture
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.sampler import Posterior, Sampling, sample
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 WIDE = 600.0
 """m, 1-sigma of a prior beyond which it is given four times the points."""
+VERY_WIDE = 1500.0
+"""m, 1-sigma beyond which it is given four times as many again at first: fewer overlook a place of some tenths of a percent."""
 SEARCH = 3000.0
 """m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has failed."""
 NEGLIGIBLE = 1e-6
@@ -62,22 +65,77 @@ def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most
     most : int
         Hypotheses at most.
     """
-    if len(prior) > 1 and _largest_sigma(prior.moments()[1]) < WIDE:
-        # neighbours, perhaps tiles of one ridge: as one prior, whose posterior is split again only where it has separate modes
-        posterior, linearised = sample(likelihood, prior, replace(sampling, samples=4 * sampling.samples))
-        if posterior is not None and _resolved(posterior):
-            return _joined([_piece(posterior, linearised)], most)
+    groups = _groups(prior)
+    pieces: list[_Piece] = []
+    if len(groups) > SAMPLED:
+        prior, pieces = _glance(likelihood, prior)
+        groups = _groups(prior)
+    share = replace(sampling, samples=_points(sampling.samples, len(groups)))
+    for group in groups:
+        pieces += _update_group(likelihood, prior.part(group), share, most)
+    return _joined(pieces, most) if pieces else None
+
+
+def _update_group(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> list["_Piece"]:
+    """Return what the batch makes of hypotheses that overlap, whose weights need not add up to 1."""
+    total = float(prior.weight.sum())
+    if len(prior) > 1 and total > 0.0:
+        own = replace(prior, weight=prior.weight / total)
+        if _largest_sigma(own.moments()[1]) < WIDE:
+            # as one prior, whose posterior is split again only where it has separate modes
+            posterior, linearised = sample(likelihood, own, replace(sampling, samples=4 * sampling.samples))
+            if posterior is not None and _resolved(posterior):
+                joint = _piece(posterior, linearised)
+                return [replace(joint, log_weight=joint.log_weight + math.log(total))]
     pieces: list[_Piece] = []
     if len(prior) > SAMPLED:
-        prior, rest = _glance(likelihood, prior)
-        pieces += rest
+        prior, pieces = _glance(likelihood, prior)
     share = replace(sampling, samples=_points(sampling.samples, len(prior)))
     for weight, mean, covariance in zip(prior.weight, prior.mean, prior.covariance, strict=True):
         if weight > 0.0:
             piece = _update_one(likelihood, mean, covariance, share, most)
             if piece is not None:
                 pieces.append(replace(piece, log_weight=piece.log_weight + math.log(weight)))
-    return _joined(pieces, most) if pieces else None
+    return pieces
+
+
+def _groups(prior: Mixture) -> list[NDArray[np.int64]]:
+    """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge, pieces of one peak.
+
+    Two overlap where the sampler would not call them separate modes (`mixture.SEPARATION`) along the line between them.
+    """
+    groups = []
+    left = np.arange(len(prior))
+    while left.size:
+        member, front = [], left[:1]
+        left = left[1:]
+        while front.size:
+            k, front = front[0], front[1:]
+            member.append(k)
+            near = _overlap(prior, k, left)
+            front, left = np.concatenate([front, left[near]]), left[~near]
+        groups.append(np.sort(np.array(member)))
+    return groups
+
+
+def _merged(tiles: Mixture) -> Mixture:
+    """Return a Gaussian for each group: one about all would overlook places far away that are less likely."""
+    weight, mean, covariance = [], [], []
+    for group in _groups(tiles):
+        part = tiles.part(group)
+        weight.append(float(part.weight.sum()))
+        centre, spread = replace(part, weight=part.weight / weight[-1]).moments()
+        mean.append(centre)
+        covariance.append(spread)
+    return Mixture(np.array(weight), np.array(mean), np.array(covariance))
+
+
+def _overlap(prior: Mixture, one: int, others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    apart = prior.mean[others, :2] - prior.mean[one, :2]
+    square = np.einsum("ki,ki->k", apart, apart)
+    both = prior.covariance[others, :2, :2] + prior.covariance[one, :2, :2]
+    variance = np.einsum("ki,kij,kj->k", apart, both, apart)  # times the squared distance
+    return np.asarray(2.0 * square**2 <= SEPARATION**2 * variance)
 
 
 def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
@@ -144,19 +202,18 @@ def _update_one(
 ) -> _Piece | None:
     prior = Mixture.gaussian(mean, covariance)
     sigma = _largest_sigma(covariance)
-    if sigma > WIDE:
-        sampling = replace(sampling, samples=4 * sampling.samples)
+    wide = replace(sampling, samples=4 * sampling.samples) if sigma > WIDE else sampling
     if sigma <= SEARCH:
-        posterior, linearised = sample(likelihood, prior, sampling)
+        very_wide = replace(wide, first=4) if sigma > VERY_WIDE else wide
+        posterior, linearised = sample(likelihood, prior, very_wide)
         if posterior is None or _resolved(posterior):
             return None if posterior is None else _piece(posterior, linearised)
     found = acquire(likelihood, mean, covariance, most)
     if found is None:
         return None
     tiles, evidence, misfit = found
-    centre, spread = tiles.moments()
-    if _largest_sigma(spread) < SEARCH:
-        posterior, linearised = sample(likelihood, prior, sampling, Mixture.gaussian(centre, spread))
+    if _largest_sigma(tiles.moments()[1]) < SEARCH:
+        posterior, linearised = sample(likelihood, prior, wide, _merged(tiles))
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
     return _Piece(evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0)

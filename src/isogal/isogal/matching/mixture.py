@@ -61,6 +61,14 @@ class Mixture:
         """Return one of its Gaussians alone."""
         return Mixture.gaussian(self.mean[k], self.covariance[k])
 
+    def part(self, which: NDArray[np.int64]) -> "Mixture":
+        """Return some of its Gaussians with the weights they have."""
+        return Mixture(self.weight[which], self.mean[which], self.covariance[which])
+
+    def levelled(self) -> "Mixture":
+        """Return the mixture with weights half-way to equal ones: a proposal that does not overlook a light Gaussian."""
+        return Mixture(0.5 * self.weight + 0.5 * self.weight.sum() / len(self), self.mean, self.covariance)
+
     @classmethod
     def join(cls, parts: Sequence["Mixture"], weight: Array) -> "Mixture":
         """Return the mixture of mixtures with the given weights."""
@@ -91,6 +99,12 @@ class Mixture:
         total = np.array(weights)
         rank = np.argsort(-total, kind="stable")
         return Mixture(total[rank] / total.sum(), np.array(means)[rank], np.array(covariances)[rank])
+
+    def agrees(self, other: "Mixture") -> bool:
+        """Whether another mixture's mean position is within half a 1-sigma of this one's."""
+        mean, covariance = self.moments()
+        apart = (other.moments()[0] - mean)[:2]
+        return float(apart @ np.linalg.solve(covariance[:2, :2], apart)) < 0.25
 
     def widened(self, scale: float) -> "Mixture":
         """Return the mixture with all covariances times a factor."""

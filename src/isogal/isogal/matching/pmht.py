@@ -49,6 +49,9 @@ _EXPLAINED = 4.0
 _FAR_BETTER = 8.0
 """Log evidence by which a place elsewhere must beat the best one near the navigator: the wide prior itself already counts against it."""
 
+_REFINEMENTS = 6
+"""Times at most that a map's own error is taken anew where the readings turn out to be."""
+
 
 class Settings(BaseModel):
     """Options of `pmht` (`matcher.options` of a scenario)."""
@@ -146,9 +149,15 @@ class Pmht:
         result = self._update(every.without(bad), prior)
         if result is None:
             return self._decline(batch, "the search area lies outside the map", memory, prior)
-        if uneven(field_map):  # now that the place is known, so is how wrong the map is there
-            every = _likelihood(batch, field_map, noise, result.belief, scale)
-            result = self._update(every.without(bad), prior) or result
+        if uneven(field_map):  # now that the place is known, so is how wrong the map is there, which may move the place
+            where = result.belief
+            for _ in range(_REFINEMENTS):
+                every = _likelihood(batch, field_map, noise, where, scale)
+                before, result = result, self._update(every.without(bad), prior) or result
+                if before.belief.agrees(result.belief):
+                    break
+                # from now on averaged over all places so far: of those that take turns each is possible
+                where = Mixture.join([where, result.belief], np.array([0.5, 0.5]))
         misfits = _misfits(
             every, result.belief, self.settings.outlier_gate
         )  # with everybody in, now that the place is known

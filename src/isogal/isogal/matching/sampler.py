@@ -30,6 +30,8 @@ class Sampling:
 
     samples: int = 1024
     """Points a round."""
+    first: int = 1
+    """Times as many in the first round: what that overlooks the others do not find."""
     tempering: float = 0.12
     """Effective sample size, as a share of the points, that beta is chosen for."""
     accept: float = 0.35
@@ -98,19 +100,16 @@ def sample(
     prior : Mixture
     settings : Sampling
     proposal : Mixture, optional
-        Where to look; the evidence is then that of this place alone. Default: everywhere the prior allows.
+        Where to look; the evidence is then that of these places alone. Default: everywhere the prior allows.
     """
-    points = _points(settings.samples)
     floor = 1e-4 * np.sqrt(np.diag(prior.moments()[1]))
-    current = prior if proposal is None else proposal
+    # a place of little weight may turn out to be the one
+    start = current = (prior if proposal is None else proposal).levelled()
     result: Posterior | None = None
     for number in range(1, settings.rounds + 1):
-        # a share of the prior in the proposal bounds the weights of what the refitted mixture may have lost
-        wide = current
-        if number > 1:
-            wide = current.widened(settings.inflation)
-            wide = _blend(wide, prior, 0.03) if proposal is None else wide
-        x = wide.draw(points)
+        # a share of the first proposal bounds the weights of what the refitted mixture may have lost
+        wide = current if number == 1 else _blend(current.widened(settings.inflation), start, 0.03)
+        x = wide.draw(_points(settings.samples * (settings.first if number == 1 else 1)))
         values = likelihood.log(x)
         base = prior.log_density(x) - wide.log_density(x)
         beta, weight, effective, log_mean = _temper(values, base, settings.tempering)
