@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.gradients import COMPONENTS, INDEPENDENT, tensor_maps
+from isogal.maps.gradients import COMPONENTS, INDEPENDENT, error_length, tensor_maps
 
 GRAVITATIONAL = 6.6743e-11
 
@@ -163,3 +163,12 @@ def test_a_map_that_is_exact_has_exact_gradients():
     assert [channel.sigma for channel in tensor_maps(field_map_of(lambda n, e: 1e-9 * n + 0.0 * e)).channels] == [
         0.0
     ] * 5
+
+
+def test_errors_of_a_gradient_hold_together_over_the_height_or_a_cell():
+    fine, coarse = (200.0, 200.0), (900.0, 900.0)
+    for name in COMPONENTS:
+        assert 0.3 * 900.0 < error_length(name, coarse, 100.0, 4000.0) < 1.5 * 900.0, name
+        assert 1.0 < error_length(name, fine, 1000.0, 4000.0) / 2000.0 < 2.0, name
+        assert error_length(name, fine, 100.0, 4000.0) < error_length(name, fine, 400.0, 4000.0), name
+    assert error_length("dd", fine, 100.0, 4000.0) == pytest.approx(error_length("dd", fine, 100.0, 8000.0), rel=0.1)

@@ -176,3 +176,14 @@ def test_channels_must_lie_on_one_grid():
         ChannelMap([DISTURBANCE, replace(DISTURBANCE, unit="nT")])
     with pytest.raises(InputError, match="at least one channel"):
         ChannelMap([])
+
+
+def test_a_channel_that_says_its_error_is_taken_at_its_word():
+    """Its sigma with its own length where it is the larger one, else what is assumed."""
+    batch, _, _ = tensor_batch(scans=8)
+    told = ChannelMap([replace(one, sigma=6.0 * EOTVOS, correlation_length=700.0) for one in TENSOR.channels])
+    own = BatchLikelihood.of(batch, told, NoiseModel(0.0, 4000.0)).covariance
+    np.testing.assert_allclose(own, BatchLikelihood.of(batch, TENSOR, NoiseModel(6.0 * EOTVOS, 700.0)).covariance)
+    larger = NoiseModel(8.0 * EOTVOS, 4000.0)
+    expected = BatchLikelihood.of(batch, TENSOR, larger).covariance
+    np.testing.assert_allclose(BatchLikelihood.of(batch, told, larger).covariance, expected)

@@ -63,11 +63,13 @@ def run_report(
         *_single(runs, scenario, channels_of(field_map)[0], many),
         _batches(runs, many),
     ]
+    channels = len(channels_of(field_map))
+    first = f", the first of {channels} that are matched; figures show it alone" if channels > 1 else ""
     listing = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
     sections.append(
         Section(
             "Scenario",
-            [f"Map: {field_map.provenance or field_map.quantity}."],
+            [f"Map: {field_map.provenance or field_map.quantity}{first}."],
             listing=listing,
             listing_title="All settings",
         )

@@ -54,7 +54,8 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
         if child.returncode:
             return compute(scenario, margin)  # and fail here, if it must fail
         about: list[dict[str, Any]] = pickle.loads(child.stdout)
-        values = np.load(Path(folder) / "values.npy")
+        # mapped, so that of the maps only what is looked at takes memory; the file lives on without its name as long as the mapping
+        values = np.asarray(np.load(Path(folder) / "values.npy", mmap_mode="c"))
     return ChannelMap([FieldMap(values=part, **rest) for part, rest in zip(values, about, strict=True)], values)
 
 

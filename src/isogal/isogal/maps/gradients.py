@@ -50,8 +50,8 @@ def tensor_maps(
     """Return maps of components of the gradient tensor, one channel each, in 1/s² (1 E = 1e-9 1/s²).
 
     What the map says of its errors goes through the same transform: its sigma, as of a field with covariance sigma² exp(-d / L), and its
-    step of values, as white noise of the nodes, become sigma and step of each channel. Neither has then the correlation that it had:
-    the errors of a gradient hold together over a cell or the height, whichever is larger, not over L.
+    step of values, as white noise of the nodes, become sigma and step of each channel. The errors of a gradient hold together over a
+    cell or the height, whichever is larger, and not over L: each channel has a correlation length of its own.
 
     Edges: what lies beyond the map is unknown. The map's mean is taken off, the map continued by its mirror image, and the continuation
     faded out by a cosine over `taper`. What the unknown outside changes is largest at the rim, where the result is left out over `edge`.
@@ -100,6 +100,7 @@ def tensor_maps(
                 unit="1/s²",
                 quantity="gradient",
                 sigma=sigma and sigma * error_gain(name, cell, height, length),
+                correlation_length=error_length(name, cell, height, length) if sigma else None,
                 quantisation=disturbance.quantisation and disturbance.quantisation * error_gain(name, cell, height),
                 provenance=f"T_{name} of {where}",
                 file_unit="1/s²",
@@ -189,14 +190,38 @@ def error_gain(component: str, cell: tuple[float, float], height: float, length:
     length : float, optional
         L of the errors' covariance exp(-d / L) between nodes, m; None = white noise of the nodes.
     """
-    shape = (256, 256)
-    power = np.abs(_operator(component, shape, *cell, height)) ** 2
-    weight = np.ones_like(power)
-    weight[:, [0, -1]] = 0.5  # a real transform holds the other columns once for two
-    if length is not None:
-        north, east = (size * count * np.abs(np.fft.fftfreq(count)) for size, count in zip(cell, shape, strict=True))
-        weight *= np.maximum(np.fft.rfft2(np.exp(-np.hypot(north[:, None], east) / length)).real, 0.0)
+    weight = _error_spectrum(cell, length)
+    power = np.abs(_operator(component, _TORUS, *cell, height)) ** 2
+    weight[:, [0, -1]] *= 0.5  # a real transform holds the other columns once for two
     return math.sqrt(float((weight * power).sum() / weight.sum()))
+
+
+def error_length(component: str, cell: tuple[float, float], height: float, length: float) -> float:
+    """Return the distance (m) at which a component's error has a correlation of 1/e, on the mean of all directions; see `error_gain`."""
+    power = np.abs(_operator(component, _TORUS, *cell, height)) ** 2
+    correlation = np.fft.irfft2(_error_spectrum(cell, length) * power, _TORUS)
+    distance, step = _torus_distance(cell), max(cell)
+    ring = np.rint(distance / step).astype(np.int64).ravel()
+    mean = np.bincount(ring, correlation.ravel()) / np.bincount(ring) / correlation[0, 0]
+    away = np.bincount(ring, distance.ravel()) / np.bincount(ring)
+    first = int(np.argmax(mean < math.exp(-1.0)))
+    return float(np.interp(-math.exp(-1.0), -mean[first - 1 : first + 1], away[first - 1 : first + 1]))
+
+
+_TORUS = (256, 256)
+"""Nodes of the made-up map whose spectrum is looked at."""
+
+
+def _torus_distance(cell: tuple[float, float]) -> Array:
+    north, east = (size * count * np.abs(np.fft.fftfreq(count)) for size, count in zip(cell, _TORUS, strict=True))
+    return np.asarray(np.hypot(north[:, None], east))
+
+
+def _error_spectrum(cell: tuple[float, float], length: float | None) -> Array:
+    """Return the power of errors of the disturbance at each wavenumber of a real transform, in any unit."""
+    if length is None:
+        return np.ones((_TORUS[0], _TORUS[1] // 2 + 1))
+    return np.maximum(np.fft.rfft2(np.exp(-_torus_distance(cell) / length)).real, 0.0)
 
 
 def _continued(values: Array, pads: list[int]) -> Array:

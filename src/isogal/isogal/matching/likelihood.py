@@ -114,7 +114,7 @@ class BatchLikelihood:
             longitude,
             white,
             map_sigma,
-            noise.correlation_length,
+            _correlation_length(field_map, channel, noise),
             noise.bias_sigma,
             channel if len(maps) > 1 else None,
         )
@@ -248,13 +248,13 @@ def residual_covariance(
     longitude: Array,
     white_variance: Array,
     map_sigma: Array,
-    correlation_length: float,
+    correlation_length: float | Array,
     bias_sigma: float,
     channel: NDArray[np.int64] | None = None,
 ) -> Array:
     """Return R (T, T) of the module's equation; positions rad, the rest in the map's unit and m.
 
-    Map errors and biases of different channels (T,) are independent.
+    Map errors and biases of different channels (T,) are independent; a correlation length (T, 1) is the same for all rows of a channel.
     """
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
@@ -264,6 +264,19 @@ def residual_covariance(
         distance = 0.5 * (distance + distance.T)
         covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
     return covariance + bias_sigma**2 * together
+
+
+def _correlation_length(
+    field_map: FieldMap | ChannelMap, channel: NDArray[np.int64], noise: NoiseModel
+) -> float | Array:
+    """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is larger than what is assumed."""
+    if isinstance(field_map, FieldMap):
+        return noise.correlation_length
+    told = [
+        one.correlation_length is not None and np.nanmean(one.sigma) > noise.map_sigma for one in field_map.channels
+    ]
+    own = [one.correlation_length or 0.0 for one in field_map.channels]
+    return np.where(told, own, noise.correlation_length)[channel][:, None]
 
 
 def uneven(field_map: FieldMap | ChannelMap) -> bool:
