@@ -384,7 +384,7 @@ class TestChannels:
     FIELD = field(lambda n, e: 1e-8 * np.sin(n / 3e3 + e / 5e3))
 
     def bound(self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any) -> np.ndarray:
-        names = ("nn", "ne")[: len(covariance)]
+        names = ("nn", "ne", "nd")[: len(covariance)]
         settings = scenario(
             field="gradient",
             route={"duration": 1800.0},
@@ -401,8 +401,9 @@ class TestChannels:
     def test_correlated_noise(self) -> None:
         # the mean of both is the best there is: its variance is (a + b) / 2, or by weights (1' R⁻¹ 1)⁻¹
         np.testing.assert_allclose(self.bound([[4.0, 2.0], [2.0, 4.0]]), self.bound([[3.0]]), rtol=1e-9)
-        weighted = 1.0 / np.linalg.inv([[4.0, 1.0], [1.0, 9.0]]).sum()
-        np.testing.assert_allclose(self.bound([[4.0, 1.0], [1.0, 9.0]]), self.bound([[weighted]]), rtol=1e-9)
+        three = [[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 6.0]]
+        weighted = 1.0 / np.linalg.inv(three).sum()
+        np.testing.assert_allclose(self.bound(three), self.bound([[weighted]]), rtol=1e-9)
 
     def test_map_errors_of_two_channels_are_independent(self) -> None:
         two = self.bound([[8.0, 0.0], [0.0, 8.0]], 3e-9)

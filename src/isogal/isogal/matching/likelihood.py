@@ -272,11 +272,13 @@ def _correlation_length(
     """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is larger than what is assumed."""
     if isinstance(field_map, FieldMap):
         return noise.correlation_length
-    told = [
-        one.correlation_length is not None and np.nanmean(one.sigma) > noise.map_sigma for one in field_map.channels
+    length = [
+        one.correlation_length
+        if one.correlation_length and np.nanmean(one.sigma) > noise.map_sigma
+        else noise.correlation_length
+        for one in field_map.channels
     ]
-    own = [one.correlation_length or 0.0 for one in field_map.channels]
-    return np.where(told, own, noise.correlation_length)[channel][:, None]
+    return np.array(length)[channel][:, None]
 
 
 def uneven(field_map: FieldMap | ChannelMap) -> bool:
