@@ -34,6 +34,8 @@ FOUND_WITHIN, FOUND = 2700.0, 500.0
 GRAVITY, DISTURBANCE = ["gravimeter.quantity=gravity"], ["gravimeter.quantity=disturbance"]
 TOLD_3 = ["map_error.sigma=3e-5", "matcher.map_sigma=3e-5"]
 TOLD_8 = ["map_error.sigma=8e-5", "matcher.map_sigma=8e-5"]
+BIASED = ["gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"]
+"""5 mGal and 1 mGal per hour, 1-sigma."""
 ROWS = {
     "ga 1e-5": [*GRAVITY, "gravimeter.sigma=1e-5"],
     "ga 2e-4": [*GRAVITY, "gravimeter.sigma=2e-4"],
@@ -61,6 +63,12 @@ CASES: dict[str, list[str]] = (
         "ga 1e-5 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
         "ga 1e-5 exact, stride 5": [*GOOD, "matcher.stride=5"],
         "dg 1e-6 exact, stride 5": [*ROWS["dg 1e-6"], "matcher.stride=5"],
+        "ga 1e-5, bias told": [*GOOD, *BIASED, "matcher.bias_sigma=5e-5"],
+        "ga 1e-5, bias untold": [*GOOD, *BIASED],
+        "ga 1e-5, bias, auto": [*GOOD, *BIASED, "matcher.map_sigma=auto"],
+        "ga 1e-5 3 mGal, bias told": [*GOOD, *TOLD_3, *BIASED, "matcher.bias_sigma=5e-5"],
+        "ga 1e-5 3 mGal, bias untold": [*GOOD, *TOLD_3, *BIASED],
+        "ga 1e-5 3 mGal, bias, auto": [*GOOD, *BIASED, "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
         "ga 1e-5, turns": [*GOOD, TURNS],
         "ga 1e-5, turns, pmht-paper": [*GOOD, TURNS, "matcher.name=pmht-paper"],
         "start 10 km": [*GOOD, "initial_error.position=10000", "route.duration=3600"],

@@ -186,16 +186,20 @@ def _dense(
     sigma, length = settings.map_error.sigma, settings.map_error.correlation_length
     readings += sigma**2 * np.exp(-np.abs(along[:, None] - along[None, :]) / length)
     readings += (settings.gravimeter.sigma**2 + quantisation**2 / 12) * np.eye(count)
+    time = np.array(scans) * trajectory.dt
+    readings += settings.gravimeter.bias**2 + settings.gravimeter.drift**2 * np.outer(time, time)
     cross = np.einsum("jab,jb->aj", states[-1], H)[:2]
     return states[-1, -1][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
 
 
-@pytest.mark.parametrize("map_error", [0.0, 3e-5])
-def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error):
+@pytest.mark.parametrize(
+    ("map_error", "bias", "drift"), [(0.0, 0.0, 0.0), (3e-5, 0.0, 0.0), (0.0, 3e-5, 1e-7), (2e-5, 2e-5, 1e-7)]
+)
+def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drift):
     settings = scenario(
         route={"duration": 300.0},
         initial_error={"position": 300.0},
-        gravimeter={"sigma": 1e-5},
+        gravimeter={"sigma": 1e-5, "bias": bias, "drift": drift},
         map_error={"sigma": map_error, "correlation_length": 2000.0},
     )
     trajectory = build_trajectory(settings)

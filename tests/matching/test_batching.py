@@ -230,4 +230,8 @@ def test_back_to_where_the_last_batch_ended(name):
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
     then = batch.back_transition @ error[-1] + batch.back_drift @ psi
     np.testing.assert_allclose(then[:2], error[19, :2], atol=0.05)
-    np.testing.assert_allclose(then[2:], error[19, 2:], atol=1e-3)
+    np.testing.assert_allclose(then[2:4], error[19, 2:], atol=1e-3)
+    there = (attitude[19] * true_attitude[19].inv()).as_rotvec()
+    np.testing.assert_allclose(then[4:], there, atol=2e-7)
+    at_end = batch.attitude[0] @ error[-1] + batch.attitude[1] @ psi
+    np.testing.assert_allclose(at_end, psi, atol=1e-12)

@@ -112,7 +112,7 @@ def test_one_cloud_is_one_group(seed):
     assert not labels.any()
     mean, covariance = fitted.mean[0], fitted.covariance[0]
     np.testing.assert_allclose(mean, x.mean(axis=0), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(covariance, np.cov(x.T, bias=True) * (1 + 5 / 800), rtol=1e-6)
+    np.testing.assert_allclose(covariance, np.cov(x.T) * (1 + 100 / 800**2), rtol=1e-5)
 
 
 def clouds(centres, sizes, seed=3, sigma=SIGMA):

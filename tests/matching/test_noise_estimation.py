@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
+from isogal.matching.bias import BiasEstimate
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
 from isogal.matching.noise_estimation import NoiseEstimate, differs
 
@@ -44,8 +46,10 @@ def estimate(
         planted = np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
         batch = replace(batch, reading=batch.reading + planted)
         it = it or NoiseEstimate.unknown(batch, field_map)
+        known = bias if told is None else told
+        batch = BiasEstimate.unknown(float(batch.time[0]), known, 0.0).at_end(batch).added_to(batch)
         likelihood = BatchLikelihood.of(batch, field_map, it.model(BASE))
-        it = it.update(batch, likelihood, field_map, np.zeros(4), bias if told is None else told)
+        it = it.update(batch, likelihood, field_map, np.zeros(4))
     return it
 
 
@@ -87,18 +91,46 @@ def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     assert (flat.sigma > 0.0).all()
 
 
-def test_new_readings_only_and_none_off_the_map(rough_map):
+def test_nothing_is_learnt_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
     start = NoiseEstimate.unknown(batch, rough_map)
-    half = replace(batch, new=15)
-    tail = replace(batch, reading=np.where(np.arange(30) < 15, np.nan, batch.reading))
-    results = [
-        start.update(b, BatchLikelihood.of(b, rough_map, BASE), rough_map, np.zeros(4), 0.0).log_weight
-        for b in (half, tail)
-    ]
-    np.testing.assert_allclose(results[0], results[1], rtol=1e-9)
     away = np.array([1e6, 0.0, 0.0, 0.0])
-    assert start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away, 0.0) is start
+    assert start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away) is start
+
+
+@pytest.mark.parametrize("before", [0, 4, 10])
+def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
+    """Against dense Gaussians: p(all residuals of a fixed navigator) / p(old ones), the navigator's error known to the new ones only."""
+    scans = 16
+    batch, _ = make_batch(
+        rough_map, (30.0, -20.0, 0.01, 0.0), scans=scans, prior_sigma=(60.0, 0.03), velocity=(17.0, 18.0)
+    )
+    random = np.random.default_rng(before)
+    batch = replace(
+        batch,
+        new=scans - before,
+        drift_reading=1e-5 * random.standard_normal((scans, 2)),
+        drift_position=20.0 * random.standard_normal((scans, 2, 2)),
+        reading=batch.reading + 2e-5 * random.standard_normal(),
+    )
+    start = NoiseEstimate.unknown(batch, rough_map)
+    likelihood = BatchLikelihood.of(batch, rough_map, replace(BASE, map_sigma=2e-5))
+    mean = np.array([10.0, 10.0, 0.0, 0.0])
+    got = start.update(batch, likelihood, rough_map, mean).log_weight
+    residual, slope = likelihood.linearise(mean)
+    drift = likelihood.drift_at(mean)
+    fixed = residual - slope @ mean
+    known = slope @ batch.prior @ slope.T + drift @ drift.T
+    expected = np.empty_like(got)
+    for i, sigma in enumerate(start.sigma):
+        for j, length in enumerate(start.length):
+            R = residual_covariance(batch.latitude, batch.longitude, batch.sigma**2, np.full(scans, sigma), length, 0.0)
+            # given the old residuals, at a given error: regression; then the error is integrated out
+            gain = np.linalg.solve(R[:before, :before], R[:before, before:]).T if before else np.zeros((scans, 0))
+            turn = np.concatenate([-gain, np.eye(scans - before)], axis=1)
+            S = turn @ (known + R) @ turn.T
+            expected[i, j] = multivariate_normal(np.zeros(scans - before), S).logpdf(turn @ fixed)
+    np.testing.assert_allclose(got - got.max(), expected - expected.max(), atol=1e-6)
 
 
 def test_differs_and_figures(rough_map):

@@ -84,7 +84,7 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     prior = batch.prior[:2, :2]
     gain = prior @ np.linalg.inv(prior + fix.covariance)
     # not to the last digit: sampling error may give directions less than no information, which is cut off
-    np.testing.assert_allclose((np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=0.02)
+    np.testing.assert_allclose((np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=0.05)
 
 
 def test_no_reading_counts_twice():

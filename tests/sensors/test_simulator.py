@@ -70,6 +70,21 @@ def test_outliers_come_at_their_share_and_size():
     assert (plain[~far] == surface[~far]).mean() > 0.98  # switching outliers on leaves the other readings as they were
 
 
+def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
+    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
+    settings = Gravimeter(sigma=1e-9, bias=5e-5, drift=1e-7)
+    surface, latitude, _, it = simulate(range(200), flat, gravimeter=settings)
+    error = surface - normal_gravity(latitude)
+    time = build_trajectory(scenario()).time[it.index]
+    slope, offset = np.polyfit(time, error.T, 1)
+    assert np.abs(error - (offset[:, None] + slope[:, None] * time)).max() < 1e-8  # nothing else but noise of 1e-9
+    assert within((offset**2).sum() / 5e-5**2, 200)
+    assert within((slope**2).sum() / 1e-7**2, 200)
+    assert abs(np.corrcoef(offset, slope)[0, 1]) < 0.3
+    some, _, _, _ = simulate([7, 3], flat, gravimeter=settings)
+    np.testing.assert_array_equal(some, surface[[7, 3]])
+
+
 def test_map_error_has_the_stated_covariance():
     it = scenario(map_error=MapError(sigma=3e-5, correlation_length=4000.0))
     trajectory = build_trajectory(it)

@@ -84,6 +84,8 @@ class Gravimeter(_Section):
     interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
     outlier_fraction: float = Field(0.0, ge=0.0, lt=0.5, description="share of readings that are outliers")
     outlier_sigma: Positive = Field(50.0, description="1-sigma of an outlier in units of sigma")
+    bias: NonNegative = Field(0.0, description="1-sigma of a constant offset of all readings, unit of sigma")
+    drift: NonNegative = Field(0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second")
 
 
 class Magnetometer(_Section):

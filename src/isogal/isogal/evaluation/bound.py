@@ -4,7 +4,8 @@ Along one true trajectory the bound's information recursion (Tichavský, Muravch
 Taylor 1979 for a given trajectory) is the Riccati recursion of the navigator's linear error model whose measurement matrix is taken at
 the truth: a reading compares the map at the navigator's position with the field at the true one, so it sees position errors by the
 map's gradient, velocity and latitude errors by the reductions, the map's own error and white noise. The map's error, a field with
-covariance sigma² exp(-d / L), is along the track a first-order Gauss-Markov process: one more state.
+covariance sigma² exp(-d / L), is along the track a first-order Gauss-Markov process: one more state. The sensor's bias and its drift
+are two more.
 
 A reading of several channels is turned, by the eigenvectors of its noise's covariance, into as many with independent noise; map errors of
 the channels, independent and equal in sigma and L, stay so. Each has then its own state and is taken in turn.
@@ -25,7 +26,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.fields import measured_field
-from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -71,16 +72,18 @@ def posterior_cramer_rao(
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     latitude, longitude, velocity = trajectory.latitude[scans], trajectory.longitude[scans], trajectory.velocity[scans]
     # with the navigator at error xi: reading - map(navigator's position) = (jacobian - gradient) xi + map error + noise
+    field = measured_field(scenario)
+    at = State(latitude, longitude, trajectory.height[scans], velocity[:, 0], velocity[:, 1])
     channels = []
     for one in channels_of(field_map):
         _, north, east = one.value_and_gradient(latitude, longitude)
-        jacobian = reading_jacobian(one.quantity, latitude, velocity[:, 0], velocity[:, 1])
+        jacobian = field.reduction(scenario).jacobian(at)
         jacobian[:, 0] -= north
         jacobian[:, 1] -= east
         channels.append(jacobian)
     sensitivity = np.stack(channels, axis=1)
     noise = np.array([effective_noise_variance(scenario.gravimeter, channels_of(field_map)[0].quantisation)])
-    if (covariance := measured_field(scenario).covariance(scenario)) is not None:
+    if (covariance := field.covariance(scenario)) is not None:
         rounding = np.array([one.quantisation for one in channels_of(field_map)]) ** 2 / 12.0
         noise, turn = np.linalg.eigh(_effective_noise(scenario.gravimeter, covariance, rounding))
         sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
@@ -121,9 +124,11 @@ def _run(
 ) -> BoundResult:
     segments = divide(scenario, trajectory)
     channels = len(noise)
-    start = np.zeros((STATES + channels, STATES + channels))
+    # the navigator's errors, the map's error in each channel, the sensor's bias and drift
+    start = np.zeros((STATES + channels + 2, STATES + channels + 2))
     start[:STATES, :STATES] = initial_covariance(scenario)
-    start[STATES:, STATES:] = scenario.map_error.sigma**2 * np.eye(channels)
+    bias = (scenario.gravimeter.bias, scenario.gravimeter.drift) if channels == 1 else (0.0, 0.0)
+    start[STATES:, STATES:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
     covariance = _riccati(
         start,
         segments.geometry,
@@ -153,7 +158,7 @@ def _riccati(start, geometry, force, rotation, density, correlation, dt, per_sca
 
     What the readings say gets through to the navigator where it is told of them; from there to the next time it goes on alone.
     """
-    n, m = start.shape[0], start.shape[0] - noise.shape[0]
+    n, m = start.shape[0], start.shape[0] - noise.shape[0] - 2
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
@@ -187,8 +192,10 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
         for j in range(m):
             transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]
         transition[i, i] += 1.0
-    for c in range(m, transition.shape[0]):
+    for c in range(m, transition.shape[0] - 2):
         transition[c, c] = correlation
+    transition[-2, -2] = transition[-1, -1] = 1.0
+    transition[-2, -1] = dt
     for i in range(3):
         for j in range(3):
             acceleration, rate = 0.0, 0.0
@@ -199,20 +206,20 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
                 half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
             half_noise[4 + i, 4 + j] = 0.5 * dt * rate
     # the same trapezoid for the map error: c² (P + q) + q keeps its stationary variance
-    for c in range(m, transition.shape[0]):
+    for c in range(m, transition.shape[0] - 2):
         half_noise[c, c] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
 
 
 @kernel
 def _update(P, sensitivity, noise, error):  # type: ignore[no-untyped-def]
-    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, its map error (a state) by one."""
+    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity, its map error and the bias by one."""
     n = P.shape[0]
     column = np.empty(n)
     for i in range(n):
-        column[i] = P[i, error]
+        column[i] = P[i, error] + P[i, n - 2]
         for j in range(4):
             column[i] += P[i, j] * sensitivity[j]
-    variance = noise + column[error]
+    variance = noise + column[error] + column[n - 2]
     for j in range(4):
         variance += sensitivity[j] * column[j]
     for i in range(n):

@@ -23,6 +23,10 @@ UNKNOWN_GRAVITY = 1.6e-2
 over a correlation time of 1000 s, sqrt(2 sigma² tau). Without it the known height turns the vertical accelerometer into a velocity
 sensor by the Eötvös term, and the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has that."""
 
+LEAST_INFORMATION = -4.0
+"""Of a likelihood, per unit of the navigator's own information. A posterior has less than its prior by -1 at most; the navigator may have
+become less certain meanwhile."""
+
 
 @dataclass(frozen=True, slots=True)
 class FilterModel:
@@ -155,7 +159,8 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
     Parameters
     ----------
     vector, matrix : (4,), (4, 4) arrays
-        log p = vector' xi - xi' matrix xi / 2 of xi = (north m, east m, v_north, v_east m/s), estimate minus truth.
+        log p = vector' xi - xi' matrix xi / 2 of xi = (north m, east m, v_north, v_east m/s), estimate minus truth. Where the matrix is
+        negative the estimate becomes less certain, by a factor of four in variance at most.
 
     Returns
     -------
@@ -167,26 +172,42 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
     Raises
     ------
     ValueError
-        Not finite, or the matrix is not positive semidefinite; the state is as it was.
+        Not finite, or so negative that it cannot be what a posterior has less than its prior; the state is as it was.
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     P = state.covariance[run]
     scale = np.sqrt(np.diag(P)[ukf.HORIZONTAL])
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) * scale[:, None] * scale)  # unit-free: m and m/s alike
-    if values[0] < -1e-9 * max(values[-1], 1.0):
-        raise ValueError("information matrix is not positive semidefinite")
-    keep = values > 1e-12 * max(values[-1], 1e-300)
-    # square root form: pseudo-measurements H xi = z with unit noise, H' H = matrix
-    H = (vectors[:, keep] * np.sqrt(values[keep])).T / scale
-    z = (vectors[:, keep] / np.sqrt(values[keep])).T @ (vector * scale)
+    unit_free = 0.5 * (matrix + matrix.T) * scale[:, None] * scale  # m and m/s alike
+    values, vectors = np.linalg.eigh(
+        _bounded(unit_free, P[np.ix_(ukf.HORIZONTAL, ukf.HORIZONTAL)] / scale[:, None] / scale)
+    )
+    keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
+    size, sign = np.sqrt(np.abs(values[keep])), np.sign(values[keep])
+    # square root form: pseudo-measurements H xi = z with noise of variance J = +-1, H' J H = matrix
+    H = (vectors[:, keep] * size).T / scale
+    z = sign * ((vectors[:, keep] / size).T @ (vector * scale))
     gain = P[:, ukf.HORIZONTAL] @ H.T
-    solved = np.linalg.solve(H @ gain[ukf.HORIZONTAL] + np.eye(len(z)), np.column_stack([z, gain.T]))
+    innovation = H @ gain[ukf.HORIZONTAL] + np.diag(sign)
+    solved = np.linalg.solve(innovation, np.column_stack([z, gain.T]))
     error = -gain @ solved[:, 0]  # xi is estimate minus truth, the correction its negative
     reduced = P - gain @ solved[:, 1:]
     state.covariance[run] = 0.5 * (reduced + reduced.T)
     ukf.move(*(array[run] for array in state.arrays()[:5]), error)
-    return error[ukf.HORIZONTAL], float(z @ solved[:, 0])
+    told = sign > 0.0
+    return error[ukf.HORIZONTAL], float(z[told] @ np.linalg.solve(innovation[np.ix_(told, told)], z[told]))
+
+
+def _bounded(matrix: Array, covariance: Array) -> Array:
+    """Return the information matrix (n, n) such that the update makes no variance more than four times as large."""
+    factor = np.linalg.cholesky(covariance)
+    values, vectors = np.linalg.eigh(factor.T @ matrix @ factor)
+    if values[0] < LEAST_INFORMATION:
+        raise ValueError("information matrix is too negative")
+    if values[0] >= -0.75:
+        return matrix
+    back = np.linalg.solve(factor.T, vectors)
+    return np.asarray((back * np.maximum(values, -0.75)) @ back.T, dtype=np.float64)
 
 
 def update_position(

@@ -116,9 +116,10 @@ class BatchBuilder:
         """
         scans = list(self._scans)
         latitude, longitude, velocity, times = _arrays(scans)
-        backward = _backward(latitude, velocity, times, times[-1])[:, :4]
+        backward = _backward(latitude, velocity, times, times[-1])
         prior = 0.5 * (prior + prior.T)
-        transition, drift = _condition(backward, prior)
+        every, rest = _condition(backward, prior)
+        transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
         new = min(self._unused, len(scans))
         self._unused = 0
@@ -138,8 +139,9 @@ class BatchBuilder:
             drift_reading=np.einsum("ti,tij->tj", at_scan, drift),
             prior=prior[:4, :4],
             new=new,
-            back_transition=None if before < 0 else transition[before].copy(),
-            back_drift=None if before < 0 else drift[before].copy(),
+            back_transition=None if before < 0 else every[before],
+            back_drift=None if before < 0 else rest[before],
+            attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
         )
         if self.covariance is None:
             return batch
@@ -193,15 +195,13 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
 
 
 def _condition(backward: Array, prior: Array) -> tuple[Array, Array]:
-    """Split the error at the scans (T, 4, 7) into what xi = (position, velocity) at the batch end explains and the rest.
+    """Split the error at the scans, by `backward` (T, 7, 7), into what xi = (position, velocity) at the batch end explains and the rest.
 
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, 4, 4), the error per unit of xi, and (T, 4, 3),
-    the error per unit-variance component of e.
+    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, 7, 4), the error per unit of xi, and (T, 7, 3),
+    the error per unit-variance component of e; of a prior of position and velocity alone (T, 4, 4) and (T, 4, 0).
     """
     if prior.shape[0] == 4:
-        flat = np.zeros((backward.shape[0], 4, 4))
-        flat[:] = backward[:, :, :4]
-        return flat, np.zeros((backward.shape[0], 4, 0))
+        return backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
     gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T
     rest = prior[4:, 4:] - gain @ prior[:4, 4:]
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))

@@ -1,7 +1,9 @@
 """From a posterior back to what the measurements alone said (no double counting: SCIENCE 3).
 
-Information of the measurements = posterior information - prior information, in the directions in which the posterior is narrower
-than the prior; in the others the measurements say nothing.
+Information of the measurements = posterior information - prior information. It is negative in a direction in which the posterior is
+wider than the prior: of two places that fit, a prior between them knew neither. A navigator that is Gaussian has the posterior's mean and
+covariance only if it is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate Bayesian inference",
+where such terms have negative variances). A position fix with a covariance cannot say it: there, those directions tell nothing.
 """
 
 import numpy as np
@@ -12,11 +14,17 @@ from isogal.matching.interfaces import Information
 Array = NDArray[np.float64]
 
 _NOTHING = 1.0 - 1e-4
-"""A variance ratio posterior / prior above this counts as no information in that direction."""
+"""A variance ratio posterior / prior above this counts as no information in that direction of a position fix."""
+_SLIGHT = 0.01
+"""Variance ratios this close to 1 in every direction tell nothing."""
+_WIDEST = 4.0
+"""Variance ratio at most."""
 
 
 def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Information:
-    """Return the Gaussian likelihood that turns the prior N(0, prior) into N(mean, covariance).
+    """Return the Gaussian likelihood, perhaps with negative information, that turns the prior N(0, prior) into N(mean, covariance).
+
+    Zero where no direction tells anything. A posterior is taken to be at most twice as wide as the prior.
 
     Parameters
     ----------
@@ -25,12 +33,13 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
         Positive definite.
     """
     _, ratio, vectors = _relative(covariance, prior)
+    if (np.abs(ratio - 1.0) < _SLIGHT).all():
+        return Information(vector=np.zeros(len(mean)), matrix=np.zeros_like(prior))
     factor = np.linalg.cholesky(prior)
-    informed = ratio < _NOTHING
-    back = np.linalg.solve(factor.T, vectors[:, informed])  # whitened directions as rows of information
-    coordinate = np.linalg.solve(factor, mean) @ vectors[:, informed]
-    weight = 1.0 / ratio[informed] - 1.0
-    return Information(vector=back @ (coordinate / ratio[informed]), matrix=(back * weight) @ back.T)
+    ratio = np.minimum(ratio, _WIDEST)
+    back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
+    coordinate = np.linalg.solve(factor, mean) @ vectors
+    return Information(vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T)
 
 
 def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:

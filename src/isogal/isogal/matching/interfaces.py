@@ -53,9 +53,12 @@ class Batch:
     new: int
     """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
     back_transition: Array | None = None
-    """(4, 4) error at the last scan before the new ones, where an earlier batch ended, per unit of xi; None = not known."""
+    """(4, 4), or (7, 4) with attitude (rad): error at the last scan before the new ones, where an earlier batch ended, per unit of xi;
+    None = not known."""
     back_drift: Array | None = None
-    """(4, M) that error per unit-variance component of M."""
+    """(4 or 7, M) that error per unit-variance component of M."""
+    attitude: tuple[Array, Array] | None = None
+    """((3, 4), (3, M)) attitude error (rad) at the batch end per unit of xi and of the components of M."""
     channel: NDArray[np.int64] | None = None
     """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map. Rows are then scans times channels, and
     the rows of a scan, one after the other, share its stamp."""
@@ -69,6 +72,14 @@ class Batch:
     def scan_time(self) -> Array:
         """Stamps of the scans, each once."""
         return self.time if self.channel is None else self.time[self.channel == 0]
+
+    def back(self, elapsed: float) -> tuple[Array, Array]:
+        """Return `back_transition` and `back_drift`, (4 or 7, 4 or M); where not known those of a straight line over a time (s)."""
+        if self.back_transition is not None and self.back_drift is not None:
+            return self.back_transition, self.back_drift
+        straight = np.eye(4)
+        straight[:2, 2:] = -elapsed * np.eye(2)
+        return straight, np.zeros((4, self.drift_reading.shape[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +106,7 @@ class Information:
     vector: Array
     """(4,)."""
     matrix: Array
-    """(4, 4), positive semidefinite."""
+    """(4, 4); negative in directions in which the posterior is wider than the navigator's own prior (`information`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -134,7 +134,9 @@ def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, NDAr
         mean = w @ x[member]
         apart = x[member] - mean
         effective = 1.0 / float(w @ w)
-        covariance = (apart * w[:, None]).T @ apart * (1.0 + 5.0 / effective) + np.diag(floor**2)
+        # unbiased, and on the safe side where samples are few
+        few = 1.0 + 1.0 / effective + 100.0 / effective**2
+        covariance = (apart * w[:, None]).T @ apart * few + np.diag(floor**2)
         means.append(mean)
         covariances.append(covariance)
         weights.append(total)

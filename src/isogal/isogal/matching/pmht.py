@@ -5,7 +5,8 @@ replaces what made it inexact:
 
 - the kinematic constraint is the navigator's own track: the unknown is its error at the batch end (position and velocity), and what
   tilt and heading add within the batch is integrated out (`batching`, `likelihood`);
-- the likelihood carries the map's error with its correlation along the track, an unknown bias and the map's rounding (`likelihood`);
+- the likelihood carries the map's error with its correlation along the track and the map's rounding (`likelihood`); an unknown bias of
+  the readings and its drift are estimated along (`bias`);
 - the posterior's moments come from annealed importance sampling, so they are right where it is not Gaussian (`sampler`);
 - separate hypotheses stay separate: an ambiguous batch publishes nothing, its hypotheses go on to the next batch and are dropped by
   evidence (`hypotheses`);
@@ -26,7 +27,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
-from isogal.matching.chi_square import survival
+from isogal.matching.bias import BiasEstimate, LinearBias
 from isogal.matching.contours import contour_candidates
 from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
@@ -34,11 +35,11 @@ from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood, NoiseModel, uneven
 from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture
-from isogal.matching.noise_estimation import NoiseEstimate, differs
+from isogal.matching.noise_estimation import NoiseEstimate, differs, field_scale
+from isogal.matching.pmht_batch import Matched, evidence, likelihood_of, misfits, spikes, without
 from isogal.matching.pmht_memory import Memory, Scale, prior_of
 from isogal.matching.registry import check_options
 from isogal.matching.sampler import Sampling
-from isogal.matching.screening import outliers, smooth_misfit
 from isogal.matching.vector import first_channel
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -48,7 +49,10 @@ _EXPLAINED = 4.0
 """Variance factor that a noise model wrong by two in sigma explains."""
 _FAR_BETTER = 8.0
 """Log evidence by which a place elsewhere must beat the best one near the navigator: the wide prior itself already counts against it."""
-
+_BETTER = 3.0
+"""Log evidence by which a bias of the readings must beat a place elsewhere."""
+_UNKNOWN_BIAS = 0.5
+"""1-sigma of a bias that nobody has told anything about, as a share of the map's standard deviation."""
 _REFINEMENTS = 6
 """Times at most that a map's own error is taken anew where the readings turn out to be."""
 
@@ -72,40 +76,17 @@ class Settings(BaseModel):
     largest_misfit: float = Field(
         9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
     )
+    bias_drift_sigma: float | None = Field(
+        None,
+        ge=0.0,
+        description="1-sigma of the readings' drift, map's unit per second; null = bias_sigma in three hours",
+    )
     trust: float = Field(
         2.0,
         ge=1.0,
         le=100.0,
         description="factor within which a given map_sigma and correlation length are right (1-sigma); 1 = to the letter",
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Matched:
-    """A batch on its way through the matcher."""
-
-    batch: Batch
-    field_map: FieldMap | ChannelMap
-    prior: Mixture
-    every: BatchLikelihood
-    """Of all readings."""
-    bad: NDArray[np.bool_]
-    """Rows of it that stick out at the best hypothesis and are left out."""
-    result: Update
-
-    @property
-    def sticking_out(self) -> frozenset[float]:
-        """Their stamps."""
-        return frozenset(float(t) for t in self.batch.time[self.every.rows[self.bad]])
-
-    def consistency(self) -> tuple[float, float, float]:
-        """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
-
-        The posterior mean has absorbed as many degrees of freedom as it has gained on the prior: n - tr(1 - posterior prior⁻¹).
-        """
-        absorbed = float(np.trace(np.eye(4) - np.linalg.solve(self.batch.prior, self.result.belief.covariance[0])))
-        freedom = max(self.result.likelihood.new_count - min(max(absorbed, 0.0), 4.0), 1.0)
-        return self.result.misfit, freedom, survival(self.result.misfit, freedom)
 
 
 @dataclass(frozen=True)
@@ -136,33 +117,34 @@ class Pmht:
         if reason := unusable(batch) or self._cannot(batch, field_map):
             return declined(batch, reason), memory
         excluded = memory.excluded if memory else frozenset()
-        batch = _without(batch, excluded)
+        batch, bias = self._unbiased(without(batch, excluded), field_map, memory)
         estimate = self._estimate(batch, field_map, memory)
         noise = self.noise if estimate is None else estimate.model(self.noise)
+        noise = noise if bias is None else replace(noise, bias_sigma=0.0)
         prior = prior_of(batch, memory)
         if np.isfinite(batch.reading[-batch.new :]).sum() < 3:
-            return self._decline(batch, "fewer than three readings in the batch", memory, prior)
+            return self._decline(batch, "fewer than three readings in the batch", memory, prior, bias)
 
         scale = memory.scale.factor if memory else 1.0
-        every = _likelihood(batch, field_map, noise, prior, scale)
-        bad = _spikes(every, prior, self.settings.outlier_gate + 2.0)
+        every = likelihood_of(batch, field_map, noise, prior, scale)
+        bad = spikes(every, prior, self.settings.outlier_gate + 2.0)
         result = self._update(every.without(bad), prior)
         if result is None:
-            return self._decline(batch, "the search area lies outside the map", memory, prior)
+            return self._decline(batch, "the search area lies outside the map", memory, prior, bias)
         if uneven(field_map):  # now that the place is known, so is how wrong the map is there, which may move the place
             where = result.belief
             for _ in range(_REFINEMENTS):
-                every = _likelihood(batch, field_map, noise, where, scale)
+                every = likelihood_of(batch, field_map, noise, where, scale)
                 before, result = result, self._update(every.without(bad), prior) or result
                 if before.belief.agrees(result.belief):
                     break
                 # from now on averaged over all places so far: of those that take turns each is possible
                 where = Mixture.join([where, result.belief], np.array([0.5, 0.5]))
-        misfits = _misfits(
+        sticking_out = misfits(
             every, result.belief, self.settings.outlier_gate
         )  # with everybody in, now that the place is known
-        if not np.array_equal(bad, misfits):
-            bad = misfits
+        if not np.array_equal(bad, sticking_out):
+            bad = sticking_out
             result = self._update(every.without(bad), prior) or result
         keep = Memory(
             time=float(batch.time[-1]),
@@ -171,9 +153,30 @@ class Pmht:
             suspicion=memory.suspicion if memory else 0,
             excluded=frozenset(t for t in excluded if t >= batch.time[0]),
             noise=estimate,
+            bias=None if bias is None else bias.unmeasured(batch),
             scale=memory.scale if memory else Scale(),
         )
-        return self._decide(_Matched(batch, field_map, prior, every, bad, result), keep)
+        return self._decide(Matched(batch, field_map, prior, every, bad, result, bias, memory), keep)
+
+    def _unbiased(
+        self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Memory | None
+    ) -> tuple[Batch, LinearBias | None]:
+        """Return the batch with what is known of the readings' bias in it; a bias of several channels is in the likelihood instead."""
+        estimate = memory.bias if memory else None
+        if len(channels_of(field_map)) > 1:
+            return batch, None
+        if estimate is None and (self.adaptive or self.noise.bias_sigma > 0.0):
+            estimate = self._unknown_bias(batch, field_map)
+        if estimate is None:
+            return batch, None
+        bias = estimate.at_end(batch)
+        return bias.added_to(batch), bias
+
+    def _unknown_bias(self, batch: Batch, field_map: FieldMap | ChannelMap) -> BiasEstimate:
+        """Return the prior of the readings' bias: as told, else of somebody who knows nothing."""
+        sigma, drift = self.noise.bias_sigma, self.settings.bias_drift_sigma
+        sigma = sigma if sigma > 0.0 else _UNKNOWN_BIAS * field_scale(channels_of(field_map)[0])
+        return BiasEstimate.unknown(float(batch.time[0]), sigma, sigma / 10800.0 if drift is None else drift)
 
     def _estimate(self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Memory | None) -> NoiseEstimate | None:
         """Return what is known about the map's error by now; None where that is not in question."""
@@ -186,7 +189,7 @@ class Pmht:
             return None
         return NoiseEstimate.told(self.noise, self.settings.trust)
 
-    def _learn(self, at: "_Matched", estimate: NoiseEstimate | None) -> tuple["_Matched", NoiseEstimate | None]:
+    def _learn(self, at: Matched, estimate: NoiseEstimate | None) -> tuple[Matched, NoiseEstimate | None]:
         """Add what the batch says about the map's error, and match again where that makes a difference."""
         if estimate is None:
             return at, None
@@ -195,12 +198,13 @@ class Pmht:
             at.result.likelihood,
             channels_of(at.field_map)[0],
             at.result.belief.mean[0],
-            self.noise.bias_sigma,
         )
         model = learnt.model(self.noise)
         if not differs(estimate.model(self.noise), model):
             return at, learnt
-        every = _likelihood(at.batch, at.field_map, model, at.result.belief)
+        every = likelihood_of(
+            at.batch, at.field_map, model if at.bias is None else replace(model, bias_sigma=0.0), at.result.belief
+        )
         result = self._update(every.without(at.bad), at.prior)
         return (at if result is None else replace(at, every=every, result=result)), learnt
 
@@ -216,10 +220,9 @@ class Pmht:
     def _update(self, likelihood: BatchLikelihood, prior: Mixture) -> Update | None:
         return update(likelihood, prior, Sampling(samples=self.settings.samples), self.settings.hypotheses)
 
-    def _decide(self, at: "_Matched", keep: Memory) -> tuple[Fix, Memory]:
+    def _decide(self, at: Matched, keep: Memory) -> tuple[Fix, Memory | None]:
         """Publish, or say why not."""
-        misfit, freedom, p_value = at.consistency()
-        if self._disagree(misfit, freedom, p_value):
+        if self._disagree(*at.agreement()):
             return self._inconsistent(at, keep, self._figures(at, keep.scale, keep.noise))
         # the map's error is learnt from batches that what was known before can explain: a wrong place must not pass for a wrong map
         at, learnt = self._learn(at, keep.noise)
@@ -244,9 +247,9 @@ class Pmht:
     def _disagree(self, misfit: float, freedom: float, p_value: float) -> bool:
         return p_value < self.settings.significance and misfit > self.settings.tolerance * freedom
 
-    def _figures(self, at: "_Matched", scale: Scale, noise: NoiseEstimate | None) -> dict[str, float]:
+    def _figures(self, at: Matched, scale: Scale, noise: NoiseEstimate | None) -> dict[str, float]:
         """Return what the diagnostics say."""
-        misfit, freedom, p_value = at.consistency()
+        misfit, freedom, p_value = at.agreement()
         place = at.batch.latitude[-1:], at.batch.longitude[-1:]
         figures = {
             "hypotheses": float(len(at.result.belief)),
@@ -259,9 +262,15 @@ class Pmht:
             "readings_left_out": float(len(at.sticking_out)),
             "feature_variability": float(feature_variability(channels_of(at.field_map)[0], *place)[0]),
         }
-        return figures if noise is None else figures | noise.figures(self.noise)
+        if noise is not None:
+            figures |= noise.figures(self.noise)
+        if at.bias is not None:
+            figures |= at.bias.measured(
+                at.batch, at.result.likelihood, at.result.belief.mean[0], at.result.belief.covariance[0]
+            ).figures()
+        return figures
 
-    def _publish(self, at: "_Matched", figures: dict[str, float], keep: Memory) -> tuple[Fix, Memory]:
+    def _publish(self, at: Matched, figures: dict[str, float], keep: Memory) -> tuple[Fix, Memory]:
         batch, mean, covariance = at.batch, at.result.belief.mean[0], at.result.belief.covariance[0]
         information = likelihood_information(mean, covariance, batch.prior)
         position = measurement_only(mean, covariance, batch.prior)
@@ -290,15 +299,18 @@ class Pmht:
             ),
             scan_covariance=scan_covariance,
         )
+        if at.bias is not None:
+            keep = replace(keep, bias=at.bias.measured(at.batch, at.result.likelihood, mean, covariance))
         return fix, replace(keep, belief=None, suspicion=0)
 
-    def _inconsistent(self, at: "_Matched", keep: Memory, figures: dict[str, float]) -> tuple[Fix, Memory]:
+    def _inconsistent(self, at: Matched, keep: Memory, figures: dict[str, float]) -> tuple[Fix, Memory | None]:
         """Deal with a batch that does not agree with the map at the best place that the prior allows.
 
-        Either the navigator is elsewhere: a search over tens of km finds places with far more evidence. Then its own covariance is what is
-        wrong, and it is told so: with that covariance grown, the next batches search as they do from any uncertain start, and the
-        navigator's errors keep the correlations that the filter gives them. Or nothing fits better: then the noise is larger than
-        assumed, which is learnt and said in the fix's covariance, or the map is wrong altogether.
+        Either the readings have a bias that nobody has told of: then it is estimated from now on. Or the navigator is elsewhere: a
+        search over tens of km finds places with far more evidence. Then its own covariance is what is wrong, and it is told so: with
+        that covariance grown, the next batches search as they do from any uncertain start, and the navigator's errors keep the
+        correlations that the filter gives them. Where it may be either, a bias is allowed for in the search. Or nothing fits better: then
+        the noise is larger than assumed, which is learnt and said in the fix's covariance, or the map is wrong altogether.
         """
         batch = at.batch
         misfit = figures["misfit"]
@@ -308,14 +320,22 @@ class Pmht:
             return declined(batch, reason, **figures), replace(keep, belief=at.prior, suspicion=suspicion)
         position, velocity, _ = LOST_SIGMA
         covariance = batch.prior + np.diag([position**2, position**2, velocity**2, velocity**2])
-        # both places are judged on the same readings, with noise as large as a wrong assumption could explain: a likelihood that is
+        # all are judged on the same readings, with noise as large as a wrong assumption could explain: a likelihood that is
         # too sure of itself would find some far place better by chance
         judged = at.every.scaled(min(misfit, _EXPLAINED))
         found = self._update(judged, Mixture.gaussian(np.zeros(4), covariance))
         near = self._update(judged, at.prior)
-        if found is not None and (near is None or found.log_evidence > near.log_evidence + _FAR_BETTER):
+        here, there = evidence(near), evidence(found)
+        biased = self._evidence_of_bias(at, judged)
+        if biased > max(here + _FAR_BETTER, there + _BETTER):
+            start = at.memory or Memory(float(batch.time[0]), batch.prior, None)
+            return self.match(batch, at.field_map, replace(start, bias=self._unknown_bias(batch, at.field_map)))
+        if there > here + _FAR_BETTER:
             reason += f"; navigator lost, searching within {position / 1000.0:.0f} km (1-sigma)"
-            return replace(declined(batch, reason, **figures), reset=True), replace(keep, belief=None, scale=Scale())
+            doubtful = at.bias is not None or biased > max(here, there - _FAR_BETTER)
+            bias = self._unknown_bias(batch, at.field_map) if doubtful else None
+            keep = replace(keep, belief=None, bias=bias, scale=Scale())
+            return replace(declined(batch, reason, **figures), reset=True), keep
         if misfit > self.settings.largest_misfit:
             return declined(batch, reason, **figures), replace(keep, belief=at.prior, suspicion=suspicion)
         again, learnt = self._learn(at, keep.noise)
@@ -329,8 +349,22 @@ class Pmht:
             return declined(batch, reason, **figures), replace(keep, belief=at.prior, scale=scale)
         return self._publish(again, figures, replace(keep, noise=learnt, scale=scale))
 
+    def _evidence_of_bias(self, at: Matched, judged: BatchLikelihood) -> float:
+        """Return the log evidence of a navigator that is right, whose readings have a bias that nobody has told of."""
+        if at.bias is not None or len(channels_of(at.field_map)) > 1:
+            return -math.inf
+        batch = self._unknown_bias(at.batch, at.field_map).at_end(at.batch).added_to(at.batch)
+        biased = replace(
+            judged,
+            drift_position=batch.drift_position[judged.rows],
+            drift_reading=batch.drift_reading[judged.rows],
+        )
+        return evidence(self._update(biased.with_drift_at(np.zeros(4)), at.prior))
+
     @staticmethod
-    def _decline(batch: Batch, reason: str, memory: Memory | None, prior: Mixture) -> tuple[Fix, Memory]:
+    def _decline(
+        batch: Batch, reason: str, memory: Memory | None, prior: Mixture, bias: LinearBias | None
+    ) -> tuple[Fix, Memory]:
         carried = prior if memory is not None and memory.belief is not None else None
         keep = Memory(
             time=float(batch.time[-1]),
@@ -339,44 +373,7 @@ class Pmht:
             suspicion=memory.suspicion if memory else 0,
             excluded=memory.excluded if memory else frozenset(),
             noise=memory.noise if memory else None,
+            bias=None if bias is None else bias.unmeasured(batch),
             scale=memory.scale if memory else Scale(),
         )
         return declined(batch, reason), keep
-
-
-def _likelihood(
-    batch: Batch, field_map: FieldMap | ChannelMap, noise: NoiseModel, belief: Mixture, scale: float = 1.0
-) -> BatchLikelihood:
-    likelihood = BatchLikelihood.of(batch, field_map, noise, belief=belief.moments())
-    return likelihood.scaled(scale) if scale > 1.0 else likelihood
-
-
-def _without(batch: Batch, stamps: frozenset[float]) -> Batch:
-    """Return the batch with the readings of the given stamps removed."""
-    if not stamps:
-        return batch
-    drop = np.isin(batch.time, list(stamps))
-    return replace(batch, reading=np.where(drop, np.nan, batch.reading))
-
-
-def _spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> NDArray[np.bool_]:
-    """Find spikes before the place is known: what a wrong place does to the residuals is smooth along the track."""
-    mean, covariance = prior.moments()
-    residual, slope = likelihood.linearise(mean)
-    if not np.isfinite(residual).all():
-        return np.zeros(len(residual), dtype=np.bool_)
-    reach = slope @ covariance @ slope.T
-    smooth = smooth_misfit(likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0)
-    smooth *= likelihood.channel[:, None] == likelihood.channel
-    drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
-
-
-def _misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> NDArray[np.bool_]:
-    """Find readings that stick out at the best hypothesis."""
-    mean, covariance = belief.mean[0], belief.covariance[0]
-    residual, slope = likelihood.linearise(mean)
-    if not np.isfinite(residual).all():
-        return np.zeros(len(residual), dtype=np.bool_)
-    drift = likelihood.drift_at(mean)
-    return outliers(residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.matching.bias import BiasEstimate
 from isogal.matching.interfaces import Batch
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise_estimation import NoiseEstimate
@@ -46,6 +47,8 @@ class Memory:
     """Stamps of readings left out."""
     noise: NoiseEstimate | None = None
     """Running estimate of the map's error, where it is not given."""
+    bias: BiasEstimate | None = None
+    """The readings' bias, where it is not known to be nothing."""
     scale: Scale = Scale()
     """Running estimate of how much larger the residuals' variance is than assumed."""
 
@@ -64,12 +67,7 @@ def _carry(batch: Batch, elapsed: float) -> tuple[Array, Array]:
     By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): whatever it knows about how its errors go together, over
     priors of tens of km as well, a hypothesis about x knows, too.
     """
-    if batch.back_transition is None or batch.back_drift is None:
-        straight = np.eye(4)
-        straight[:2, 2:] = -elapsed * np.eye(2)
-        back, drift = straight, np.zeros((4, 0))
-    else:
-        back, drift = batch.back_transition, batch.back_drift
+    back, drift = (array[:4] for array in batch.back(elapsed))
     then = back @ batch.prior @ back.T + drift @ drift.T
     gain = np.asarray(np.linalg.solve(then, back @ batch.prior).T, dtype=np.float64)
     values, vectors = np.linalg.eigh(_symmetric(batch.prior - gain @ then @ gain.T))

@@ -114,13 +114,14 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     Raises
     ------
     InputError
-        `gravimeter.sigma` is not in this field's unit, or given where it does not count.
+        `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where they do not count.
     """
     field, sigma = FIELDS[scenario.measured_field], scenario.gravimeter.sigma
-    if field.vector is not None and sigma != Gravimeter().sigma:
-        raise InputError(
-            f"gravimeter.sigma: says nothing where field is {field.name}, whose noise is in the section {field.instrument}"
-        )
+    for key in ("sigma", "bias", "drift"):
+        if field.vector is not None and getattr(scenario.gravimeter, key) != getattr(Gravimeter(), key):
+            raise InputError(
+                f"gravimeter.{key}: says nothing where field is {field.name}, whose noise is in the section {field.instrument}"
+            )
     if sigma < field.least_sigma:
         raise InputError(
             f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least {field.least_sigma:g}; is {sigma:g}"

@@ -1,4 +1,4 @@
-"""Simulated readings of a scalar field: the map as truth, its error, and the sensor's noise and outliers."""
+"""Simulated readings of a scalar field: the map as truth, its error, and the sensor's noise, outliers, bias and drift."""
 
 from collections.abc import Sequence
 
@@ -26,9 +26,9 @@ class ReadingSimulator:
         truth = true_readings(scenario, trajectory, field_map)
         field = _felt(scenario, field_map)
         errors = field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
-        noise = _noise if field.vector is None else field.vector.noise
-        felt = [truth + errors[k] + noise(scenario, run, len(i)) for k, run in enumerate(runs)]
-        self.felt = field.reduction(scenario).report(np.stack(felt))
+        vector, time = field.vector, trajectory.time[i]
+        noise = [_noise(scenario, run, time) if vector is None else vector.noise(scenario, run, len(i)) for run in runs]
+        self.felt = field.reduction(scenario).report(truth + errors + np.stack(noise))
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
 
 
@@ -73,14 +73,15 @@ def _felt(scenario: Scenario, field_map: AnyMap) -> MeasuredField:
     )
 
 
-def _noise(scenario: Scenario, run: int, scans: int) -> Array:
-    settings = scenario.gravimeter
+def _noise(scenario: Scenario, run: int, time: Array) -> Array:
+    settings, scans = scenario.gravimeter, len(time)
     noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(scans)
     if settings.outlier_fraction > 0.0:
         random = generator(scenario.seed, run, "gravimeter_outliers")
         hit = random.random(scans) < settings.outlier_fraction
         noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(scans)
-    return noise
+    offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
+    return noise + settings.bias * offset + settings.drift * rate * time
 
 
 def draw_map_error(
