@@ -32,7 +32,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.matching.likelihood import residual_covariance
+from isogal.matching.noise import residual_covariance
 from isogal.scenario import Matcher
 from isogal.tracks.map_error import MapError, fit_map_error
 from isogal.tracks.matching import Match, Uncertainty, match_track

@@ -6,8 +6,9 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
 from isogal.matching.acquisition import acquire
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.mixture import Mixture
+from isogal.matching.noise import NoiseModel
 from isogal.matching.sampler import Sampling, sample
 
 NOISE = NoiseModel()

@@ -7,7 +7,8 @@ import pytest
 
 from helpers.batches import INTERVAL, field_map_of, make_batch, wavy
 from isogal.matching.bias import BiasEstimate
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 

@@ -6,7 +6,8 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.interfaces import Batch
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel
 from isogal.matching.particle import Particle, ParticleOptions
 from isogal.matching.point_mass import PointMass, PointMassOptions, _nodes
 from isogal.matching.scans import Scans, WhiteNoise

@@ -5,8 +5,9 @@ import pytest
 
 from helpers.batches import field_map_of, make_batch
 from isogal.matching.hypotheses import SAMPLED, SEARCH, WIDE, update
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.mixture import Mixture
+from isogal.matching.noise import NoiseModel
 from isogal.matching.sampler import Sampling, sample
 
 ERROR = np.array([250.0, -300.0, 0.0, 0.0])

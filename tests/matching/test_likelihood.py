@@ -10,7 +10,8 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
 from isogal.earth.frames import horizontal_difference
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel, residual_covariance
 
 T, SIGMA = 12, 1e-5
 SLOPE = np.array([2e-8, -3e-8])

@@ -8,7 +8,8 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.bias import BiasEstimate
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel, residual_covariance
 from isogal.matching.noise_estimation import NoiseEstimate, differs
 
 BASE = NoiseModel(bias_sigma=0.0)

@@ -9,7 +9,8 @@ from scipy.stats import multivariate_normal
 from helpers.batches import ORIGIN, field_map_of, make_batch, wavy
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel, residual_covariance
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 

@@ -13,7 +13,8 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel
 from isogal.matching.pmht import Pmht
 from isogal.matching.vector import first_channel, vector_batch
 from isogal.scenario import Matcher

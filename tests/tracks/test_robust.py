@@ -89,6 +89,17 @@ def test_a_widened_fix_keeps_its_place_in_both_its_forms():
     assert (wide.latitude, wide.longitude) == (fix.latitude, fix.longitude)
 
 
+@pytest.mark.parametrize("negative", [1e-9, 1e-6, 2e-4])
+def test_widening_makes_no_information_out_of_what_was_none(negative):
+    """A direction in which the posterior was wider than the prior stays without information, however much is added to it."""
+    matrix = np.diag([-negative, 4e-4, 0.0, 0.0])
+    vector = np.array([1e-3, 4e-4 * -50.0, 0.0, 0.0])
+    fix = Fix(0.0, 0.5, 1.0, np.diag([1e8, 2500.0]), information=Information(vector, matrix))
+    excess = np.diag([5000.0, 900.0, 0.0, 0.0])
+    wide = _with_excess(fix, excess, 30).information.matrix
+    np.testing.assert_allclose(wide, np.diag([0.0, 1.0 / (2500.0 + 900.0), 0.0, 0.0]), atol=1e-12)
+
+
 @dataclass(frozen=True)
 class Doubter(Pmht):
     """Answers as told instead of matching."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel, residual_covariance
+from isogal.matching.likelihood import BatchLikelihood
+from isogal.matching.noise import NoiseModel, residual_covariance
 
 Array = NDArray[np.float64]
 

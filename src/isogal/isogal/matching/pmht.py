@@ -32,9 +32,10 @@ from isogal.matching.contours import contour_candidates
 from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel, uneven
+from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture
+from isogal.matching.noise import NoiseModel, uneven
 from isogal.matching.noise_estimation import NoiseEstimate, differs, field_scale
 from isogal.matching.pmht_batch import Matched, evidence, likelihood_of, misfits, spikes, without
 from isogal.matching.pmht_memory import Memory, Scale, prior_of

@@ -12,8 +12,9 @@ from isogal.matching.bias import LinearBias
 from isogal.matching.chi_square import survival
 from isogal.matching.hypotheses import Update
 from isogal.matching.interfaces import Batch
-from isogal.matching.likelihood import BatchLikelihood, NoiseModel
+from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.mixture import Mixture
+from isogal.matching.noise import NoiseModel
 from isogal.matching.pmht_memory import Memory
 from isogal.matching.screening import outliers, smooth_misfit
 
