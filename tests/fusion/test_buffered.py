@@ -9,7 +9,7 @@ import pytest
 from helpers.navigators import ROUTE, error_between, fly
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.navigator import FilterState, propagate, update_information, update_position, widen
+from isogal.fusion.navigator import FilterState, jump_between, propagate, update_information, update_position, widen
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
@@ -44,14 +44,20 @@ def position_fix(stamp: int):
     return lambda state: update_position(state, 0, *fix, R)
 
 
-def information_at(state: FilterState, stamp: int):
-    """The information that a fix holds on the error of a state."""
+def information_at(state: FilterState, stamp: int, attitude: bool = False):
+    """The information that a fix holds on the error of a state; its attitude is compared with that of an unaided one."""
     metres = metres_per_radian(state.position[0, 0], state.position[0, 2])
     error = (state.position[0, :2] - FLIGHT.fix(stamp, *FIXES[stamp])) * metres
     M = np.zeros((4, 4))
     M[:2, :2] = np.linalg.inv(R)
     M[2:, 2:] = np.eye(2) / 0.1**2
-    return M @ np.append(error, state.velocity[0, :2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01]), M
+    error = np.append(error, state.velocity[0, :2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01])
+    if attitude:
+        turn = jump_between(reference(stamp, {}), state, 0)[4:]
+        M = np.block([[M, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3) / 1e-4**2]])
+        M[4, 0] = M[0, 4] = 0.3 * np.sqrt(M[0, 0] * M[4, 4])
+        error = np.append(error, turn + np.array([2e-5, -1e-5, 1e-5]))
+    return M @ error, M
 
 
 def identical(a: FilterState, b: FilterState) -> bool:
@@ -109,23 +115,26 @@ def test_position_fixes_in_any_order_of_arrival(order):
     assert identical(it.state, reference(120, {stamp: [position_fix(stamp)] for stamp in FIXES}))
 
 
+@pytest.mark.parametrize("attitude", [False, True])
 @pytest.mark.parametrize("order", list(permutations(FIXES)))
-def test_information_in_any_order_of_arrival(order):
+def test_information_in_any_order_of_arrival(order, attitude):
     """Each piece refers to the estimate of its stamp when it comes, whatever older ones change later."""
     expected = navigator()
     for stamp in FIXES:
         advance(expected, stamp)
-        expected.update_information(float(stamp), *information_at(expected.state, stamp))
+        expected.update_information(float(stamp), *information_at(expected.state, stamp, attitude))
     advance(expected, 120)
     it = navigator()
     advance(it, 95)
     for stamp in order:
         seen = reference_of(it, stamp)
-        assert it.update_information(float(stamp), *information_at(seen, stamp)).accepted
+        assert it.update_information(float(stamp), *information_at(seen, stamp, attitude)).accepted
     advance(it, 120)
-    apart = error_between(it.state, expected.state) / np.sqrt(np.diag(expected.state.covariance[0]))
+    scale = np.sqrt(np.diag(expected.state.covariance[0]))
+    apart = error_between(it.state, expected.state) / scale
     assert np.abs(apart).max() < 1e-4  # the fix is linear in the error, metres are not quite linear in the place
-    np.testing.assert_allclose(it.state.covariance, expected.state.covariance, rtol=1e-6, atol=1e-16)
+    unlike = (it.state.covariance[0] - expected.state.covariance[0]) / scale / scale[:, None]
+    assert np.abs(unlike).max() < 1e-6
 
 
 def reference_of(it: BufferedNavigator, stamp: int) -> FilterState:

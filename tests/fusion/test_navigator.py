@@ -19,7 +19,7 @@ from isogal.fusion.navigator import (
     update_position,
     widen,
 )
-from isogal.fusion.ukf import HORIZONTAL
+from isogal.fusion.ukf import BATCH, HORIZONTAL
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Imu, InitialError, Route, Scenario
 from isogal.seeds import generator
@@ -139,20 +139,21 @@ def filterpy_update(covariance, H, R, z):
     return kalman.x[:, 0], kalman.P
 
 
+@pytest.mark.parametrize("states", [HORIZONTAL, BATCH], ids=["horizontal", "with attitude"])
 @pytest.mark.parametrize("rank", [1, 2, 4])
-def test_information_update_equals_filterpy(rank):
+def test_information_update_equals_filterpy(rank, states):
     random = np.random.default_rng(rank)
     state = with_covariance()
     before = state.copy()
-    H = random.standard_normal((rank, 4)) / SIGMA[HORIZONTAL]
+    H = random.standard_normal((rank, len(states))) / SIGMA[states]
     z = random.standard_normal(rank)  # unit noise
     correction, nis = update_information(state, 0, H.T @ z, H.T @ H)
     full = np.zeros((rank, 15))
-    full[:, HORIZONTAL] = H
+    full[:, states] = H
     xi, covariance = filterpy_update(before.covariance[0], full, np.eye(rank), z)  # the error, estimate minus truth
     np.testing.assert_allclose(state.covariance[0] / SCALE, covariance / SCALE, atol=1e-9)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, -xi / SIGMA, atol=1e-7)
-    np.testing.assert_allclose(correction / SIGMA[HORIZONTAL], -xi[HORIZONTAL] / SIGMA[HORIZONTAL], atol=1e-9)
+    np.testing.assert_allclose(correction / SIGMA[states], -xi[states] / SIGMA[states], atol=1e-9)
     S = full @ before.covariance[0] @ full.T + np.eye(rank)
     assert nis == pytest.approx(z @ np.linalg.solve(S, z), rel=1e-9)
 

@@ -172,7 +172,9 @@ def test_nav_covariance(size) -> None:
     np.testing.assert_array_equal(convert.read_nav_covariance(message), cov)
 
 
-@pytest.mark.parametrize("information", [None, Information(np.arange(4.0), covariance(4, 2))])
+@pytest.mark.parametrize(
+    "information", [None, Information(np.arange(4.0), covariance(4, 2)), Information(np.arange(7.0), covariance(7, 2))]
+)
 @pytest.mark.parametrize("reset", [False, True])
 def test_information(information, reset) -> None:
     message = Float64MultiArray()

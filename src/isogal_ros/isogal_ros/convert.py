@@ -220,13 +220,16 @@ def fill_information(message: Any, ns: int, reset: bool, information: Informatio
 def read_information(message: Any) -> tuple[bool, Information | None]:
     """Return (whether the navigator is lost, information); None where the fix itself says all there is."""
     values = np.array(message.data)
-    if len(values) not in (3, 23):
+    size = {3: 0, 23: 4, 59: 7}.get(len(values))
+    if size is None:
         raise BadMessageError(
-            f"must hold a stamp, a flag, and a vector of 4 and a 4 x 4 matrix if any, holds {len(values)} numbers"
+            "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7 x 7,"
+            f" holds {len(values)} numbers"
         )
     if not np.isfinite(values).all():
         raise BadMessageError("information is not finite")
-    return bool(values[2]), Information(values[3:7], values[7:].reshape(4, 4)) if len(values) == 23 else None
+    information = Information(values[3 : 3 + size], values[3 + size :].reshape(size, size)) if size else None
+    return bool(values[2]), information
 
 
 _CANDIDATE = np.dtype([("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")])

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
     FilterState,
+    jump_between,
     propagate,
     update_information,
     update_position,
@@ -127,23 +127,23 @@ class BufferedNavigator:
         return self._update(time, lambda state: update_position(state, 0, latitude, longitude, covariance))
 
     def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:
-        """Apply what measurements say about position and velocity together (`fusion.navigator.update_information`), of any stamp.
+        """Apply what measurements say about the horizontal error as a whole (`fusion.navigator.update_information`), of any stamp.
 
         Parameters
         ----------
-        vector, matrix : (4,), (4, 4) arrays
+        vector, matrix : (n,), (n, n) arrays
             Relative to the navigator's estimate at the stamp, as it is now. An older fix that comes later changes that estimate; the
             information is then carried over to the new one.
         """
-        relative_to: Array | None = None  # latitude, longitude, v_north, v_east
+        relative_to: FilterState | None = None
 
         def apply(state: FilterState) -> tuple[Array, float]:
             nonlocal relative_to
-            estimate = np.concatenate([state.position[0, :2], state.velocity[0, :2]])
+            moved = np.zeros(len(vector))
             if relative_to is None:
-                relative_to = estimate
-            moved = estimate - relative_to
-            moved[:2] *= metres_per_radian(state.position[0, 0], state.position[0, 2])
+                relative_to = state.copy()
+            else:
+                moved = jump_between(relative_to, state, 0)[: len(vector)]
             # with xi = xi_old + moved, v' xi_old - xi_old' M xi_old / 2 has the vector v + M moved
             correction, nis = update_information(state, 0, vector + matrix @ moved, matrix)
             return correction[:2], nis

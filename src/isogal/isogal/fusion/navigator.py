@@ -158,16 +158,17 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
 
     Parameters
     ----------
-    vector, matrix : (4,), (4, 4) arrays
-        log p = vector' xi - xi' matrix xi / 2 of xi = (north m, east m, v_north, v_east m/s), estimate minus truth. Where the matrix is
-        negative the estimate becomes less certain, by a factor of four in variance at most.
+    vector, matrix : (n,), (n, n) arrays
+        log p = vector' x - x' matrix x / 2 of x = (north m, east m, v_north, v_east m/s), n = 4, or with attitude about north, east, down
+        (rad), n = 7; estimate minus truth. Where the matrix is negative the estimate becomes less certain, by a factor of four in
+        variance at most.
 
     Returns
     -------
-    correction : (4,) array
+    correction : (n,) array
         Change of the estimate.
     nis : float
-        Normalised innovation squared of the part of xi that the matrix informs on.
+        Normalised innovation squared of the part of x that the matrix informs on.
 
     Raises
     ------
@@ -176,26 +177,24 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
-    P = state.covariance[run]
-    scale = np.sqrt(np.diag(P)[ukf.HORIZONTAL])
+    P, which = state.covariance[run], ukf.BATCH[: len(vector)]
+    scale = np.sqrt(np.diag(P)[which])
     unit_free = 0.5 * (matrix + matrix.T) * scale[:, None] * scale  # m and m/s alike
-    values, vectors = np.linalg.eigh(
-        _bounded(unit_free, P[np.ix_(ukf.HORIZONTAL, ukf.HORIZONTAL)] / scale[:, None] / scale)
-    )
+    values, vectors = np.linalg.eigh(_bounded(unit_free, P[np.ix_(which, which)] / scale[:, None] / scale))
     keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
     size, sign = np.sqrt(np.abs(values[keep])), np.sign(values[keep])
     # square root form: pseudo-measurements H xi = z with noise of variance J = +-1, H' J H = matrix
     H = (vectors[:, keep] * size).T / scale
     z = sign * ((vectors[:, keep] / size).T @ (vector * scale))
-    gain = P[:, ukf.HORIZONTAL] @ H.T
-    innovation = H @ gain[ukf.HORIZONTAL] + np.diag(sign)
+    gain = P[:, which] @ H.T
+    innovation = H @ gain[which] + np.diag(sign)
     solved = np.linalg.solve(innovation, np.column_stack([z, gain.T]))
     error = -gain @ solved[:, 0]  # xi is estimate minus truth, the correction its negative
     reduced = P - gain @ solved[:, 1:]
     state.covariance[run] = 0.5 * (reduced + reduced.T)
     ukf.move(*(array[run] for array in state.arrays()[:5]), error)
     told = sign > 0.0
-    return error[ukf.HORIZONTAL], float(z[told] @ np.linalg.solve(innovation[np.ix_(told, told)], z[told]))
+    return error[which], float(z[told] @ np.linalg.solve(innovation[np.ix_(told, told)], z[told]))
 
 
 def _bounded(matrix: Array, covariance: Array) -> Array:

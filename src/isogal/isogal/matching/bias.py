@@ -111,25 +111,33 @@ class LinearBias:
         gain, rest = _by_state(batch, self.by_error, self.by_drift)
         return BiasEstimate(self.time, self.mean, _symmetric(self.own @ self.own.T + rest), gain)
 
-    def measured(self, batch: Batch, likelihood: BatchLikelihood, mean: Array, covariance: Array) -> BiasEstimate:
-        """Return the state after a batch whose posterior of xi is N(mean (4,), covariance (4, 4)), for a navigator that takes the fix.
+    def measured(self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array) -> BiasEstimate:
+        """Return the state after a batch, for a navigator that takes the fix.
 
         Given xi and the navigator's drift d, u is the regression of the whitened new residuals w = -D d - U u + N(0, 1), linearised
         at the mean.
+
+        Parameters
+        ----------
+        whole, covariance : (n,), (n, n) arrays
+            Posterior of the navigator's error: of xi, or with attitude where the batch knows it.
         """
+        mean = whole[:4]
         residual, slope = likelihood.linearise(mean)
         drift = likelihood.drift_at(mean)
         white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[likelihood.first_new :]
         U = white[:, -2:]
         inner = np.eye(2) + U.T @ U
         learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-2])  # by residual, xi, d
-        gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], self.by_drift + learnt[:, 5:])
+        by_drift = self.by_drift + learnt[:, 5:]
+        gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_drift)
+        expected = likelihood.drift_given(mean)[0][:-2] if batch.attitude else np.zeros(by_drift.shape[1])
         return BiasEstimate(
             self.time,
-            self.mean + self.by_error @ mean + learnt[:, 0],
+            self.mean + self.by_error @ mean + learnt[:, 0] + by_drift @ expected,
             _symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
             gain,
-            _error(batch, covariance),
+            covariance,
         )
 
 
@@ -141,15 +149,6 @@ def _by_state(batch: Batch, by_error: Array, by_drift: Array) -> tuple[Array, Ar
     by_attitude = by_drift @ np.linalg.pinv(root)
     rest = by_drift - by_attitude @ root
     return np.concatenate([by_error - by_attitude @ by_xi, by_attitude], axis=1), rest @ rest.T
-
-
-def _error(batch: Batch, covariance: Array) -> Array:
-    """Return the covariance of the navigator's error state when that of xi is (4, 4)."""
-    if batch.attitude is None:
-        return covariance
-    by_xi, root = batch.attitude
-    attitude = by_xi @ covariance @ by_xi.T + root @ root.T
-    return np.block([[covariance, covariance @ by_xi.T], [by_xi @ covariance, attitude]])
 
 
 def _root(covariance: Array) -> Array:

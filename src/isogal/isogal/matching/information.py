@@ -9,7 +9,8 @@ where such terms have negative variances). A position fix with a covariance cann
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.matching.interfaces import Information
+from isogal.matching.interfaces import Batch, Information
+from isogal.matching.likelihood import BatchLikelihood
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,35 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
     coordinate = np.linalg.solve(factor, mean) @ vectors
     return Information(vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T)
+
+
+def with_attitude(
+    batch: Batch, likelihood: BatchLikelihood, mean: Array, covariance: Array
+) -> tuple[Array, Array, Array]:
+    """Return posterior mean (n,), covariance and prior (n, n) of the navigator's error; n = 7 where the batch knows the attitude, else 4.
+
+    Given xi ~ N(mean (4,), covariance (4, 4)) the navigator's drift is what the readings say of it, linearised at the mean. Without the
+    attitude a navigator would go on believing it independent of what it has just learnt.
+    """
+    if batch.attitude is None:
+        return mean, covariance, batch.prior
+    by_xi, root = batch.attitude
+    count = root.shape[1]
+    drift, slope, spread = (array[:count] for array in likelihood.drift_given(mean))
+    follow = by_xi + root @ slope
+    full = np.concatenate([mean, by_xi @ mean + root @ drift])
+    return (
+        full,
+        _joint(covariance, follow, root @ spread[:, :count] @ root.T),
+        _joint(batch.prior, by_xi, root @ root.T),
+    )
+
+
+def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
+    """Return the covariance of (x, gain x + e), e ~ N(0, rest)."""
+    cross = covariance @ gain.T
+    whole = np.block([[covariance, cross], [cross.T, gain @ cross + rest]])
+    return np.asarray(0.5 * (whole + whole.T) + 1e-14 * np.diag(np.diag(whole)))
 
 
 def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:

@@ -98,15 +98,16 @@ class Candidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Information:
-    """The measurements' likelihood of xi in information form: log p = vector' xi - xi' matrix xi / 2.
+    """The measurements' likelihood of the navigator's error x in information form: log p = vector' x - x' matrix x / 2.
 
-    xi is the navigator's error at the batch end relative to the estimate that the batch was built with.
+    x is the error at the batch end relative to the estimate that the batch was built with: xi (n = 4), or xi and attitude about north,
+    east, down in rad (n = 7).
     """
 
     vector: Array
-    """(4,)."""
+    """(n,)."""
     matrix: Array
-    """(4, 4); negative in directions in which the posterior is wider than the navigator's own prior (`information`)."""
+    """(n, n); negative in directions in which the posterior is wider than the navigator's own prior (`information`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

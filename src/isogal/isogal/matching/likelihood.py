@@ -165,6 +165,18 @@ class BatchLikelihood:
         inner = np.linalg.cholesky(np.eye(drift.shape[1]) + drift.T @ drift)
         return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, drift.T).T))
 
+    def drift_given(self, xi: Array) -> tuple[Array, Array, Array]:
+        """Return mean (M,), derivative by xi (M, 4) and covariance (M, M) of the drift d given the new readings and an error near xi (4,).
+
+        The whitened new residuals are w = e - D d, with e and d ~ N(0, 1).
+        """
+        residual, slope = self.linearise(xi)
+        white = np.linalg.solve(self.factor, np.column_stack([residual, slope, self.drift_at(xi)]))[self.first_new :]
+        drift = white[:, 5:]
+        covariance = np.asarray(np.linalg.inv(np.eye(drift.shape[1]) + drift.T @ drift))
+        by = -covariance @ drift.T @ white[:, :5]
+        return by[:, 0], by[:, 1:], covariance
+
     def scaled(self, variance: float) -> "BatchLikelihood":
         """Return the likelihood with R times a factor."""
         likelihood = replace(self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance))

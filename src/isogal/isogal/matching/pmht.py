@@ -266,14 +266,12 @@ class Pmht:
         if noise is not None:
             figures |= noise.figures(self.noise)
         if at.bias is not None:
-            figures |= at.bias.measured(
-                at.batch, at.result.likelihood, at.result.belief.mean[0], at.result.belief.covariance[0]
-            ).figures()
+            figures |= at.bias.measured(at.batch, at.result.likelihood, *at.posterior()[:2]).figures()
         return figures
 
     def _publish(self, at: Matched, figures: dict[str, float], keep: Memory) -> tuple[Fix, Memory]:
         batch, mean, covariance = at.batch, at.result.belief.mean[0], at.result.belief.covariance[0]
-        information = likelihood_information(mean, covariance, batch.prior)
+        information = likelihood_information(*at.posterior())
         position = measurement_only(mean, covariance, batch.prior)
         if not information.matrix.any():
             return declined(batch, "the batch tells nothing that the navigator does not know", **figures), replace(
@@ -301,7 +299,7 @@ class Pmht:
             scan_covariance=scan_covariance,
         )
         if at.bias is not None:
-            keep = replace(keep, bias=at.bias.measured(at.batch, at.result.likelihood, mean, covariance))
+            keep = replace(keep, bias=at.bias.measured(at.batch, at.result.likelihood, *at.posterior()[:2]))
         return fix, replace(keep, belief=None, suspicion=0)
 
     def _inconsistent(self, at: Matched, keep: Memory, figures: dict[str, float]) -> tuple[Fix, Memory | None]:

@@ -11,12 +11,15 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.bias import LinearBias
 from isogal.matching.chi_square import survival
 from isogal.matching.hypotheses import Update
+from isogal.matching.information import with_attitude
 from isogal.matching.interfaces import Batch
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.mixture import Mixture
 from isogal.matching.noise import NoiseModel
 from isogal.matching.pmht_memory import Memory
 from isogal.matching.screening import outliers, smooth_misfit
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,11 @@ class Matched:
     def sticking_out(self) -> frozenset[float]:
         """Their stamps."""
         return frozenset(float(t) for t in self.batch.time[self.every.rows[self.bad]])
+
+    def posterior(self) -> tuple[Array, Array, Array]:
+        """Return mean (n,), covariance and prior (n, n) of the navigator's error at the best hypothesis; see `with_attitude`."""
+        belief = self.result.belief
+        return with_attitude(self.batch, self.result.likelihood, belief.mean[0], belief.covariance[0])
 
     def consistency(self) -> tuple[float, float, float]:
         """Return (misfit, degrees of freedom, p-value) of the new readings at the best hypothesis.
