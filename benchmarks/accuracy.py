@@ -24,7 +24,7 @@ from isogal.evaluation.atomic import atomic_file
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import SETTLED_AFTER, summarise
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory

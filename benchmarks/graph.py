@@ -157,7 +157,7 @@ def main() -> None:
     options = parser.parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
     scenario = load_scenario(None, changes)
-    from isogal.maps.load import map_for_scenario
+    from isogal.maps.for_scenario import map_for_scenario
     from isogal.sensors.trajectory import build_trajectory
 
     trajectory = build_trajectory(scenario)

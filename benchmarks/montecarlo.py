@@ -29,7 +29,7 @@ from isogal.fusion.navigator import FilterModel, FilterState, propagate
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
 from isogal.inertial.strapdown import step
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.kalman import constant_velocity
 from isogal.matching.local import LocalPlane

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from isogal.evaluation.records import Runs
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.scenario import Scenario
 from isogal_ros.bag_reader import BagReader
 from isogal_ros.collect import Collector

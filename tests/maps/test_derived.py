@@ -8,9 +8,11 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from isogal.errors import InputError
 from isogal.maps import derived
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.maps.gradients import tensor_maps
-from isogal.maps.load import load_map, map_for_scenario, source_map
+from isogal.maps.load import load_map
 from isogal.maps.netcdf import write_netcdf
+from isogal.maps.source import source_map
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 

@@ -14,8 +14,9 @@ from isogal.errors import InputError
 from isogal.evaluation.figures.style import field_scale
 from isogal.maps.axes import Track, Window
 from isogal.maps.field_map import FieldMap
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.maps.ggmplus import CELLS, KINDS, is_ggmplus, read_ggmplus, tile_name, tiles_of, write_ggmplus
-from isogal.maps.load import load_map, map_for_scenario, route_window
+from isogal.maps.load import load_map, route_window
 from isogal.maps.sparse import row_spans, strip_grid
 from isogal.montecarlo.chunks import map_digest
 from isogal.scenario import load_scenario
@@ -187,7 +188,7 @@ MEASURE = """
 import json, resource, sys
 import numpy as np
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 

@@ -9,7 +9,8 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import synthetic
 from isogal.maps.axes import Window
-from isogal.maps.load import map_for_scenario, route_window
+from isogal.maps.for_scenario import map_for_scenario
+from isogal.maps.load import route_window
 from isogal.maps.netcdf import read_netcdf
 from isogal.maps.noise import RMS, sum_of_octaves
 from isogal.maps.synthetic import VERSION, synthetic_map

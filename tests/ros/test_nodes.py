@@ -168,7 +168,7 @@ class TestMatcher:
     @pytest.fixture
     def drive(self, scenario, matcher_bench):
         trajectory = build_trajectory(scenario())
-        from isogal.maps.load import map_for_scenario
+        from isogal.maps.for_scenario import map_for_scenario
 
         field_map = map_for_scenario(scenario())
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
 from gravimeter_node.thinning import Thinning
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.sensors.fields import measured_field
 from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import build_trajectory

@@ -10,7 +10,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.maps.channels import AnyMap
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
 from isogal.sensors.fields import measured_field

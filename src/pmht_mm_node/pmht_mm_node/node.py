@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher

@@ -48,7 +48,7 @@ def montecarlo(
     from isogal.evaluation.bound import posterior_cramer_rao
     from isogal.evaluation.run_report import run_report
     from isogal.evaluation.summary import canonical_json, summarise, write_json
-    from isogal.maps.load import map_for_scenario
+    from isogal.maps.for_scenario import map_for_scenario
     from isogal.matching.registry import build_matcher
     from isogal.montecarlo.chunks import Case
     from isogal.montecarlo.progress import LiveProgress

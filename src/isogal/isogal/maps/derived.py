@@ -18,7 +18,8 @@ import numpy as np
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import check_coverage, route_window, source_map
+from isogal.maps.load import check_coverage, route_window
+from isogal.maps.source import source_map
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.fields import measured_field
 from isogal.sensors.trajectory import build_trajectory

@@ -24,7 +24,7 @@ from isogal.fusion.navigator import (
 )
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.load import map_for_scenario
+from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
 from isogal.matching.registry import build_matcher

@@ -6,7 +6,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import source_map
+from isogal.maps.source import source_map
 from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
