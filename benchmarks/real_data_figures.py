@@ -176,7 +176,7 @@ def growth_figure(result: dict[str, Any]) -> Figure:
         panel.set_xlabel("stations")
     for panel in panels[:, 0]:
         panel.set_ylabel("km")
-    panels[0, 0].set_ylim(0.04, 5.0)
+    panels[0, 0].set_ylim(0.02, 5.0)
     style.legend_below(figure, columns=2)
     return figure
 

@@ -106,11 +106,11 @@ def test_units_are_converted(tmp_path, small_map):
 
 def test_what_the_file_does_not_say_is_asked_for(tmp_path, small_map):
     silent = write(tmp_path / "silent.nc", small_map, units=None)
-    with pytest.raises(InputError, match="does not say its unit; give unit="):
+    with pytest.raises(InputError, match=r"does not say its unit; give unit= \(--unit;"):
         read_netcdf(silent)
     same(read_netcdf(silent, unit="m/s²"), small_map)
     nameless = write(tmp_path / "nameless.nc", small_map, names=GMT)
-    with pytest.raises(InputError, match="does not say what it is a map of; give quantity="):
+    with pytest.raises(InputError, match=r"does not say what it is a map of; give quantity= \(--quantity\) one of"):
         read_netcdf(nameless)
     same(read_netcdf(nameless, quantity="disturbance"), small_map)
 
@@ -176,7 +176,7 @@ def test_the_shared_maps(shared_data):
     australia = shared_data / "se_australia_gravity.nc"
     assert read_netcdf(australia, "ga").quantisation == pytest.approx(1e-9)
     assert read_netcdf(australia, quantity="height").unit == "m"
-    with pytest.raises(InputError, match="give variable= one of dg, ga"):
+    with pytest.raises(InputError, match=r"give variable= \(--variable\) one of dg, ga"):
         read_netcdf(australia)
 
 
@@ -191,7 +191,7 @@ def test_refusals(tmp_path, small_map):
         (
             write(tmp_path / "g.nc", small_map),
             {"quantity": "gravity"},
-            "does not say which variable for gravity; give variable= one of dg",
+            "does not say which variable for gravity; give variable= (--variable) one of dg",
         ),
         (write(tmp_path / "h.nc", small_map), {"window": Window(0.0, 0.1, 0.0, 0.1)}, "has nothing at"),
     ]

@@ -40,12 +40,12 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
     """
     if quantity is None:
         raise InputError(
-            f"{where}: does not say what it is a map of; give quantity= one of {', '.join(QUANTITIES)}{_ONCE}"
+            f"{where}: does not say what it is a map of; give quantity= (--quantity) one of {', '.join(QUANTITIES)}{_ONCE}"
         )
     known = check_quantity(quantity, where)
     if unit is None:
         raise InputError(
-            f"{where}: does not say its unit; give unit= (for {quantity}: {known.unit} or one that converts to it){_ONCE}"
+            f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or one that converts to it){_ONCE}"
         )
     inside, factor = unit_factor(unit, where)
     if inside != known.unit:

@@ -90,7 +90,9 @@ def _read(
     else:
         system = source.crs
     if not system:
-        raise InputError(f"{where}: does not say its coordinate reference system; give crs=, for example EPSG:4326")
+        raise InputError(
+            f"{where}: does not say its coordinate reference system; give crs= (--crs of 'isogal map convert'), for example EPSG:4326"
+        )
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     turn = source.transform
     plain = turn.b == turn.d == 0.0 and turn.a > 0.0 and turn.e < 0.0
@@ -113,7 +115,7 @@ def _band(source: Any, variable: str | None, where: str) -> int:
     if variable is None:
         if source.count != 1:
             raise InputError(
-                f"{where}: has {source.count} bands ({source.descriptions}); give variable= a number or description"
+                f"{where}: has {source.count} bands ({source.descriptions}); give variable= (--variable) a number or description"
             )
         return 1
     if variable.isdecimal() and 1 <= int(variable) <= source.count:

@@ -182,7 +182,7 @@ def _extension(path: Path, variable: str | None, quantity: str | None) -> str:
         if len(fitting) != 1:
             asked = f"a {quantity} map" if quantity else "the variable to use"
             raise InputError(
-                f"{path}: cannot tell {asked}; give variable= one of {', '.join(there) or ', '.join(KINDS)}"
+                f"{path}: cannot tell {asked}; give variable= (--variable) one of {', '.join(there) or ', '.join(KINDS)}"
             )
         variable = fitting[0]
     if quantity is not None and quantity != KINDS[variable].quantity:

@@ -143,7 +143,7 @@ def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) ->
         )
     asked = f"for {quantity}" if quantity else "to use"
     raise InputError(
-        f"{where}: does not say which variable {asked}; give variable= one of {', '.join(grids) or '(it has no grid)'}"
+        f"{where}: does not say which variable {asked}; give variable= (--variable) one of {', '.join(grids) or '(it has no grid)'}"
     )
 
 

@@ -187,9 +187,9 @@ def _hint(found: tuple[float, float], low: float, high: float, quantity: str) ->
             and candidate.lowest > 0.0
             and _possible(candidate, low, high)
         ):
-            return f"these look like {other}: give quantity={other}"
+            return f"these look like {other}: give quantity={other} (--quantity {other})"
     for name, (inside, factor) in UNITS.items():
         telling = known.lowest > 0.0 or max(abs(found[0]), abs(found[1])) * factor > 1e-3 * known.highest
         if inside == known.unit and telling and _possible(known, found[0] * factor, found[1] * factor):
-            return f"these look like {name}: give unit={name}"
+            return f"these look like {name}: give unit={name} (--unit {name})"
     return _DAMAGE

@@ -52,7 +52,7 @@ def read_xyz(
             if names is None:
                 if variable is None or variable.count(",") < 2:
                     raise InputError(
-                        f"{where}: does not name its columns; give variable= their order, for example lon,lat,dg"
+                        f"{where}: does not name its columns; give variable= (--variable) their order, for example lon,lat,dg"
                     )
                 names, variable = _split(variable), None
                 file.seek(0)
@@ -94,6 +94,6 @@ def _columns(names: list[str], variable: str | None, where: str) -> tuple[int, i
         others = [i for i in others if names[i] == variable.casefold()]
     if len(lats) != 1 or len(lons) != 1 or len(others) != 1:
         raise InputError(
-            f"{where}: needs one latitude, one longitude and one value column; has {', '.join(names)}; give variable="
+            f"{where}: needs one latitude, one longitude and one value column; has {', '.join(names)}; give variable= (--variable)"
         )
     return lats[0], lons[0], others[0]
