@@ -1,5 +1,6 @@
 """Fixtures that every test package shares."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,10 @@ from hypothesis import settings
 # No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
 settings.register_profile("isogal", deadline=None, derandomize=True)
 settings.load_profile("isogal")
+
+# Commands that the tests interrupt must hear it, also where a shell without job control has started the tests in the background: then
+# SIGINT is ignored, and a child inherits that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 

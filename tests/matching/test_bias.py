@@ -9,7 +9,7 @@ from helpers.batches import INTERVAL, field_map_of, make_batch, wavy
 from isogal.matching.bias import BiasEstimate
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.noise import NoiseModel
-from isogal.matching.registry import build_matcher
+from isogal.matching.pmht import Pmht
 from isogal.scenario import Matcher
 
 SCANS, BATCHES, SIGMA = 20, 4, 1e-5
@@ -164,7 +164,7 @@ ROUGH = field_map_of(wavy)
 
 def run(settings, bias, batches=6, seed=0):
     """Errors of a navigator that takes every fix, and the last fix and memory."""
-    matcher = build_matcher(Matcher(batch_length=SCANS, **settings))
+    matcher = Pmht.from_settings(Matcher(batch_length=SCANS, **settings))
     random = np.random.default_rng(seed)
     prior = np.diag([100.0**2, 100.0**2, 0.05**2, 0.05**2])
     error = np.linalg.cholesky(prior) @ random.standard_normal(4)
@@ -204,7 +204,7 @@ def test_no_bias_is_found_where_there_is_none():
 
 
 def test_a_lost_navigator_is_not_taken_for_a_bias():
-    matcher = build_matcher(Matcher(batch_length=SCANS))
+    matcher = Pmht.from_settings(Matcher(batch_length=SCANS))
     prior = np.diag([50.0**2, 50.0**2, 0.05**2, 0.05**2])
     memory, lost = None, False
     for number in range(3):

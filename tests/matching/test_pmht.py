@@ -9,7 +9,6 @@ from scipy.stats import chi2
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.matching.interfaces import LOST_SIGMA
 from isogal.matching.pmht import Pmht
-from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
@@ -19,7 +18,7 @@ VELOCITY = np.array([14.0, 17.0])
 
 
 def pmht(**keys) -> Pmht:
-    return build_matcher(Matcher(**({"map_sigma": 0.0} | keys)))
+    return Pmht.from_settings(Matcher(**({"map_sigma": 0.0} | keys)))
 
 
 def batch_at(field_map, number=0, error=ERROR, scans=30, start=(-3000.0, -3000.0), **keys):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch, wavy
+from isogal.matching.pmht import Pmht
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 
@@ -79,7 +80,7 @@ def test_it_declines_with_one_line_and_goes_on(rough_map, name, what):
 @pytest.mark.parametrize("keep", [range(0, 30, 2), range(20), [5, 9, 14, 22, 29]])
 def test_missing_readings_are_done_without(rough_map, keep):
     batch, truth = make_batch(rough_map, ERROR)
-    fix, _ = build_matcher(Matcher()).match(blank(batch, list(keep)), rough_map, None)
+    fix, _ = Pmht.from_settings(Matcher()).match(blank(batch, list(keep)), rough_map, None)
     if fix.published:
         error = truth.error_of(fix)
         assert error @ np.linalg.solve(fix.covariance, error) < 20.0
@@ -93,7 +94,7 @@ def test_a_hole_in_the_map_where_the_navigator_may_be(rough_map):
     batch, truth = make_batch(rough_map, ERROR, start=(-3000.0, -3000.0))
     values = rough_map.values.copy()
     values[:, : values.shape[1] // 2 - 20] = np.nan  # all that is further than 5 km to the west
-    fix, _ = build_matcher(Matcher()).match(batch, replace(rough_map, values=values), None)
+    fix, _ = Pmht.from_settings(Matcher()).match(batch, replace(rough_map, values=values), None)
     assert fix.published
     error = truth.error_of(fix)
     assert error @ np.linalg.solve(fix.covariance, error) < 20.0
@@ -102,7 +103,7 @@ def test_a_hole_in_the_map_where_the_navigator_may_be(rough_map):
 def test_a_flat_map_tells_nothing():
     flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east, step=2000.0)
     batch, _ = make_batch(flat, ERROR)
-    fix, memory = build_matcher(Matcher()).match(batch, flat, None)
+    fix, memory = Pmht.from_settings(Matcher()).match(batch, flat, None)
     assert not fix.published
     assert fix.reason == "the batch tells nothing that the navigator does not know"
     assert memory.belief is None
@@ -110,14 +111,14 @@ def test_a_flat_map_tells_nothing():
 
 def test_a_certain_navigator_learns_nothing(rough_map):
     batch, _ = make_batch(rough_map, np.zeros(4), prior_sigma=(1e-3, 1e-7))
-    fix, _ = build_matcher(Matcher()).match(batch, rough_map, None)
+    fix, _ = Pmht.from_settings(Matcher()).match(batch, rough_map, None)
     assert not fix.published
     assert fix.reason == "the batch tells nothing that the navigator does not know"
 
 
 def test_more_noise_than_assumed_is_noticed_and_owned_up_to(rough_map):
     """Readings three times noisier than their sigma says: fixes stay honest, as the matcher widens its noise."""
-    matcher, memory = build_matcher(Matcher()), None
+    matcher, memory = Pmht.from_settings(Matcher()), None
     squares, factors = [], []
     for number in range(25):
         random = np.random.default_rng(number)
@@ -142,7 +143,7 @@ def test_more_noise_than_assumed_is_noticed_and_owned_up_to(rough_map):
 def test_estimated_map_error_makes_fixes_honest():
     """map_sigma auto on a map that is wrong by twice the sensor's noise and more."""
     field_map = field_map_of(wavy)
-    matcher, memory = build_matcher(Matcher(map_sigma="auto")), None
+    matcher, memory = Pmht.from_settings(Matcher(map_sigma="auto")), None
     squares = []
     for number in range(25):
         random = np.random.default_rng(number)

@@ -12,7 +12,6 @@ from isogal.matching.hypotheses import WIDE
 from isogal.matching.interfaces import Fix, Information, declined
 from isogal.matching.mixture import Mixture
 from isogal.matching.pmht import Pmht
-from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.matching import Uncertainty, build_batch, match_track
@@ -115,14 +114,14 @@ def batch_and_fix(position: float):
     track, _, _ = made_track(DISTURBANCE, count=30, error=(350.0, -250.0))
     prior = Uncertainty(position=position).prior
     batch = build_batch(track, np.zeros((30, 4)), slice(0, 30), 30, np.zeros(4), prior)
-    fix, after = build_matcher(Matcher()).match(batch, DISTURBANCE, None)
+    fix, after = Pmht.from_settings(Matcher()).match(batch, DISTURBANCE, None)
     assert fix.published
     return batch, fix, after
 
 
 def test_a_fix_that_twice_the_noise_leaves_open_is_none_and_its_hypotheses_go_on():
     batch, fix, after = batch_and_fix(1500.0)
-    matcher = Doubter(build_matcher(Matcher()).noise, False)
+    matcher = Doubter(Pmht.from_settings(Matcher()).noise, False)
     none, memory = confirmed(fix, after, None, batch, DISTURBANCE, matcher)
     assert none.reason == "not found with twice the noise: ambiguous: 2 places fit"
     assert memory.belief is not None
@@ -137,7 +136,7 @@ def test_a_fix_that_twice_the_noise_leaves_open_is_none_and_its_hypotheses_go_on
 
 def test_a_prior_too_narrow_for_two_places_is_not_doubted():
     batch, fix, after = batch_and_fix(0.9 * WIDE)
-    matcher = Doubter(build_matcher(Matcher()).noise, False)
+    matcher = Doubter(Pmht.from_settings(Matcher()).noise, False)
     assert confirmed(fix, after, None, batch, DISTURBANCE, matcher) == (fix, after)
 
 

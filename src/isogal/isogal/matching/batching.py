@@ -118,7 +118,7 @@ class BatchBuilder:
         latitude, longitude, velocity, times = _arrays(scans)
         backward = _backward(latitude, velocity, times, times[-1])
         prior = 0.5 * (prior + prior.T)
-        every, rest = _condition(backward, prior)
+        every, rest = condition(backward, prior)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
         new = min(self._unused, len(scans))
@@ -194,10 +194,10 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     return result
 
 
-def _condition(backward: Array, prior: Array) -> tuple[Array, Array]:
-    """Split the error at the scans, by `backward` (T, 7, 7), into what xi = (position, velocity) at the batch end explains and the rest.
+def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
+    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity) at the batch end explains and the rest.
 
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, 7, 4), the error per unit of xi, and (T, 7, 3),
+    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4), the error per unit of xi, and (T, R, 3),
     the error per unit-variance component of e; of a prior of position and velocity alone (T, 4, 4) and (T, 4, 0).
     """
     if prior.shape[0] == 4:

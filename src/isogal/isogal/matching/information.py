@@ -61,8 +61,16 @@ def with_attitude(
     return (
         full,
         _joint(covariance, follow, root @ spread[:, :count] @ root.T),
-        _joint(batch.prior, by_xi, root @ root.T),
+        joint_prior(batch),
     )
+
+
+def joint_prior(batch: Batch) -> Array:
+    """Return the navigator's covariance (n, n) of its position, velocity and, where the batch knows it, attitude error; n = 7 or 4."""
+    if batch.attitude is None:
+        return batch.prior
+    by_xi, root = batch.attitude
+    return _joint(batch.prior, by_xi, root @ root.T)
 
 
 def _joint(covariance: Array, gain: Array, rest: Array) -> Array:

@@ -145,9 +145,15 @@ class Fix:
 class Matcher(Protocol):
     """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory it returns."""
 
-    name: str
-    context: int
-    """How many scans before the batch it wants to see as well (rows of the batch that are not new)."""
+    @property
+    def name(self) -> str:
+        """As scenarios name it."""
+        ...
+
+    @property
+    def context(self) -> int:
+        """How many scans before the batch it wants to see as well (rows of the batch that are not new)."""
+        ...
 
     def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the last call returned.

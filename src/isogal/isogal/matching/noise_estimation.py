@@ -41,6 +41,8 @@ class NoiseEstimate:
     log_weight: Array
     """(S, L) log of the prior plus the evidence of the batches, without a constant."""
     batches: int = 0
+    prior: Array | None = None
+    """(S, L) log of the prior about what was said, which is in the middle of the grid; None = nothing was said."""
 
     @classmethod
     def unknown(cls, batch: Batch, field_map: FieldMap) -> "NoiseEstimate":
@@ -51,11 +53,24 @@ class NoiseEstimate:
     @classmethod
     def told(cls, noise: NoiseModel, factor: float) -> "NoiseEstimate":
         """Return the prior of somebody who was told sigma and length, right within a factor (1-sigma)."""
+        prior = -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2)
         return cls(
             noise.map_sigma * factor**_SIGMA_STEPS,
             noise.correlation_length * factor**_LENGTH_STEPS,
-            -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2),
+            prior,
+            prior=prior,
         )
+
+    @property
+    def doubt(self) -> float:
+        """Log Bayes factor of a map at least as wrong as was said against one just so; 0 where nothing was said."""
+        if self.prior is None:
+            return 0.0
+        row, column = (count // 2 for count in self.log_weight.shape)
+        weight, prior = self.log_weight[row:], self.prior[row:]
+        top = float(weight.max())
+        mean = top + math.log(float(np.exp(weight - top).sum() / np.exp(prior).sum()))
+        return mean - float(weight[0, column] - prior[0, column])
 
     @property
     def probability(self) -> Array:

@@ -54,6 +54,8 @@ _BETTER = 3.0
 """Log evidence by which a bias of the readings must beat a place elsewhere."""
 _UNKNOWN_BIAS = 0.5
 """1-sigma of a bias that nobody has told anything about, as a share of the map's standard deviation."""
+_STRAY = 0.01
+"""Probability of a reading that sticks out."""
 _REFINEMENTS = 6
 """Times at most that a map's own error is taken anew where the readings turn out to be."""
 
@@ -156,6 +158,9 @@ class Pmht:
             noise=estimate,
             bias=None if bias is None else bias.unmeasured(batch),
             scale=memory.scale if memory else Scale(),
+            evidence=(memory.evidence if memory else 0.0)
+            + evidence(result)
+            + _strays(bad[every.first_new :], batch, field_map),
         )
         return self._decide(Matched(batch, field_map, prior, every, bad, result, bias, memory), keep)
 
@@ -374,5 +379,14 @@ class Pmht:
             noise=memory.noise if memory else None,
             bias=None if bias is None else bias.unmeasured(batch),
             scale=memory.scale if memory else Scale(),
+            evidence=memory.evidence if memory else 0.0,
         )
         return declined(batch, reason), keep
+
+
+def _strays(left_out: NDArray[np.bool_], batch: Batch, field_map: FieldMap | ChannelMap) -> float:
+    """Return the log density of the readings that are left out: they may be anything that the map holds."""
+    if not left_out.any():
+        return 0.0
+    scale = max(field_scale(channels_of(field_map)[0]), float(np.nanmedian(batch.sigma)))
+    return float(left_out.sum()) * math.log(_STRAY / (math.sqrt(2.0 * math.pi) * scale))

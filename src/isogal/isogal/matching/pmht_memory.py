@@ -51,6 +51,8 @@ class Memory:
     """The readings' bias, where it is not known to be nothing."""
     scale: Scale = Scale()
     """Running estimate of how much larger the residuals' variance is than assumed."""
+    evidence: float = 0.0
+    """Log probability density of all readings so far, each batch given the ones before."""
 
 
 def prior_of(batch: Batch, memory: Memory | None) -> Mixture:

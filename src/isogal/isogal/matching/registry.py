@@ -12,7 +12,7 @@ from isogal.scenario import Matcher as MatcherSettings
 # name -> "module:factory"; the factory takes the scenario's matcher section and gives a Matcher.
 MATCHERS: dict[str, str] = {
     "pmht-paper": "isogal.matching.pmht_paper:PmhtPaper.from_settings",
-    "pmht": "isogal.matching.pmht:Pmht.from_settings",
+    "pmht": "isogal.matching.second_opinion:Doubting.from_settings",
     "tercom": "isogal.matching.tercom:Tercom.from_settings",
     "iccp": "isogal.matching.iccp:Iccp.from_settings",
     "sitan": "isogal.matching.sitan:Sitan.from_settings",

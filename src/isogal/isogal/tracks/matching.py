@@ -28,6 +28,7 @@ from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Matcher, declined
 from isogal.matching.pmht import Pmht
 from isogal.matching.pmht_memory import Memory
 from isogal.matching.registry import build_matcher
+from isogal.matching.second_opinion import Doubting
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.robust import confirmed, widened
 from isogal.tracks.track import Track
@@ -138,7 +139,9 @@ def match_track(
     InputError
         The matcher's options are wrong, or readings of this quantity are not reduced with a latitude.
     """
-    matcher = matcher or build_matcher(settings)
+    matching = matcher or build_matcher(settings)
+    if isinstance(matching, Doubting):
+        matching = matching.first  # a track of positions has no attitude to go back with
     jacobian = track.jacobian(field_map.quantity)
     prior = uncertainty.prior
     error, covariance = np.zeros(4), prior
@@ -151,13 +154,13 @@ def match_track(
         elif not chained:
             error, covariance = np.zeros(4), prior
         overlap = settings.batch_length - settings.scans_between_fixes
-        rows = slice(max(0, previous - overlap - matcher.context), end)
+        rows = slice(max(0, previous - overlap - matching.context), end)
         batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
         batch = without_map_edge(batch, field_map)
         before = memory
-        fix, memory = matcher.match(batch, field_map, before)
-        if checked and isinstance(matcher, Pmht):
-            fix, memory = _scrutinised(fix, memory, before, batch, field_map, matcher)
+        fix, memory = matching.match(batch, field_map, before)
+        if checked and isinstance(matching, Pmht) and memory is not None:
+            fix, memory = _scrutinised(fix, memory, before, batch, field_map, matching)
         fix = _unless_empty(fix, batch)
         error, covariance = update(batch, fix, error, covariance)
         if fix.reset:

@@ -1,0 +1,284 @@
+"""A second opinion for `pmht`: where the map seems to be worse than was said, is it the map, or is the navigator somewhere else?
+
+A navigator that is 10 km off and does not know it meets residuals that look like those of a poor map, only larger and smoother: the
+matcher learns them as the map's error (`noise_estimation`), its fixes say next to nothing, and no single batch tells the difference.
+Many batches together do. So when the evidence is against the map's error as told (`NoiseEstimate.doubt`), a second matcher is asked that
+takes the map's error as told and the navigator as lost. It is given the batches of the last hour and those to come, as a navigator would
+have that took none of the fixes since, with the covariance that it would have had, started with LOST_SIGMA more. Once it is sure of a
+place, the two matchers' evidence for the same readings decides: either the navigator is told where it is, or its place stands.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.channels import ChannelMap
+from isogal.maps.field_map import FieldMap
+from isogal.matching.batching import condition
+from isogal.matching.information import joint_prior, likelihood_information, measurement_only
+from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix
+from isogal.matching.pmht import Pmht
+from isogal.matching.pmht_memory import Memory
+from isogal.scenario import Matcher as MatcherSettings
+
+Array = NDArray[np.float64]
+
+_DOUBTED = 5.0
+"""Log Bayes factor against the map's error as told that asks for a second opinion; of ten right navigators none came to 3 in hours."""
+_AGAIN = 10.0
+"""Factor by which it must have grown for the next, after an opinion that the navigator's place stands."""
+_BETTER = 8.0
+"""Log evidence by which the other place must be ahead."""
+_SAME = 0.95
+"""Probability that the second matcher gives the navigator's own place before it is heard no longer."""
+_NEAR = 500.0
+"""m, on top of three of its 1-sigmas: within this of the navigator is its own place."""
+_HISTORY = 12
+"""Batches remembered."""
+_AT_ONCE = 2
+"""Batches of the past that are matched along with a new one: the search is wide, and the new fix must not wait for long."""
+_PATIENCE = 36
+"""Batches after which a second matcher that is still not sure is given up."""
+
+
+_LOST = np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
+"""(7, 7) what being lost adds to the navigator's covariance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Past:
+    """A batch that has been matched."""
+
+    batch: Batch
+    jump: Array
+    """(7,) what its fix moved the navigator by: estimate after minus before."""
+    posterior: Array
+    """(7, 7) the navigator's covariance after it."""
+    evidence: float
+    """Log density of its readings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Opinion:
+    """The second matcher's state."""
+
+    waiting: tuple[_Past, ...]
+    """Batches that it has not been given yet."""
+    last: _Past | None = None
+    """Batch that it was given last."""
+    covariance: Array | None = None
+    """(7, 7) at the end of that, of the navigator that took no fixes."""
+    shift: Array | None = None
+    """(7,) the navigator's estimate minus that one's, after the fix of that batch."""
+    memory: Memory | None = None
+    evidence: float = 0.0
+    """First matcher's log evidence of the batches it was given."""
+    batches: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doubts:
+    """What `Doubting` carries from batch to batch."""
+
+    memory: Memory | None
+    """First matcher's."""
+    history: tuple[_Past, ...] = ()
+    opinion: _Opinion | None = None
+    threshold: float = _DOUBTED
+    """Doubt that asks for the next opinion."""
+
+
+@dataclass(frozen=True)
+class Doubting:
+    """`pmht` as scenarios have it: the matcher of batches with a second opinion. See the module."""
+
+    first: Pmht
+    name: str = "pmht"
+
+    @classmethod
+    def from_settings(cls, matcher: MatcherSettings) -> "Doubting":
+        """Build it from a scenario's matcher section; raises InputError on an unknown or bad option."""
+        return cls(Pmht.from_settings(matcher))
+
+    @property
+    def context(self) -> int:
+        """Scans before the batch."""
+        return self.first.context
+
+    def match(self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Doubts | None) -> tuple[Fix, Doubts]:
+        """Match one batch; see `interfaces.Matcher`."""
+        doubts = memory or Doubts(None)
+        fix, after = self.first.match(batch, field_map, doubts.memory)
+        doubt = after.noise.doubt if after is not None and after.noise is not None else 0.0
+        if batch.attitude is None or fix.reset or after is None or after.noise is None or after.noise.prior is None:
+            return fix, Doubts(after, threshold=doubts.threshold)
+        before = doubts.memory.evidence if doubts.memory else 0.0
+        past = _past(batch, fix, after.evidence - before)
+        history, opinion = (*doubts.history, past)[-_HISTORY:], doubts.opinion
+        if opinion is not None:
+            opinion = replace(opinion, waiting=(*opinion.waiting, past))
+        elif doubt > doubts.threshold:
+            opinion = _Opinion(waiting=history)
+        doubts = Doubts(after, history, opinion, doubts.threshold)
+        if opinion is None:
+            return fix, doubts
+        return self._ask(opinion, batch, field_map, fix, doubts, doubt)
+
+    def _ask(
+        self, opinion: _Opinion, batch: Batch, field_map: FieldMap | ChannelMap, fix: Fix, doubts: Doubts, doubt: float
+    ) -> tuple[Fix, Doubts]:
+        """Give the second matcher its next batches, and do what it says."""
+        fix = replace(fix, diagnostics={**fix.diagnostics, "second_opinion": float(opinion.batches)})
+        settled = replace(doubts, opinion=None, threshold=max(_AGAIN * doubt, _DOUBTED))
+        for _ in range(1 + _AT_ONCE):
+            if not opinion.waiting:
+                break
+            opinion, elsewhere = self._next(opinion, field_map)
+            if elsewhere.reset or opinion.memory is None or opinion.batches > _PATIENCE or _stands(opinion):
+                return fix, settled
+            if elsewhere.published and not opinion.waiting:
+                if opinion.memory.evidence - opinion.evidence < _BETTER:
+                    return fix, settled
+                return _moved(elsewhere, batch, opinion), Doubts(opinion.memory)
+        return fix, replace(doubts, opinion=opinion)
+
+    def _next(self, opinion: _Opinion, field_map: FieldMap | ChannelMap) -> tuple[_Opinion, Fix]:
+        """Match the next batch as the navigator would have it that has only taken this matcher's fixes."""
+        past, last = opinion.waiting[0], opinion.last
+        prior = joint_prior(past.batch)
+        if last is None or opinion.covariance is None or opinion.shift is None:
+            covariance, shift = prior + _LOST, np.zeros(7)
+        else:
+            forward = np.linalg.inv(_raw(past.batch).back)
+            shift = forward @ opinion.shift
+            grown = prior - forward @ last.posterior @ forward.T
+            covariance = forward @ opinion.covariance @ forward.T + _positive(grown, np.sqrt(np.diag(prior)))
+        seen = _seen_by(past.batch, shift, covariance)
+        fix, memory = self.first.match(seen, field_map, opinion.memory)
+        if fix.published and fix.information is not None:
+            mean, covariance = _posterior(covariance, fix)
+            shift = shift + mean
+        following = _Opinion(
+            waiting=opinion.waiting[1:],
+            last=past,
+            covariance=covariance,
+            shift=shift + past.jump,
+            memory=memory,
+            evidence=opinion.evidence + past.evidence,
+            batches=opinion.batches + 1,
+        )
+        return following, fix
+
+
+def _stands(opinion: _Opinion) -> bool:
+    """Whether the second matcher comes to the navigator's own place by itself."""
+    assert opinion.last is not None and opinion.shift is not None and opinion.memory is not None
+    belief = opinion.memory.belief
+    if belief is None:
+        return False
+    apart = np.hypot(*(belief.mean[:, :2] + opinion.shift[:2]).T)
+    near = apart < _NEAR + 3.0 * math.sqrt(float(np.trace(opinion.last.posterior[:2, :2])))
+    return float(belief.weight[near].sum()) > _SAME
+
+
+def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
+    """Return the fix that tells the navigator where it is."""
+    assert opinion.last is not None and opinion.covariance is not None and opinion.shift is not None
+    mean, covariance = opinion.shift - opinion.last.jump, opinion.covariance  # the batch's own fix is not taken
+    lost = joint_prior(batch) + _LOST
+    return replace(
+        elsewhere,
+        covariance=measurement_only(mean[:4], covariance[:4, :4], lost[:4, :4])[1],
+        information=likelihood_information(mean, covariance, lost),
+        reset=True,
+        scan_position=None,  # of scans that the navigator saw elsewhere
+        scan_covariance=None,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Raw:
+    """A batch's errors per unit of error (7,) at its end, whatever the navigator believes of it."""
+
+    position: Array
+    """(T, 2, 7)."""
+    reading: Array
+    """(T, 7)."""
+    back: Array
+    """(7, 7) error at the end of the batch before."""
+
+
+def _raw(batch: Batch) -> _Raw:
+    """Undo `batching.condition`: attitude = A xi + R e, so e = R⁻¹ (attitude - A xi)."""
+    assert batch.attitude is not None
+    by_xi, root = batch.attitude
+    inverse = np.linalg.pinv(root, rcond=1e-9)
+
+    def whole(by_state: Array, by_drift: Array) -> Array:
+        by_attitude = by_drift @ inverse
+        return np.concatenate([by_state - by_attitude @ by_xi, by_attitude], axis=-1)
+
+    return _Raw(
+        position=whole(batch.transition, batch.drift_position),
+        reading=whole(batch.reading_jacobian, batch.drift_reading),
+        back=whole(*batch.back(float(batch.time[-1] - batch.time[-batch.new])))
+        if batch.back_transition is not None
+        else np.eye(7),
+    )
+
+
+def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
+    """Return the batch as a navigator would have it that stands elsewhere and knows its error otherwise.
+
+    Parameters
+    ----------
+    shift : (7,) array
+        Estimate of the batch's navigator minus that one's, at the batch end.
+    covariance : (7, 7) array
+        Of that one's error there.
+    """
+    raw = _raw(batch)
+    moved = raw.position @ shift
+    north, east = metres_per_radian(batch.latitude)
+    rows = np.concatenate([raw.position, raw.reading[:, None]], axis=1)
+    by_xi, drift = condition(rows, covariance)
+    back, back_drift = condition(raw.back[None], covariance)
+    level, level_drift = condition(np.eye(7)[None, 4:], covariance)
+    return replace(
+        batch,
+        latitude=batch.latitude - moved[:, 0] / north,
+        longitude=batch.longitude - moved[:, 1] / east,
+        reading=batch.reading - raw.reading @ shift,
+        transition=np.ascontiguousarray(by_xi[:, :2]),
+        reading_jacobian=np.ascontiguousarray(by_xi[:, 2]),
+        drift_position=np.ascontiguousarray(drift[:, :2]),
+        drift_reading=np.ascontiguousarray(drift[:, 2]),
+        prior=covariance[:4, :4],
+        back_transition=None if batch.back_transition is None else back[0],
+        back_drift=None if batch.back_drift is None else back_drift[0],
+        attitude=(level[0], level_drift[0]),
+    )
+
+
+def _past(batch: Batch, fix: Fix, evidence: float) -> _Past:
+    prior = joint_prior(batch)
+    if not fix.published or fix.information is None:
+        return _Past(batch, np.zeros(7), prior, evidence)
+    mean, covariance = _posterior(prior, fix)
+    return _Past(batch, -mean, covariance, evidence)
+
+
+def _posterior(prior: Array, fix: Fix) -> tuple[Array, Array]:
+    """Return mean (7,) and covariance (7, 7) of the error N(0, prior) after a fix with information."""
+    assert fix.information is not None
+    covariance = np.linalg.inv(np.linalg.inv(prior) + fix.information.matrix)
+    return covariance @ fix.information.vector, 0.5 * (covariance + covariance.T)
+
+
+def _positive(matrix: Array, scale: Array) -> Array:
+    """Return the matrix without its negative part, with each state in units of its scale."""
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
