@@ -115,6 +115,7 @@ def measure(case: str, length: int, map_file: str | None, runs: int, pool: Proce
         "declined": summary["fixes"]["declined"],
         "nees_per_axis": summary["nees_per_axis"]["mean"],
         "fix_ms": float(np.median(record.fix_seconds)) * 1e3,
+        "slowest_fix_ms": float(np.max(record.fix_seconds)) * 1e3,
         "mean_m": summary["position_error"]["mean"],
     }
     error = record.horizontal_error
@@ -148,7 +149,8 @@ def text_of(case: str, length: int, row: dict[str, Any]) -> str:
     if "found_at_end" in row:
         return line + (
             f"found at 45 min {100 * row['found_at_45_min']:.0f} %, at the end {100 * row['found_at_end']:.0f} %;"
-            f" median {row['found_median_min']:.0f} min, last {row['found_last_min']:.0f} min"
+            f" median {row['found_median_min']:.0f} min, last {row['found_last_min']:.0f} min;"
+            f" {row['fix_ms']:.1f} ms, slowest fix {row['slowest_fix_ms']:.0f} ms"
         )
     return line + (
         f"{row['rms_after_1h_m']:7.1f} m  bound {row['bound_after_1h_m']:6.1f}  ratio {row['ratio']:.3f} ± {row['ratio_error']:.3f}"

@@ -193,6 +193,7 @@ def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
         elsewhere,
         covariance=measurement_only(mean[:4], covariance[:4, :4], lost[:4, :4])[1],
         information=likelihood_information(mean, covariance, lost),
+        diagnostics={**elsewhere.diagnostics, "navigator_lost": 1.0},
         reset=True,
         scan_position=None,  # of scans that the navigator saw elsewhere
         scan_covariance=None,
