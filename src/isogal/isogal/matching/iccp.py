@@ -12,9 +12,6 @@ The source gives no covariance: it is the curvature of the residuals there (`sca
 their likelihood, times `covariance_factor`, since the nearest contour is not always the right one and pulls towards the start.
 """
 
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,11 +19,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local import LocalPlane, too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_measured, shift_covariance
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.local import LocalPlane
+from isogal.matching.scans import Scans, publish_measured, shift_covariance
 
 Array = NDArray[np.float64]
 
@@ -57,31 +53,21 @@ class IccpOptions(BaseModel):
     min_scans: int = Field(8, ge=3, description="readings with a contour in the window that a fix needs")
 
 
-@dataclass(frozen=True)
-class Iccp:
+class Iccp(Baseline[IccpOptions]):
     """Settings of the matcher; it carries nothing from batch to batch."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: IccpOptions = field(default_factory=IccpOptions)
-    context: int = 0
-    name: str = "iccp"
+    name = "iccp"
+    options_model = IccpOptions
+    whole = True
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "Iccp":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options("iccp", settings.options, IccpOptions))
+    @property
+    def fewest(self) -> int:
+        """Readings that a fix needs."""
+        return self.options.min_scans
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        return self._match(batch, field_map), memory
-
-    def _match(self, batch: Batch, field_map: FieldMap) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         options = self.options
-        if reason := unusable(batch):
-            return declined(batch, reason)
-        scans = Scans.of(batch, field_map, self.noise, whole=True)
-        if reason := too_few(batch, len(scans), options.min_scans):
-            return declined(batch, reason)
         half = max(options.window * float(np.sqrt(np.diag(batch.prior)[:2].max())), options.min_half_width)
         # a wrong velocity moves all contours by its Eötvös term
         wrong = np.einsum("ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:])

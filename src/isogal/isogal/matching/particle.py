@@ -9,9 +9,7 @@ Gaussian, whose covariance is the same for all. The prior is the navigator's, so
 numbers are one fixed quasi-random set: the same batch gives the same fix.
 """
 
-from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +19,9 @@ from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 from isogal.matching import quasi_random
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.local import too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_posterior
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.scans import Scans, publish_posterior
 
 Array = NDArray[np.float64]
 
@@ -48,30 +44,14 @@ class ParticleOptions(BaseModel):
     noise: float = Field(1.0, gt=0.0, description="random walk of the position from scan to scan, m")
 
 
-@dataclass(frozen=True)
-class Particle:
+class Particle(Baseline[ParticleOptions]):
     """Settings of the matcher; it carries nothing from batch to batch."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: ParticleOptions = field(default_factory=ParticleOptions)
-    context: int = 0
-    name: str = "particle"
+    name = "particle"
+    options_model = ParticleOptions
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "Particle":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options("particle", settings.options, ParticleOptions))
-
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        return self._match(batch, field_map), memory
-
-    def _match(self, batch: Batch, field_map: FieldMap) -> Fix:
-        if reason := unusable(batch):
-            return declined(batch, reason)
-        scans = Scans.of(batch, field_map, self.noise, whole=False)
-        if reason := too_few(batch, len(scans), 1):
-            return declined(batch, reason)
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         move, drive = _dynamics(scans.transition, batch.transition[-1])
         # readings by position error at the scan and by velocity error: xi = (A_p^-1 (p - A_v v), v)
         inverse = np.linalg.inv(scans.transition[:, :, :2])

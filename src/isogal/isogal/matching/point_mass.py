@@ -10,8 +10,6 @@ weight, and so on until beta is 1; so a posterior that fits between the nodes of
 """
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +18,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.local import too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_posterior
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.scans import Scans, publish_posterior
 
 Array = NDArray[np.float64]
 
@@ -43,32 +39,15 @@ class PointMassOptions(BaseModel):
     levels: int = Field(10, ge=1, le=50, description="most grids")
 
 
-@dataclass(frozen=True)
-class PointMass:
+class PointMass(Baseline[PointMassOptions]):
     """Settings of the matcher; it carries nothing from batch to batch."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: PointMassOptions = field(default_factory=PointMassOptions)
-    context: int = 0
-    name: str = "point-mass"
+    name = "point-mass"
+    options_model = PointMassOptions
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "PointMass":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        options = check_options("point-mass", settings.options, PointMassOptions)
-        return cls(WhiteNoise.from_settings(settings), options)
-
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        return self._match(batch, field_map), memory
-
-    def _match(self, batch: Batch, field_map: FieldMap) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         options = self.options
-        if reason := unusable(batch):
-            return declined(batch, reason)
-        scans = Scans.of(batch, field_map, self.noise, whole=False)
-        if reason := too_few(batch, len(scans), 1):
-            return declined(batch, reason)
         prior = batch.prior[:2, :2]
         gain = np.linalg.solve(prior, batch.prior[:2, 2:]).T
         linear = np.zeros((3, 3))

@@ -9,9 +9,6 @@ taken in their order, each slope at the estimate that the scans before it have l
 knowing it: beyond a map feature or so of initial error this filter diverges, as its source says of single-filter SITAN.
 """
 
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,11 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.local import too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_posterior
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.scans import Scans, publish_posterior
 
 Array = NDArray[np.float64]
 
@@ -39,27 +34,14 @@ class SitanOptions(BaseModel):
     gate: float | None = Field(None, gt=0.0, description="innovations beyond so many 1-sigma are left out; null = none")
 
 
-@dataclass(frozen=True)
-class Sitan:
+class Sitan(Baseline[SitanOptions]):
     """Settings of the matcher; it carries nothing from batch to batch, since the navigator carries the estimate."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: SitanOptions = field(default_factory=SitanOptions)
-    context: int = 0
-    name: str = "sitan"
+    name = "sitan"
+    options_model = SitanOptions
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "Sitan":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options("sitan", settings.options, SitanOptions))
-
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        if reason := unusable(batch):
-            return declined(batch, reason), memory
-        scans = Scans.of(batch, field_map, self.noise, whole=False)
-        if reason := too_few(batch, len(scans), 1):
-            return declined(batch, reason), memory
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         start = np.zeros((5, 5))
         start[:4, :4] = batch.prior
         start[4, 4] = self.noise.bias_sigma**2
@@ -70,8 +52,8 @@ class Sitan:
         )  # fmt: skip
         figures = {"readings_used": float(used), "misfit": misfit / max(used, 1)}
         if used == 0:
-            return declined(batch, "no reading agrees with the map within the gate", **figures), memory
-        return publish_posterior(batch, mean[:4], covariance[:4, :4], figures), memory
+            return declined(batch, "no reading agrees with the map within the gate", **figures)
+        return publish_posterior(batch, mean[:4], covariance[:4, :4], figures)
 
 
 @kernel

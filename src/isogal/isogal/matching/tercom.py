@@ -12,8 +12,6 @@ is added, and where that is as wide as half the window there is no fix.
 """
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.local import too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_measured, shift_covariance
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.scans import Scans, publish_measured, shift_covariance
 
 Array = NDArray[np.float64]
 
@@ -49,30 +45,20 @@ class TercomOptions(BaseModel):
     min_scans: int = Field(8, ge=3, description="readings that a fix needs")
 
 
-@dataclass(frozen=True)
-class Tercom:
+class Tercom(Baseline[TercomOptions]):
     """Settings of the matcher; it carries nothing from batch to batch."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: TercomOptions = field(default_factory=TercomOptions)
-    context: int = 0
-    name: str = "tercom"
+    name = "tercom"
+    options_model = TercomOptions
+    whole = True
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "Tercom":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options("tercom", settings.options, TercomOptions))
+    @property
+    def fewest(self) -> int:
+        """Readings that a fix needs."""
+        return self.options.min_scans
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        return self._match(batch, field_map), memory
-
-    def _match(self, batch: Batch, field_map: FieldMap) -> Fix:
-        if reason := unusable(batch):
-            return declined(batch, reason)
-        scans = Scans.of(batch, field_map, self.noise, whole=True)
-        if reason := too_few(batch, len(scans), self.options.min_scans):
-            return declined(batch, reason)
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         half = np.maximum(self.options.window * np.sqrt(np.diag(batch.prior)[:2]), self.options.min_half_width)
         side = [self._side(width) for width in half]
         mad, square = self._search(scans, np.zeros(2), side)

@@ -11,8 +11,6 @@ edge gives none. The covariance comes from the same trellis, summed over paths i
 """
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +19,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.matching.baseline import Baseline
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local import too_few, unusable
-from isogal.matching.registry import check_options
-from isogal.matching.scans import Scans, WhiteNoise, publish_posterior
-from isogal.scenario import Matcher as MatcherSettings
+from isogal.matching.scans import Scans, publish_posterior
 
 Array = NDArray[np.float64]
 
@@ -39,30 +35,14 @@ class ViterbiOptions(BaseModel):
     extent: float = Field(3.5, gt=0.0, description="half-width of the grid in 1-sigma of the navigator's position")
 
 
-@dataclass(frozen=True)
-class Viterbi:
+class Viterbi(Baseline[ViterbiOptions]):
     """Settings of the matcher; it carries nothing from batch to batch."""
 
-    noise: WhiteNoise = field(default_factory=WhiteNoise)
-    options: ViterbiOptions = field(default_factory=ViterbiOptions)
-    context: int = 0
-    name: str = "viterbi"
+    name = "viterbi"
+    options_model = ViterbiOptions
 
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "Viterbi":
-        """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options("viterbi", settings.options, ViterbiOptions))
-
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch (see `interfaces.Matcher`)."""
-        return self._match(batch, field_map), memory
-
-    def _match(self, batch: Batch, field_map: FieldMap) -> Fix:
-        if reason := unusable(batch):
-            return declined(batch, reason)
-        scans = Scans.of(batch, field_map, self.noise, whole=False)
-        if reason := too_few(batch, len(scans), 1):
-            return declined(batch, reason)
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch (see `Baseline`)."""
         first = scans.transition[0] @ batch.prior @ scans.transition[0].T
         widest = max(float(np.diag(first).max()), float(np.diag(batch.prior)[:2].max()))
         cell = 2.0 * self.options.extent * math.sqrt(widest) / self.options.cells
