@@ -63,14 +63,13 @@ class NoiseEstimate:
 
     @property
     def doubt(self) -> float:
-        """Log Bayes factor of a map at least as wrong as was said against one just so; 0 where nothing was said."""
+        """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing was said."""
         if self.prior is None:
             return 0.0
-        row, column = (count // 2 for count in self.log_weight.shape)
-        weight, prior = self.log_weight[row:], self.prior[row:]
-        top = float(weight.max())
-        mean = top + math.log(float(np.exp(weight - top).sum() / np.exp(prior).sum()))
-        return mean - float(weight[0, column] - prior[0, column])
+        above = len(self.sigma) // 2 + 1
+        return _log_mean(self.log_weight[above:], self.prior[above:]) - _log_mean(
+            self.log_weight[:above], self.prior[:above]
+        )
 
     @property
     def probability(self) -> Array:
@@ -123,6 +122,12 @@ class NoiseEstimate:
         """Return the estimate for the diagnostics."""
         model = self.model(base)
         return {"map_sigma": model.map_sigma, "map_correlation_length_m": model.correlation_length}
+
+
+def _log_mean(log_weight: Array, log_prior: Array) -> float:
+    """Return the log of the mean evidence under the prior, which need not be normalised."""
+    top = float(log_weight.max())
+    return top + math.log(float(np.exp(log_weight - top).sum() / np.exp(log_prior).sum()))
 
 
 def field_scale(field_map: FieldMap) -> float:
