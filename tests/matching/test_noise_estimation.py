@@ -160,3 +160,22 @@ def test_what_was_told_is_set_right(rough_map, sigma, length):
     assert 3e-5 / 1.3 < model.map_sigma < 3e-5 * 1.3
     assert abs(np.log(model.correlation_length / 4000.0)) < 0.7 * np.log(2.0)
     assert model.map_sigma > 2.0 * estimate(rough_map, 5e-6, 4000.0, it=it).model(told).map_sigma
+
+
+@pytest.mark.parametrize(
+    ("sigma", "length", "doubted"),
+    [
+        (1.5e-5, 4000.0, True),
+        (3e-5, 4000.0, False),
+        (6e-5, 4000.0, False),
+        (3e-5, 8000.0, False),
+        (3e-5, 2000.0, False),
+    ],
+)
+def test_only_a_map_that_is_worse_than_told_is_doubted(rough_map, sigma, length, doubted):
+    it = NoiseEstimate.told(NoiseModel(map_sigma=sigma, correlation_length=length), 2.0)
+    assert it.doubt == pytest.approx(0.0, abs=1e-12)
+    later = estimate(rough_map, 3e-5, 4000.0, it=it)
+    assert (later.doubt > 4.0) if doubted else (later.doubt < 2.5)
+    batch, _ = make_batch(rough_map)
+    assert NoiseEstimate.unknown(batch, rough_map).doubt == 0.0
