@@ -27,7 +27,7 @@ SEARCH = 3000.0
 """m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has failed."""
 NEGLIGIBLE = 1e-6
 """A hypothesis of less weight is dropped."""
-SAMPLED = 64
+SAMPLED = 32
 """Hypotheses that are sampled one by one; of more, the ones that a glance finds most likely."""
 GLANCE = 32
 """Points of a glance."""

@@ -40,6 +40,8 @@ _HISTORY = 12
 """Batches remembered."""
 _AT_ONCE = 2
 """Batches of the past that are matched along with a new one: the search is wide, and the new fix must not wait for long."""
+_CONTEXT = 10
+"""Older scans that the second matcher sees of a batch."""
 _PATIENCE = 36
 """Batches after which a second matcher that is still not sure is given up."""
 
@@ -241,6 +243,7 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
     covariance : (7, 7) array
         Of that one's error there.
     """
+    batch = _shortened(batch)
     raw = _raw(batch)
     moved = raw.position @ shift
     north, east = metres_per_radian(batch.latitude)
@@ -262,6 +265,16 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
         back_drift=None if batch.back_drift is None else back_drift[0],
         attitude=(level[0], level_drift[0]),
     )
+
+
+def _shortened(batch: Batch) -> Batch:
+    """Return the batch with only the last of its older scans: they tell most about the map's error, and the search takes less long."""
+    rows = slice(max(0, len(batch) - batch.new - _CONTEXT), None)
+    names = (
+        "time", "latitude", "longitude", "velocity", "reading", "sigma", "offset",
+        "transition", "reading_jacobian", "drift_position", "drift_reading",
+    )  # fmt: skip
+    return replace(batch, **{name: getattr(batch, name)[rows] for name in names})
 
 
 def _past(batch: Batch, fix: Fix, evidence: float) -> _Past:
