@@ -27,8 +27,8 @@ SHIFT = np.array([900.0, -700.0, 0.4, -0.3, 8e-5, -5e-5, 2e-4])
 
 
 def builder(scans: int = 30) -> BatchBuilder:
-    """Scans of a navigator that flies straight, 15 of them used by an earlier batch."""
-    made = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=scans - 15)
+    """Scans of a navigator that flies straight, the last 25 of them in the batch, ten of those used by an earlier one."""
+    made = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=10)
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     reading = np.random.default_rng(0).normal(0.0, 1e-4, scans)
     for t in range(scans):
