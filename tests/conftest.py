@@ -3,8 +3,12 @@
 import signal
 from pathlib import Path
 
-import pytest
-from hypothesis import settings
+from isogal.threads import one_thread
+
+one_thread()  # as Isogal's own programs: two test processes on two cores would fight for them; before NumPy is loaded
+
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 # No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
 settings.register_profile("isogal", deadline=None, derandomize=True)
