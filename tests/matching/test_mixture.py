@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from helpers.navigators import random_covariance
-from isogal.matching.mixture import Mixture, fit
+from isogal.matching.mixture import Mixture, fit, pieces
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 FLOOR = 1e-6 * SIGMA
@@ -153,3 +153,40 @@ def test_overlapping_clouds_stay_together():
 def test_equal_samples_get_the_floor():
     fitted, _ = fit(np.ones((100, 4)), np.full(100, 0.01), 6, SIGMA)
     np.testing.assert_allclose(fitted.covariance[0], np.diag(SIGMA**2), atol=1e-20)
+
+
+def ridge(count, seed):
+    """Samples of a curved ridge, with weights."""
+    random = np.random.default_rng(seed)
+    along = random.standard_normal(count)
+    x = SIGMA * np.stack(
+        [along, along**2 + 0.1 * random.standard_normal(count), *random.standard_normal((2, count))], -1
+    )
+    return x, random.uniform(0.1, 1.0, count)
+
+
+@pytest.mark.parametrize("cuts", [0, 1, 3])
+def test_pieces_keep_the_moments(cuts):
+    x, weight = ridge(2000, 0)
+    it = pieces(x, weight, SIGMA, cuts)
+    assert len(it) == 2**cuts
+    np.testing.assert_allclose(it.weight, 2.0**-cuts, atol=0.01)
+    mean, covariance = it.moments()
+    np.testing.assert_allclose(mean, np.average(x, axis=0, weights=weight), rtol=1e-9)
+    np.testing.assert_allclose(
+        covariance, np.cov(x.T, aweights=weight, ddof=0) + np.diag((1e-3 * SIGMA) ** 2), rtol=1e-6
+    )
+
+
+def test_pieces_follow_a_ridge_that_one_gaussian_does_not():
+    x, weight = ridge(2000, 1)
+    others, _ = ridge(2000, 2)
+    one, eight = (pieces(x, weight, SIGMA, cuts).log_density(others).mean() for cuts in (0, 3))
+    assert eight > one + 0.7
+
+
+def test_few_samples_are_one_piece():
+    x, _ = ridge(200, 3)
+    weight = np.zeros(200)
+    weight[:30] = 1.0
+    assert len(pieces(x, weight, SIGMA, 3)) == 1

@@ -220,3 +220,20 @@ def test_fixes_for_retrodiction_hold_the_information_once(rough_map):
         np.hypot(*true.error_of(replace(fix, latitude=fix.scan_position[-1, 0], longitude=fix.scan_position[-1, 1])))
         < 100.0
     )
+
+
+def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
+    batch, _ = make_batch(
+        rough_map, (200.0, -150.0, 0.05, 0.03), scans=10, sigma=3e-5, prior_sigma=(700.0, 0.1), seed=3
+    )
+    fix, memory = pmht().match(batch, rough_map, None)
+    assert fix.published
+    posterior = np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix)
+    assert 100.0 < np.sqrt(np.linalg.eigvalsh(posterior[:2, :2])[-1]) < 1000.0
+    assert len(memory.belief) == 8
+    mean, covariance = memory.belief.moments()  # of the navigator that has taken the fix
+    sigma = np.sqrt(np.diag(posterior))
+    np.testing.assert_allclose(mean / sigma, 0.0, atol=1e-6)
+    np.testing.assert_allclose(covariance / np.outer(sigma, sigma), posterior / np.outer(sigma, sigma), atol=1e-6)
+    sharp, _ = make_batch(rough_map, (20.0, -15.0, 0.05, 0.03), scans=30, sigma=1e-5, prior_sigma=(30.0, 0.1), seed=3)
+    assert pmht().match(sharp, rough_map, None)[1].belief is None

@@ -52,6 +52,8 @@ class Update:
     effective: float
     """Effective share of the samples of the heaviest hypothesis."""
     rounds: int
+    drawn: tuple[Array, Array] | None = None
+    """(S, 4) samples of the posterior and (S,) their weights, where all hypotheses were sampled together."""
 
 
 def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> Update | None:
@@ -81,7 +83,7 @@ def _update_group(likelihood: BatchLikelihood, prior: Mixture, sampling: Samplin
     total = float(prior.weight.sum())
     if len(prior) > 1 and total > 0.0:
         own = replace(prior, weight=prior.weight / total)
-        if _largest_sigma(own.moments()[1]) < WIDE:
+        if _largest_sigma(own.moments()[1]) < VERY_WIDE:
             # as one prior, whose posterior is split again only where it has separate modes
             posterior, linearised = sample(likelihood, own, replace(sampling, samples=4 * sampling.samples))
             if posterior is not None and _resolved(posterior):
@@ -181,6 +183,7 @@ def _joined(pieces: list["_Piece"], most: int) -> Update:
         resolved=best.effective * best.samples >= 20.0,
         effective=best.effective,
         rounds=best.rounds,
+        drawn=best.drawn if len(pieces) == 1 else None,
     )
 
 
@@ -195,6 +198,7 @@ class _Piece:
     effective: float
     samples: int
     rounds: int
+    drawn: tuple[Array, Array] | None = None
 
 
 def _update_one(
@@ -232,6 +236,7 @@ def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
         posterior.effective,
         len(posterior.weight),
         posterior.rounds,
+        (posterior.samples, posterior.weight),
     )
 
 

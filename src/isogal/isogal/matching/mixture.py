@@ -16,6 +16,10 @@ SEPARATION = 4.0
 Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians; the two halves of one cut Gaussian already reach 2.7)."""
 
 
+_FEWEST = 40.0
+"""Effective samples that a piece must have to be cut."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
     """K weighted Gaussians in n dimensions."""
@@ -145,6 +149,41 @@ def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, NDAr
     rank[order] = np.arange(len(order))
     mixture = Mixture(np.array(weights)[order], np.array(means)[order], np.array(covariances)[order])
     return mixture, rank[labels]
+
+
+def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
+    """Describe samples by up to 2**cuts Gaussians: cut in halves of equal weight across the longest axis, and these again.
+
+    Parameters
+    ----------
+    x, weight : (S, n), (S,) arrays
+    scale : (n,) array
+        Unit of each coordinate, in which axes are compared; a piece is at least a thousandth of it wide.
+    cuts : int
+        Times; a piece whose samples would be too few is not cut.
+    """
+    parts = [np.flatnonzero(weight > 0.0)]
+    for _ in range(cuts):
+        parts = [half for part in parts for half in _halves(x[part] / scale, weight[part], part)]
+    total = np.array([weight[part].sum() for part in parts])
+    mean, covariance = np.empty((len(parts), x.shape[1])), np.empty((len(parts), x.shape[1], x.shape[1]))
+    for k, part in enumerate(parts):
+        w = weight[part] / total[k]
+        mean[k] = w @ x[part]
+        apart = x[part] - mean[k]
+        covariance[k] = (apart * w[:, None]).T @ apart + np.diag((1e-3 * scale) ** 2)
+    return Mixture(total / total.sum(), mean, covariance)
+
+
+def _halves(x: Array, weight: Array, part: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    w = weight / weight.sum()
+    if 1.0 / float((w**2).sum()) < _FEWEST:
+        return [part]
+    apart = x - w @ x
+    along = apart @ np.linalg.eigh((apart * w[:, None]).T @ apart)[1][:, -1]
+    order = np.argsort(along, kind="stable")
+    middle = int(np.searchsorted(np.cumsum(w[order]), 0.5)) + 1
+    return [part[order[:middle]], part[order[middle:]]] if middle < len(order) else [part]
 
 
 @kernel

@@ -8,6 +8,7 @@ replaces what made it inexact:
 - the likelihood carries the map's error with its correlation along the track and the map's rounding (`likelihood`); an unknown bias of
   the readings and its drift are estimated along (`bias`);
 - the posterior's moments come from annealed importance sampling, so they are right where it is not Gaussian (`sampler`);
+- a wide posterior that is not Gaussian goes on to the next batch in its own shape (`mixture.pieces`);
 - separate hypotheses stay separate: an ambiguous batch publishes nothing, its hypotheses go on to the next batch and are dropped by
   evidence (`hypotheses`);
 - readings that stick out are left out, and a batch that does not agree with the map gives no fix (`screening`);
@@ -34,7 +35,7 @@ from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.local import unusable
-from isogal.matching.mixture import Mixture
+from isogal.matching.mixture import Mixture, pieces
 from isogal.matching.noise import NoiseModel, uneven
 from isogal.matching.noise_estimation import NoiseEstimate, differs, field_scale
 from isogal.matching.pmht_batch import Matched, evidence, likelihood_of, misfits, spikes, without
@@ -56,6 +57,13 @@ _UNKNOWN_BIAS = 0.5
 """1-sigma of a bias that nobody has told anything about, as a share of the map's standard deviation."""
 _STRAY = 0.01
 """Probability of a reading that sticks out."""
+_SHAPED = (100.0, 1000.0)
+"""m, 1-sigma of a posterior whose shape is carried to the next batch: a narrower one is Gaussian, a wider one is searched by pieces."""
+_CUTS = 3
+"""Times that it is cut in halves."""
+_SHAPELY = -0.05
+"""Log density per sample by which the pieces must describe it better than one Gaussian. Of a Gaussian they are 0.1 worse; slight
+departures are carried, too, since they add up from batch to batch."""
 _REFINEMENTS = 6
 """Times at most that a map's own error is taken anew where the readings turn out to be."""
 
@@ -305,7 +313,7 @@ class Pmht:
         )
         if at.bias is not None:
             keep = replace(keep, bias=at.bias.measured(at.batch, at.result.likelihood, *at.posterior()[:2]))
-        return fix, replace(keep, belief=None, suspicion=0)
+        return fix, replace(keep, belief=_shape(at.result, covariance), suspicion=0)
 
     def _inconsistent(self, at: Matched, keep: Memory, figures: dict[str, float]) -> tuple[Fix, Memory | None]:
         """Deal with a batch that does not agree with the map at the best place that the prior allows.
@@ -390,3 +398,23 @@ def _strays(left_out: NDArray[np.bool_], batch: Batch, field_map: FieldMap | Cha
         return 0.0
     scale = max(field_scale(channels_of(field_map)[0]), float(np.nanmedian(batch.sigma)))
     return float(left_out.sum()) * math.log(_STRAY / (math.sqrt(2.0 * math.pi) * scale))
+
+
+def _shape(result: Update, covariance: Array) -> Mixture | None:
+    """Return the posterior's shape as hypotheses about the navigator that has taken the fix; None where a Gaussian says it.
+
+    In a flat field with a poor map the posterior is a ridge or has a shoulder, and the Gaussian that the navigator makes of it forgets the
+    tail in which the truth may be (Gaussian sum: Sorenson & Alspach 1971, Automatica 7:465).
+    """
+    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    if result.drawn is None or len(result.belief) > 1 or not _SHAPED[0] < sigma < _SHAPED[1]:
+        return None
+    x, weight = result.drawn
+    scale = np.sqrt(np.diag(covariance))
+    shape, gaussian = (pieces(x, weight, scale, cuts) for cuts in (_CUTS, 0))
+    gain = float(weight @ (shape.log_density(x) - gaussian.log_density(x)))
+    if gain <= _SHAPELY:
+        return None
+    centre, spread = shape.moments()  # of a few hundred samples; as a whole it is what the navigator is told
+    turn = np.linalg.cholesky(covariance) @ np.linalg.inv(np.linalg.cholesky(spread))
+    return Mixture(shape.weight, (shape.mean - centre) @ turn.T, turn @ shape.covariance @ turn.T)
