@@ -194,6 +194,17 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     return result
 
 
+def unconditioned(batch: Batch, by_xi: Array, by_drift: Array) -> Array:
+    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the seven states, (..., 7).
+
+    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A xi).
+    """
+    assert batch.attitude is not None
+    attitude_by_xi, root = batch.attitude
+    by_attitude = by_drift @ np.linalg.pinv(root, rcond=1e-9)
+    return np.concatenate([by_xi - by_attitude @ attitude_by_xi, by_attitude], axis=-1)
+
+
 def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
     """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity) at the batch end explains and the rest.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.matching.batching import unconditioned
 from isogal.matching.interfaces import Batch
 from isogal.matching.likelihood import BatchLikelihood
 
@@ -145,10 +146,9 @@ def _by_state(batch: Batch, by_error: Array, by_drift: Array) -> tuple[Array, Ar
     """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error state; and the covariance that is left."""
     if batch.attitude is None:
         return by_error, by_drift @ by_drift.T
-    by_xi, root = batch.attitude
-    by_attitude = by_drift @ np.linalg.pinv(root)
-    rest = by_drift - by_attitude @ root
-    return np.concatenate([by_error - by_attitude @ by_xi, by_attitude], axis=1), rest @ rest.T
+    by_state = unconditioned(batch, by_error, by_drift)
+    rest = by_drift - by_state[:, 4:] @ batch.attitude[1]
+    return by_state, rest @ rest.T
 
 
 def _root(covariance: Array) -> Array:

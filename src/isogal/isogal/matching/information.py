@@ -73,6 +73,13 @@ def joint_prior(batch: Batch) -> Array:
     return _joint(batch.prior, by_xi, root @ root.T)
 
 
+def positive_part(matrix: Array, scale: Array) -> Array:
+    """Return a symmetric matrix (n, n) without its negative part, each state being in units of its scale (n,)."""
+    values, vectors = np.linalg.eigh(matrix / scale / scale[:, None])
+    back = vectors * scale[:, None]
+    return np.asarray((back * np.maximum(values, 0.0)) @ back.T, dtype=np.float64)
+
+
 def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
     """Return the covariance of (x, gain x + e), e ~ N(0, rest)."""
     cross = covariance @ gain.T

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 LOST_SIGMA = (15e3, 0.5, 1e-4)
 """1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get on top of its own covariance. A wrong
 latitude turns the navigation frame wrongly: 10 km let tilt grow by 7e-8 rad/s, and velocity with it."""
+LOST_COVARIANCE = np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
+"""(7, 7) its square, as added to the covariance of position, velocity and attitude about north, east, down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

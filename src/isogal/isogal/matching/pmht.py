@@ -32,7 +32,7 @@ from isogal.matching.bias import BiasEstimate, LinearBias
 from isogal.matching.contours import contour_candidates
 from isogal.matching.hypotheses import Update, update
 from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
+from isogal.matching.interfaces import LOST_COVARIANCE, LOST_SIGMA, Batch, Fix, declined
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.local import unusable
 from isogal.matching.mixture import Mixture, pieces
@@ -330,8 +330,7 @@ class Pmht:
         suspicion = keep.suspicion + 1
         if suspicion < 2 and misfit > self.settings.largest_misfit:
             return declined(batch, reason, **figures), replace(keep, belief=at.prior, suspicion=suspicion)
-        position, velocity, _ = LOST_SIGMA
-        covariance = batch.prior + np.diag([position**2, position**2, velocity**2, velocity**2])
+        covariance = batch.prior + LOST_COVARIANCE[:4, :4]
         # all are judged on the same readings, with noise as large as a wrong assumption could explain: a likelihood that is
         # too sure of itself would find some far place better by chance
         judged = at.every.scaled(min(misfit, _EXPLAINED))
@@ -343,7 +342,7 @@ class Pmht:
             start = at.memory or Memory(float(batch.time[0]), batch.prior, None)
             return self.match(batch, at.field_map, replace(start, bias=self._unknown_bias(batch, at.field_map)))
         if there > here + _FAR_BETTER:
-            reason += f"; navigator lost, searching within {position / 1000.0:.0f} km (1-sigma)"
+            reason += f"; navigator lost, searching within {LOST_SIGMA[0] / 1000.0:.0f} km (1-sigma)"
             doubtful = at.bias is not None or biased > max(here, there - _FAR_BETTER)
             bias = self._unknown_bias(batch, at.field_map) if doubtful else None
             keep = replace(keep, belief=None, bias=bias, scale=Scale())

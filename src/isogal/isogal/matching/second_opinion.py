@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.matching.batching import condition
-from isogal.matching.information import joint_prior, likelihood_information, measurement_only
-from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix
+from isogal.matching.batching import condition, unconditioned
+from isogal.matching.information import joint_prior, likelihood_information, measurement_only, positive_part
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
 from isogal.matching.pmht import Pmht
 from isogal.matching.pmht_memory import Memory
 from isogal.scenario import Matcher as MatcherSettings
@@ -44,10 +44,6 @@ _CONTEXT = 10
 """Older scans that the second matcher sees of a batch."""
 _PATIENCE = 36
 """Batches after which a second matcher that is still not sure is given up."""
-
-
-_LOST = np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
-"""(7, 7) what being lost adds to the navigator's covariance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,12 +148,12 @@ class Doubting:
         past, last = opinion.waiting[0], opinion.last
         prior = joint_prior(past.batch)
         if last is None or opinion.covariance is None or opinion.shift is None:
-            covariance, shift = prior + _LOST, np.zeros(7)
+            covariance, shift = prior + LOST_COVARIANCE, np.zeros(7)
         else:
-            forward = np.linalg.inv(_raw(past.batch).back)
+            forward = np.linalg.inv(_back(past.batch))
             shift = forward @ opinion.shift
             grown = prior - forward @ last.posterior @ forward.T
-            covariance = forward @ opinion.covariance @ forward.T + _positive(grown, np.sqrt(np.diag(prior)))
+            covariance = forward @ opinion.covariance @ forward.T + positive_part(grown, np.sqrt(np.diag(prior)))
         seen = _seen_by(past.batch, shift, covariance)
         fix, memory = self.first.match(seen, field_map, opinion.memory)
         if fix.published and fix.information is not None:
@@ -190,7 +186,7 @@ def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
     """Return the fix that tells the navigator where it is."""
     assert opinion.last is not None and opinion.covariance is not None and opinion.shift is not None
     mean, covariance = opinion.shift - opinion.last.jump, opinion.covariance  # the batch's own fix is not taken
-    lost = joint_prior(batch) + _LOST
+    lost = joint_prior(batch) + LOST_COVARIANCE
     return replace(
         elsewhere,
         covariance=measurement_only(mean[:4], covariance[:4, :4], lost[:4, :4])[1],
@@ -199,37 +195,6 @@ def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
         reset=True,
         scan_position=None,  # of scans that the navigator saw elsewhere
         scan_covariance=None,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Raw:
-    """A batch's errors per unit of error (7,) at its end, whatever the navigator believes of it."""
-
-    position: Array
-    """(T, 2, 7)."""
-    reading: Array
-    """(T, 7)."""
-    back: Array
-    """(7, 7) error at the end of the batch before."""
-
-
-def _raw(batch: Batch) -> _Raw:
-    """Undo `batching.condition`: attitude = A xi + R e, so e = R⁻¹ (attitude - A xi)."""
-    assert batch.attitude is not None
-    by_xi, root = batch.attitude
-    inverse = np.linalg.pinv(root, rcond=1e-9)
-
-    def whole(by_state: Array, by_drift: Array) -> Array:
-        by_attitude = by_drift @ inverse
-        return np.concatenate([by_state - by_attitude @ by_xi, by_attitude], axis=-1)
-
-    return _Raw(
-        position=whole(batch.transition, batch.drift_position),
-        reading=whole(batch.reading_jacobian, batch.drift_reading),
-        back=whole(*batch.back(float(batch.time[-1] - batch.time[-batch.new])))
-        if batch.back_transition is not None
-        else np.eye(7),
     )
 
 
@@ -244,18 +209,19 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
         Of that one's error there.
     """
     batch = _shortened(batch)
-    raw = _raw(batch)
-    moved = raw.position @ shift
+    position = unconditioned(batch, batch.transition, batch.drift_position)
+    reading = unconditioned(batch, batch.reading_jacobian, batch.drift_reading)
+    moved = position @ shift
     north, east = metres_per_radian(batch.latitude)
-    rows = np.concatenate([raw.position, raw.reading[:, None]], axis=1)
+    rows = np.concatenate([position, reading[:, None]], axis=1)
     by_xi, drift = condition(rows, covariance)
-    back, back_drift = condition(raw.back[None], covariance)
+    back, back_drift = condition(_back(batch)[None], covariance)
     level, level_drift = condition(np.eye(7)[None, 4:], covariance)
     return replace(
         batch,
         latitude=batch.latitude - moved[:, 0] / north,
         longitude=batch.longitude - moved[:, 1] / east,
-        reading=batch.reading - raw.reading @ shift,
+        reading=batch.reading - reading @ shift,
         transition=np.ascontiguousarray(by_xi[:, :2]),
         reading_jacobian=np.ascontiguousarray(by_xi[:, 2]),
         drift_position=np.ascontiguousarray(drift[:, :2]),
@@ -265,6 +231,13 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
         back_drift=None if batch.back_drift is None else back_drift[0],
         attitude=(level[0], level_drift[0]),
     )
+
+
+def _back(batch: Batch) -> Array:
+    """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a first batch has none."""
+    if batch.back_transition is None or batch.back_drift is None:
+        return np.eye(7)
+    return unconditioned(batch, batch.back_transition, batch.back_drift)
 
 
 def _shortened(batch: Batch) -> Batch:
@@ -290,9 +263,3 @@ def _posterior(prior: Array, fix: Fix) -> tuple[Array, Array]:
     assert fix.information is not None
     covariance = np.linalg.inv(np.linalg.inv(prior) + fix.information.matrix)
     return covariance @ fix.information.vector, 0.5 * (covariance + covariance.T)
-
-
-def _positive(matrix: Array, scale: Array) -> Array:
-    """Return the matrix without its negative part, with each state in units of its scale."""
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))

@@ -24,7 +24,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Matcher, declined
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Matcher, declined
 from isogal.matching.pmht import Pmht
 from isogal.matching.pmht_memory import Memory
 from isogal.matching.registry import build_matcher
@@ -41,7 +41,7 @@ _EDGE_REACH = ((2.0, 2.0 / 3.0), (1.0, 0.5))
 """Prior 1-sigmas round a reading that the map should cover, and the share of readings that must be left for that."""
 _EMPTY = 5.0
 """Prior 1-sigmas from which on a fix is none: it would narrow no direction by more than 2 %."""
-_LOST = np.diag(np.square([LOST_SIGMA[0], LOST_SIGMA[0], LOST_SIGMA[1], LOST_SIGMA[1]]))
+_LOST = LOST_COVARIANCE[:4, :4]
 _LEAST_VELOCITY = 1e-6
 """m/s; matchers need a prior that is positive definite."""
 

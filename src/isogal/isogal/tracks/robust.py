@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.field_map import FieldMap
 from isogal.matching.hypotheses import WIDE
+from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Batch, Fix, Information, declined
 from isogal.matching.likelihood import BatchLikelihood
 from isogal.matching.pmht import Pmht
@@ -147,7 +148,8 @@ def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
     information = fix.information
     if information is not None:
         # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions without information stay without
-        told = _told(information.matrix)
+        size = np.sqrt(np.maximum(np.abs(np.diag(information.matrix)), 1e-300))
+        told = positive_part(information.matrix, size)
         spread = np.eye(len(excess)) + told @ excess
         matrix = np.asarray(np.linalg.solve(spread, told), dtype=np.float64)
         vector = np.asarray(np.linalg.solve(spread, information.vector), dtype=np.float64)
@@ -159,11 +161,3 @@ def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
         scan_covariance=None if fix.scan_covariance is None else fix.scan_covariance + excess[:2, :2] * scans,
         diagnostics={**fix.diagnostics, "widened": float(np.sqrt(np.trace(excess[:2, :2]) / np.trace(fix.covariance)))},
     )
-
-
-def _told(matrix: Array) -> Array:
-    """Return the part of an information matrix that is positive, its units aside."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / scale / scale[:, None])
-    back = vectors * scale[:, None]
-    return np.asarray((back * np.maximum(values, 0.0)) @ back.T, dtype=np.float64)
