@@ -19,7 +19,7 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.batching import condition, unconditioned
 from isogal.matching.information import joint_prior, likelihood_information, measurement_only, positive_part
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information
 from isogal.matching.pmht import Pmht
 from isogal.matching.pmht_memory import Memory
 from isogal.scenario import Matcher as MatcherSettings
@@ -51,12 +51,15 @@ class _Past:
     """A batch that has been matched."""
 
     batch: Batch
-    jump: Array
-    """(7,) what its fix moved the navigator by: estimate after minus before."""
-    posterior: Array
-    """(7, 7) the navigator's covariance after it."""
+    information: Information | None
+    """What the navigator was told; None = nothing."""
     evidence: float
     """Log density of its readings."""
+
+    @property
+    def posterior(self) -> tuple[Array, Array]:
+        """Mean (7,) and covariance (7, 7) of the navigator's error, as seen before the fix, once it was told."""
+        return _posterior(joint_prior(self.batch), self.information)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +117,7 @@ class Doubting:
         if batch.attitude is None or fix.reset or after is None or after.noise is None or after.noise.prior is None:
             return fix, Doubts(after, threshold=doubts.threshold)
         before = doubts.memory.evidence if doubts.memory else 0.0
-        past = _past(batch, fix, after.evidence - before)
+        past = _Past(batch, fix.information if fix.published else None, after.evidence - before)
         history, opinion = (*doubts.history, past)[-_HISTORY:], doubts.opinion
         if opinion is not None:
             opinion = replace(opinion, waiting=(*opinion.waiting, past))
@@ -152,18 +155,16 @@ class Doubting:
         else:
             forward = np.linalg.inv(_back(past.batch))
             shift = forward @ opinion.shift
-            grown = prior - forward @ last.posterior @ forward.T
+            grown = prior - forward @ last.posterior[1] @ forward.T
             covariance = forward @ opinion.covariance @ forward.T + positive_part(grown, np.sqrt(np.diag(prior)))
         seen = _seen_by(past.batch, shift, covariance)
         fix, memory = self.first.match(seen, field_map, opinion.memory)
-        if fix.published and fix.information is not None:
-            mean, covariance = _posterior(covariance, fix)
-            shift = shift + mean
+        mean, covariance = _posterior(covariance, fix.information if fix.published else None)
         following = _Opinion(
             waiting=opinion.waiting[1:],
             last=past,
             covariance=covariance,
-            shift=shift + past.jump,
+            shift=shift + mean - past.posterior[0],  # each fix takes its mean error away
             memory=memory,
             evidence=opinion.evidence + past.evidence,
             batches=opinion.batches + 1,
@@ -178,14 +179,14 @@ def _stands(opinion: _Opinion) -> bool:
     if belief is None:
         return False
     apart = np.hypot(*(belief.mean[:, :2] + opinion.shift[:2]).T)
-    near = apart < _NEAR + 3.0 * math.sqrt(float(np.trace(opinion.last.posterior[:2, :2])))
+    near = apart < _NEAR + 3.0 * math.sqrt(float(np.trace(opinion.last.posterior[1][:2, :2])))
     return float(belief.weight[near].sum()) > _SAME
 
 
 def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
     """Return the fix that tells the navigator where it is."""
     assert opinion.last is not None and opinion.covariance is not None and opinion.shift is not None
-    mean, covariance = opinion.shift - opinion.last.jump, opinion.covariance  # the batch's own fix is not taken
+    mean, covariance = opinion.shift + opinion.last.posterior[0], opinion.covariance  # the batch's own fix is not taken
     lost = joint_prior(batch) + LOST_COVARIANCE
     return replace(
         elsewhere,
@@ -250,16 +251,9 @@ def _shortened(batch: Batch) -> Batch:
     return replace(batch, **{name: getattr(batch, name)[rows] for name in names})
 
 
-def _past(batch: Batch, fix: Fix, evidence: float) -> _Past:
-    prior = joint_prior(batch)
-    if not fix.published or fix.information is None:
-        return _Past(batch, np.zeros(7), prior, evidence)
-    mean, covariance = _posterior(prior, fix)
-    return _Past(batch, -mean, covariance, evidence)
-
-
-def _posterior(prior: Array, fix: Fix) -> tuple[Array, Array]:
-    """Return mean (7,) and covariance (7, 7) of the error N(0, prior) after a fix with information."""
-    assert fix.information is not None
-    covariance = np.linalg.inv(np.linalg.inv(prior) + fix.information.matrix)
-    return covariance @ fix.information.vector, 0.5 * (covariance + covariance.T)
+def _posterior(prior: Array, information: Information | None) -> tuple[Array, Array]:
+    """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
+    if information is None:
+        return np.zeros(7), prior
+    covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
+    return covariance @ information.vector, 0.5 * (covariance + covariance.T)
