@@ -1,0 +1,33 @@
+"""Results are what they were: a change that is not meant to change any must not (`helpers.reference_runs`)."""
+
+import json
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from helpers.reference_runs import GRAPH, KEPT, LIBRARY, sampled
+
+KEPT_RESULTS = json.loads(KEPT.read_text())
+TOLERANCE = 1e-3
+"""m; another machine's linear algebra may differ in the last digits, which the sampler enlarges."""
+
+
+def _same(case: str, results: dict[str, np.ndarray]) -> None:
+    kept, now = KEPT_RESULTS[case], sampled(results)
+    assert now.keys() == kept.keys()
+    for name in kept:
+        before, after = (np.array(rows, dtype=float) for rows in (kept[name], now[name]))
+        np.testing.assert_allclose(after, before, rtol=0, atol=TOLERANCE, err_msg=f"{case}: {name}")
+
+
+@pytest.mark.parametrize("case", LIBRARY)
+def test_library(case: str) -> None:
+    _same(case, LIBRARY[case]())
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(find_spec("rclpy") is None, reason="needs ROS 2 (rclpy)")
+@pytest.mark.parametrize("case", GRAPH)
+def test_graph(case: str) -> None:
+    _same(case, GRAPH[case]())
