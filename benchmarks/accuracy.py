@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from isogal.evaluation.atomic import atomic_file
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import SETTLED_AFTER, summarise
-from isogal.maps.for_scenario import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -179,8 +179,7 @@ def main() -> None:
                 if kept.get(key, {}).get("runs") != options.runs:
                     kept[key] = measure(case, length, options.map, options.runs, pool)
                     if options.out:
-                        with atomic_file(options.out) as stream:
-                            stream.write(json.dumps(kept, indent=1).encode())
+                        write_atomic(options.out, json.dumps(kept, indent=1))
                 print(text_of(case, length, kept[key]), flush=True)
 
 

@@ -18,12 +18,12 @@ import psutil
 from rclpy.publisher import Publisher
 
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros import node as node_module
-from isogal_ros import recorder as recorder_module
-from isogal_ros.graph import CLASSES, Plan
-from isogal_ros.in_process import run_in_process
-from isogal_ros.processes import run_processes
-from isogal_ros.spin import interrupts
+from isogal_ros.bags import recorder as recorder_module
+from isogal_ros.graph.in_process import run_in_process
+from isogal_ros.graph.plan import CLASSES, Plan
+from isogal_ros.graph.processes import run_processes
+from isogal_ros.nodes import base as node_module
+from isogal_ros.nodes.spin import interrupts
 
 SAMPLE_EVERY = 0.25
 """s between looks at the processes."""
@@ -157,7 +157,7 @@ def main() -> None:
     options = parser.parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
     scenario = load_scenario(None, changes)
-    from isogal.maps.for_scenario import map_for_scenario
+    from isogal.fields.scenario_map import map_for_scenario
     from isogal.sensors.trajectory import build_trajectory
 
     trajectory = build_trajectory(scenario)

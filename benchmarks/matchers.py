@@ -24,7 +24,7 @@ from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
-from isogal.maps.for_scenario import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.registry import MATCHERS
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario

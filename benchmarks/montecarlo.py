@@ -21,19 +21,19 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.fusion import ukf
 from isogal.fusion.navigator import FilterModel, FilterState, propagate
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
 from isogal.inertial.strapdown import step
 from isogal.maps.field_map import FieldMap
-from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.interfaces import Batch, Fix, Matcher
-from isogal.matching.kalman import constant_velocity
 from isogal.matching.local import LocalPlane
-from isogal.matching.pmht_paper import PaperOptions, PmhtPaper
+from isogal.matching.paper.kalman import constant_velocity
+from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo import engine
 from isogal.scenario import Scenario, validate_scenario
@@ -41,7 +41,6 @@ from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 
-Array = NDArray[np.float64]
 HOUR = 3600.0
 FILTERPY_STEPS = 400
 STONESOUP_BATCHES = 6

@@ -25,6 +25,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
@@ -32,13 +33,11 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.matching.noise import residual_covariance
+from isogal.matching.pmht.noise_model import residual_covariance
 from isogal.scenario import Matcher
 from isogal.tracks.map_error import MapError, fit_map_error
 from isogal.tracks.matching import Match, Uncertainty, match_track
 from isogal.tracks.track import Track, fit_to_map
-
-Array = NDArray[np.float64]
 
 AWAY = 3000.0
 """m, how far off the navigator is, and the 1-sigma per axis that it claims."""

@@ -11,17 +11,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 from PIL import Image
 from real_data import MGAL, Line, bearings, clear_lake, match_line, residuals, scotland
 
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.figures import style
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.figures import MATCHED, RECORDED, matched_positions
 from isogal.tracks.map_error import MapError
-
-Array = NDArray[np.float64]
 
 CORRELATED = style.AIDED
 WHITE = style.UNAIDED

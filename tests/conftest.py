@@ -7,8 +7,13 @@ from isogal.threads import one_thread
 
 one_thread()  # as Isogal's own programs: two test processes on two cores would fight for them; before NumPy is loaded
 
+import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+
+from helpers.batches import field_map_of, wavy  # noqa: E402
+from helpers.example_field import disturbance  # noqa: E402
+from isogal.maps.field_map import FieldMap  # noqa: E402
 
 # No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
 settings.register_profile("isogal", deadline=None, derandomize=True)
@@ -28,3 +33,23 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the shared test data (../shared/data) is not present")
     return folder
+
+
+@pytest.fixture(scope="session")
+def small_map() -> FieldMap:
+    """A map that every format can hold: 20 x 24 nodes, 0.05 deg apart, near 37 S, 145 E."""
+    lat, lon = -37.0 + 0.05 * np.arange(20), 144.5 + 0.05 * np.arange(24)
+    return FieldMap(
+        np.radians(lat),
+        np.radians(lon),
+        disturbance(lat[:, None], lon[None, :]),
+        "m/s²",
+        "disturbance",
+        provenance="small",
+    )
+
+
+@pytest.fixture(scope="session")
+def rough_map() -> FieldMap:
+    """A rough disturbance map, 80 km on a side."""
+    return field_map_of(wavy)

@@ -29,7 +29,7 @@ def after(code: str, **given: str) -> str:
 
 
 def test_importing_the_library_sets_nothing() -> None:
-    assert after("import isogal, isogal.matching.pmht, isogal.fusion.navigator, isogal.cli.main") == str([None] * 3)
+    assert after("import isogal, isogal.matching.pmht.matcher, isogal.fusion.navigator, isogal.cli.main") == str([None] * 3)
 
 
 def test_command_sets_one() -> None:

@@ -6,7 +6,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["*.xml"]},
+    package_data={f"{PACKAGE}.graph": ["*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -16,5 +16,5 @@ setup(
     description="What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer, launcher.",
     license="Apache-2.0",
     python_requires=">=3.11",
-    entry_points={"console_scripts": ["isogal_recorder = isogal_ros.recorder:main"]},
+    entry_points={"console_scripts": ["isogal_recorder = isogal_ros.bags.recorder:main"]},
 )

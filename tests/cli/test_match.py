@@ -16,7 +16,7 @@ from helpers.tracks import FIELDS, field_of, made_track, write_csv
 from isogal.cli.main import app
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
-from isogal.maps.netcdf import write_netcdf
+from isogal.maps.formats.netcdf import write_netcdf
 from isogal.matching.registry import MATCHERS
 
 ISOGAL = Path(sys.executable).with_name("isogal")

@@ -304,7 +304,7 @@ def test_the_rate_of_the_imu_hardly_matters():
 
 
 def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_data):
-    from isogal.maps.for_scenario import map_for_scenario
+    from isogal.fields.scenario_map import map_for_scenario
 
     settings = scenario(
         map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": "dg"},
@@ -331,7 +331,7 @@ PUBLISHED = [  # map variable, quantity, sigma, RMS bound over the run of SCIENC
 
 @pytest.mark.parametrize(("variable", "quantity", "sigma", "expected"), PUBLISHED)
 def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, expected):
-    from isogal.maps.for_scenario import map_for_scenario
+    from isogal.fields.scenario_map import map_for_scenario
 
     settings = scenario(
         map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": variable},

@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
+from isogal.fields.measured import FIELDS, of_instrument
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
-from isogal.sensors.fields import FIELDS, of_instrument
-from isogal_ros import convert, topics
-from isogal_ros.domain import claim_domain
-from isogal_ros.graph import Plan, node_class
-from isogal_ros.health import figures_of
-from isogal_ros.in_process import run_in_process
-from isogal_ros.node import graph_values
-from isogal_ros.readings import ADAPTERS
-from isogal_ros.spin import Interrupt, local_context, make_executor
-from isogal_ros.stamps import from_seconds
+from isogal_ros import topics
+from isogal_ros.graph.domain import claim_domain
+from isogal_ros.graph.in_process import run_in_process
+from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.messages import convert
+from isogal_ros.messages.readings import ADAPTERS
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.nodes.base import graph_values
+from isogal_ros.nodes.health import figures_of
+from isogal_ros.nodes.spin import Interrupt, local_context, make_executor
 from isogal_ros.topics import Topic
 
 PATIENCE = 60.0

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from isogal.evaluation.records import Runs
-from isogal.maps.for_scenario import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario
-from isogal_ros.bag_reader import BagReader
-from isogal_ros.collect import Collector
+from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader
 
 
 def collect(bag: Path) -> Collector:

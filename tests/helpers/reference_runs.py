@@ -121,7 +121,7 @@ def _graph(*changes: str, synthetic: bool = False) -> Results:
     from helpers.recordings import record
 
     with tempfile.TemporaryDirectory() as folder:
-        from isogal.maps.netcdf import write_netcdf
+        from isogal.maps.formats.netcdf import write_netcdf
 
         source = Path(folder) / "wavy.nc"
         write_netcdf(field_map_of(wavy, step=500.0), source)
@@ -138,7 +138,7 @@ def _ran(run: Callable[[Scenario, Path], object], scenario: Scenario, bag: Path)
 def _in_domain(work: Callable[[], Results]) -> Results:
     import os
 
-    from isogal_ros.domain import DOMAIN, claim_domain
+    from isogal_ros.graph.domain import DOMAIN, claim_domain
 
     with claim_domain() as number:
         before = os.environ.get(DOMAIN)

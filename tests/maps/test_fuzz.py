@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from isogal.errors import InputError
-from isogal.maps import ggmplus
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.ggmplus import folder as ggmplus
 from isogal.maps.load import load_map
-from isogal.maps.netcdf import write_netcdf
 
 FUZZ = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal.maps.for_scenario import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.load import check_coverage, load_map, route_window
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory

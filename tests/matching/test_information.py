@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from helpers.batches import field_map_of, make_batch
 from helpers.navigators import random_covariance
 from isogal.matching.information import likelihood_information, measurement_only, with_attitude
-from isogal.matching.likelihood import BatchLikelihood
-from isogal.matching.noise import NoiseModel
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 seeds = st.integers(0, 2**32 - 1)

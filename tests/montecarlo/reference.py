@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE, radii
 from isogal.earth.gravity import normal_gravity
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from isogal.maps.netcdf import write_netcdf
+from isogal.maps.formats.netcdf import write_netcdf
 from montecarlo.conftest import wavy_map
 
 ISOGAL = Path(sys.executable).with_name("isogal")
@@ -83,7 +83,7 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
 ) -> None:
     words = [*arguments, "--workers", "1", "--out", str(tmp_path)]
     process = subprocess.Popen(
-        [ISOGAL, *words, "--runs", "60"],
+        [ISOGAL, *words, "--runs", "600"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -97,7 +97,7 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
     assert process.returncode == 130, err
     assert out == ""
     assert err.strip().splitlines()[-1].startswith("isogal: interrupted: ")
-    assert f"of 60 runs are kept in {tmp_path / 'runs'}; the same command goes on from there" in err
+    assert f"of 600 runs are kept in {tmp_path / 'runs'}; the same command goes on from there" in err
     assert "Traceback" not in err
     result = call(*words, "--runs", "3", "--json")
     assert result.returncode == 0, result.stderr

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isogal.matching.pmht_paper import PmhtPaper
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.iterations import Listener, follow_iterations

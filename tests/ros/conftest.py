@@ -10,9 +10,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.node_bench import run_here
-from isogal.maps.netcdf import write_netcdf
+from isogal.maps.formats.netcdf import write_netcdf
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros.domain import DOMAIN, claim_domain
+from isogal_ros.graph.domain import DOMAIN, claim_domain
 
 
 @pytest.fixture(scope="session", autouse=True)

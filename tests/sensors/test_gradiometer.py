@@ -10,12 +10,12 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
+from isogal.fields.measured import FIELDS, measured_field, reading_sigma
+from isogal.fields.simulator import ReadingSimulator, draw_map_error
 from isogal.maps.gradients import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
-from isogal.sensors.fields import FIELDS, measured_field, reading_sigma
 from isogal.sensors.gradiometer import EOTVOS, GradientReduction, draw_noise, noise_covariance
 from isogal.sensors.reduction import State, reduction_variance
-from isogal.sensors.simulator import ReadingSimulator, draw_map_error
 from isogal.sensors.trajectory import build_trajectory
 
 COVARIANCE = ((4.0, 1.0), (1.0, 9.0))

@@ -9,8 +9,8 @@ from helpers.tracks import field_of, made_track
 from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.tracks.figures import matched_positions, readings_figure, track_map_figure
+from isogal.tracks.match_report import write_match_report
 from isogal.tracks.matching import Uncertainty, match_track
-from isogal.tracks.report import write_match_report
 
 HEIGHT = field_of("height")
 PRIOR = Uncertainty(position=800.0)

@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.tracks import made_track
 from isogal.errors import InputError
-from isogal.matching.noise import residual_covariance
+from isogal.matching.pmht.noise_model import residual_covariance
 from isogal.tracks.map_error import fit_map_error, rms_gradient
 
 FIELD = field_map_of(wavy)

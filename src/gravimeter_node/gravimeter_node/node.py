@@ -12,17 +12,17 @@ from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
 from gravimeter_node.thinning import Thinning
-from isogal.maps.for_scenario import map_for_scenario
-from isogal.sensors.fields import measured_field
-from isogal.sensors.simulator import ReadingSimulator
+from isogal.fields.measured import measured_field
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.simulator import ReadingSimulator
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.health import OK, BadMessageError
-from isogal_ros.nav_buffer import NavBuffer
-from isogal_ros.node import GraphNode, NodeSettings
-from isogal_ros.readings import adapter_of
-from isogal_ros.spin import run_node
-from isogal_ros.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.readings import adapter_of
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import OK, BadMessageError
+from isogal_ros.nodes.nav_buffer import NavBuffer
+from isogal_ros.nodes.spin import run_node
 
 
 class GravimeterSettings(NodeSettings):

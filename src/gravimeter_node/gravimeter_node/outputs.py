@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
-from isogal.sensors.fields import measured_field, of_instrument
+from isogal.fields.measured import measured_field, of_instrument
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
-from isogal_ros.nav_buffer import NavSample
-from isogal_ros.node import GraphNode
-from isogal_ros.readings import adapter_of
+from isogal_ros.messages.readings import adapter_of
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.nav_buffer import NavSample
 
 
 class Outputs:

@@ -2,7 +2,7 @@
 
 from isogal.matching.batching import fix_due
 from isogal.scenario import Scenario
-from isogal_ros.stamps import to_seconds
+from isogal_ros.messages.stamps import to_seconds
 
 
 class LockStep:

@@ -15,10 +15,10 @@ from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
 from ins_sim_node.simulation import simulate
 from isogal_ros import topics
-from isogal_ros.health import OK
-from isogal_ros.node import GraphNode, NodeSettings
-from isogal_ros.spin import run_node
-from isogal_ros.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.spin import run_node
 
 UNLOCKED_START = 2.0
 """s of wall time that a simulation without lock-step leaves others to come up."""

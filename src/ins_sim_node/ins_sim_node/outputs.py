@@ -7,9 +7,9 @@ from rclpy.serialization import deserialize_message
 
 from ins_sim_node.simulation import Simulation
 from isogal_ros import topics
-from isogal_ros.convert import BASE, MAP, fill_fix, fill_imu, fill_odom, map_frame
-from isogal_ros.node import GraphNode
-from isogal_ros.stamps import set_stamp
+from isogal_ros.messages.convert import BASE, MAP, fill_fix, fill_imu, fill_odom, map_frame
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.1
 """s of wall time between looks at the navigator's error."""

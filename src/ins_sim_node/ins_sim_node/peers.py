@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from isogal_ros.health import figures_of
-from isogal_ros.node import GraphNode
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import figures_of
 
 
 class Peers:

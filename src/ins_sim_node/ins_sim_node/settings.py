@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from isogal_ros.node import NodeSettings
+from isogal_ros.nodes.base import NodeSettings
 
 
 class InsSimSettings(NodeSettings):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
@@ -12,8 +12,6 @@ from isogal.scenario import Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

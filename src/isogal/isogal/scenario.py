@@ -235,7 +235,7 @@ class Scenario(_Section):
 
     @property
     def measured_field(self) -> str:
-        """Name of the field that is measured and matched, one of `isogal.sensors.fields.FIELDS`."""
+        """Name of the field that is measured and matched, one of `isogal.fields.measured.FIELDS`."""
         return self.field or self.gravimeter.quantity
 
     @property

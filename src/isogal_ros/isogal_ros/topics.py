@@ -72,7 +72,7 @@ ALL = (
 
 
 def readings(field: str) -> Topic:
-    """Return the topic of a field's reduced readings (`isogal.sensors.fields`)."""
+    """Return the topic of a field's reduced readings (`isogal.fields.measured`)."""
     names = {
         "gravity": GRAVITY,
         "disturbance": DISTURBANCE,

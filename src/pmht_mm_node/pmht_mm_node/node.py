@@ -6,18 +6,19 @@ import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from isogal.maps.for_scenario import map_for_scenario
+from isogal.fields.measured import measured_field
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher
-from isogal.sensors.fields import measured_field
-from isogal_ros import params, topics
-from isogal_ros.health import OK, BadMessageError, status
-from isogal_ros.nav_buffer import NavSample
-from isogal_ros.node import GraphNode
-from isogal_ros.readings import adapter_of
-from isogal_ros.spin import run_node
-from isogal_ros.stamps import to_ns, to_seconds
+from isogal_ros import topics
+from isogal_ros.messages.readings import adapter_of
+from isogal_ros.messages.stamps import to_ns, to_seconds
+from isogal_ros.nodes import parameters as params
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import OK, BadMessageError, status
+from isogal_ros.nodes.nav_buffer import NavSample
+from isogal_ros.nodes.spin import run_node
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.warm_up import warm_up

@@ -1,16 +1,14 @@
 """What map matching publishes about a batch: candidates, and the fix with what belongs to it."""
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import NavSatStatus
 
+from isogal.arrays import Array
 from isogal.matching.interfaces import Batch, Fix, Information
 from isogal_ros import topics
-from isogal_ros.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_information
-from isogal_ros.node import GraphNode
-from isogal_ros.stamps import from_seconds
-
-Array = NDArray[np.float64]
+from isogal_ros.messages.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_information
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.nodes.base import GraphNode
 
 
 class Outputs:

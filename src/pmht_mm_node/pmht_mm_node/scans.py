@@ -6,10 +6,10 @@ from typing import Any
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.health import BadMessageError
-from isogal_ros.nav_buffer import Jump, NavBuffer, NavSample
-from isogal_ros.node import GraphNode
-from isogal_ros.stamps import from_seconds, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import BadMessageError
+from isogal_ros.nodes.nav_buffer import Jump, NavBuffer, NavSample
 
 MOST_MISSING = 1000
 """Longest run of missing scans that is filled in, scans."""

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from isogal.fields.measured import measured_field, reading_sigma
 from isogal.maps.channels import AnyMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Matcher
 from isogal.scenario import Scenario
-from isogal.sensors.fields import measured_field, reading_sigma
 from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import build_trajectory
 

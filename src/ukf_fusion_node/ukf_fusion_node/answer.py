@@ -5,17 +5,15 @@ from copy import deepcopy
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.navigator import FilterState
 from isogal.inertial.rotations import rotate
 from isogal_ros import topics
-from isogal_ros.convert import BASE, MAP, fill_fix, fill_numbers, fill_odom, map_frame
-from isogal_ros.node import GraphNode
-from isogal_ros.stamps import from_ns, from_seconds, to_ns
-
-Array = NDArray[np.float64]
+from isogal_ros.messages.convert import BASE, MAP, fill_fix, fill_numbers, fill_odom, map_frame
+from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
+from isogal_ros.nodes.base import GraphNode
 
 
 class Answer:

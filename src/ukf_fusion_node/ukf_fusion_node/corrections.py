@@ -6,9 +6,9 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.matching.interfaces import LOST_SIGMA
-from isogal_ros.convert import read_covariance, read_position
-from isogal_ros.health import BadMessageError, Health
-from isogal_ros.stamps import to_ns, to_seconds
+from isogal_ros.messages.convert import read_covariance, read_position
+from isogal_ros.messages.stamps import to_ns, to_seconds
+from isogal_ros.nodes.health import BadMessageError, Health
 from ukf_fusion_node.fixes import Extra
 
 

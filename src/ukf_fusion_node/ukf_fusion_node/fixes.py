@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from isogal.matching.interfaces import Information
-from isogal_ros.stamps import to_ns
+from isogal_ros.messages.stamps import to_ns
 
 Extra = tuple[bool, Information | None]
 """Whether the matcher found the navigator lost, and what it knows beyond the position."""

@@ -10,11 +10,11 @@ from rclpy.serialization import deserialize_message
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState
 from isogal_ros import topics
-from isogal_ros.convert import read_imu, read_information
-from isogal_ros.health import ERROR, OK, WARN, BadMessageError
-from isogal_ros.node import GraphNode, NodeSettings
-from isogal_ros.spin import run_node
-from isogal_ros.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
+from isogal_ros.messages.convert import read_imu, read_information
+from isogal_ros.messages.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
+from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import ERROR, OK, WARN, BadMessageError
+from isogal_ros.nodes.spin import run_node
 from ukf_fusion_node.answer import Answer
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue

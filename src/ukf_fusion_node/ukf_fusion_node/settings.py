@@ -4,8 +4,8 @@ import math
 
 from pydantic import Field
 
-from isogal_ros.convert import BASE
-from isogal_ros.node import NodeSettings
+from isogal_ros.messages.convert import BASE
+from isogal_ros.nodes.base import NodeSettings
 
 Triple = tuple[float, float, float]
 _FROM_SCENARIO = (math.nan, math.nan, math.nan)

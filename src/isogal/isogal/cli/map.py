@@ -88,7 +88,7 @@ def info(
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a position already known to within the
     linear range of the map.
     """
-    from isogal.cli import map_report
+    from isogal.cli import map_description as map_report
 
     settings, trajectory = route_of(scenario, set_, route, always=source == "synthetic" and window is None)
     field_map = load(
@@ -97,7 +97,7 @@ def info(
     found = map_report.describe_map(field_map)
     track = stretches = None
     if settings is not None and trajectory is not None:
-        from isogal.maps.information import Errors, position_information
+        from isogal.maps.expected_accuracy import Errors, position_information
         from isogal.maps.load import check_coverage
 
         scans = slice(None, None, settings.steps_per_scan)
@@ -155,7 +155,7 @@ def variability(
     json: Json = False,
 ) -> None:
     """Compute the map feature variability (paper eq. CV) at each reading along a route."""
-    from isogal.maps.information import along_track
+    from isogal.maps.expected_accuracy import along_track
     from isogal.maps.load import check_coverage
     from isogal.maps.variability import feature_variability, normalised_variability
 
@@ -210,9 +210,9 @@ def synth(
     json: Json = False,
 ) -> None:
     """Write the synthetic map of a route or window as NetCDF; it is the same everywhere and always."""
-    from isogal.cli.map_report import describe_map, print_map
-    from isogal.maps.netcdf import write_netcdf
-    from isogal.maps.synthetic import synthetic_map
+    from isogal.cli.map_description import describe_map, print_map
+    from isogal.maps.formats.netcdf import write_netcdf
+    from isogal.maps.synthetic.tiles import synthetic_map
 
     _, trajectory = route_of(scenario, set_, route, always=window is None)
     part = part_of(trajectory, window, margin)
@@ -269,8 +269,8 @@ def fetch(
     The mirrors publish no checksums: a tile is trusted when it first arrives, its SHA-256 is kept in checksums.txt beside it, and a
     tile that differs from that later is refused.
     """
-    from isogal.maps.download import Patience
-    from isogal.maps.fetch import fetch_tiles, tiles_for
+    from isogal.maps.ggmplus.download import Patience
+    from isogal.maps.ggmplus.fetch import fetch_tiles, tiles_for
     from isogal.scenario import load_scenario
 
     settings, trajectory = route_of(scenario, set_, route, always=window is None)
@@ -326,9 +326,9 @@ def convert(
     """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part of a route or window."""
     from dataclasses import replace
 
-    from isogal.cli.map_report import describe_map, print_map
-    from isogal.maps.ggmplus import write_ggmplus
-    from isogal.maps.netcdf import write_netcdf
+    from isogal.cli.map_description import describe_map, print_map
+    from isogal.maps.formats.netcdf import write_netcdf
+    from isogal.maps.ggmplus.folder import write_ggmplus
 
     if to not in ("netcdf", "ggmplus"):
         raise InputError(f"--to {to}: must be netcdf or ggmplus")
@@ -356,13 +356,12 @@ def convert(
 
 
 def _draw(path: Path, figure: Any) -> None:
-    from isogal.evaluation.atomic import atomic_file
     from isogal.evaluation.figures.style import png
+    from isogal.files import write_atomic
 
     if path.suffix.casefold() != ".png":
         raise InputError(f"--figure {path}: must end in .png")
-    with atomic_file(path) as stream:
-        stream.write(png(figure))
+    write_atomic(path, png(figure), make_folder=True)
 
 
 def _print_json(found: dict[str, Any]) -> None:

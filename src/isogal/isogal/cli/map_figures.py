@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
 
@@ -13,10 +13,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isogal.maps.expected_accuracy import Stretches
     from isogal.maps.field_map import FieldMap
-    from isogal.maps.information import Stretches
 
-Array = NDArray[np.float64]
 _ACCURACY = 2.1  # in, height of the panel of accuracies
 _TALLEST = 4.4  # in, height of a map
 _FINEST = 330  # nodes of a map drawn along each side; more than the picture's dots is in vain

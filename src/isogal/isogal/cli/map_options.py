@@ -124,9 +124,9 @@ def load(
     window: "Window | None",
 ) -> "FieldMap":
     """Read a map; ``meaning`` is variable, quantity, unit, crs and format as the user gave them."""
+    from isogal.fields.measured import measured_field
     from isogal.maps.load import load_map
-    from isogal.maps.synthetic import synthetic_map
-    from isogal.sensors.fields import measured_field
+    from isogal.maps.synthetic.tiles import synthetic_map
 
     variable, quantity, unit, crs, format_name = meaning
     if source != "synthetic":

@@ -192,7 +192,7 @@ def match(
     for path in out or ():
         write_results(objects, path)
     if report is not None:
-        from isogal.tracks.report import write_match_report
+        from isogal.tracks.match_report import write_match_report
 
         write_match_report(recorded, field_map, settings, uncertainty, matches, report, chained=chain)
     if json:

@@ -48,15 +48,15 @@ def montecarlo(
     from isogal.evaluation.bound import posterior_cramer_rao
     from isogal.evaluation.run_report import run_report
     from isogal.evaluation.summary import canonical_json, summarise, write_json
-    from isogal.maps.for_scenario import map_for_scenario
+    from isogal.fields.measured import measured_field
+    from isogal.fields.scenario_map import map_for_scenario
+    from isogal.fields.simulator import true_readings
     from isogal.matching.registry import build_matcher
     from isogal.montecarlo.chunks import Case
     from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.store import Store
     from isogal.montecarlo.study import Backend, compute_cases
     from isogal.scenario import load_scenario
-    from isogal.sensors.fields import measured_field
-    from isogal.sensors.simulator import true_readings
     from isogal.sensors.trajectory import build_trajectory
 
     overrides = [*(set_ or ()), *([f"matcher.name={matcher}"] if matcher else ())]
@@ -106,7 +106,7 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from isogal.evaluation.report import number
+    from isogal.evaluation.html_report import number
 
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
     fixes = summary["fixes"]

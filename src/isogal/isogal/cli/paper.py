@@ -55,7 +55,7 @@ def _print(results: Any, claims: Any, page: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from isogal.evaluation.report import number
+    from isogal.evaluation.html_report import number
     from isogal.paper.cases import MATCHERS
     from isogal.paper.published import ROWS
 

@@ -42,7 +42,7 @@ def run(
     """
     _require_ros()
     from isogal.scenario import load_scenario
-    from isogal_ros.session import run_session
+    from isogal_ros.graph.session import run_session
 
     settings = load_scenario(scenario, set_ or ())
     raise typer.Exit(run_session(settings, out, bag, in_process=in_process, rate=rate, json=json))
@@ -57,7 +57,7 @@ def replay(
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes differ from the recorded ones."""
     _require_ros()
-    from isogal_ros.session import replay_session
+    from isogal_ros.graph.session import replay_session
 
     raise typer.Exit(replay_session(bag, out, json=json))
 

@@ -4,9 +4,10 @@ Source: Moritz (2000), Geodetic Reference System 1980, J. Geodesy 74:128-133. bo
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isogal.kernels import kernel
+from isogal.arrays import Array
+from isogal.compiled import kernel
 
 A = 6378137.0
 """Equatorial radius, m."""
@@ -28,14 +29,14 @@ def curvature(sin_latitude: float) -> tuple[float, float]:
     return n * (1.0 - E2) / w2, n
 
 
-def radii(latitude: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def radii(latitude: ArrayLike) -> tuple[Array, Array]:
     """Return (M, N), m, at geodetic latitudes (rad), any shape."""
     w2 = 1.0 - E2 * np.sin(latitude) ** 2
     n = A / np.sqrt(w2)
     return n * (1.0 - E2) / w2, n
 
 
-def metres_per_radian(latitude: ArrayLike, height: ArrayLike = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def metres_per_radian(latitude: ArrayLike, height: ArrayLike = 0.0) -> tuple[Array, Array]:
     """Return metres per radian of (latitude, longitude) at a latitude (rad) and ellipsoidal height (m)."""
     m, n = radii(latitude)
     return m + np.asarray(height), (n + np.asarray(height)) * np.cos(latitude)

@@ -1,11 +1,10 @@
 """Geodetic, Earth-centred Earth-fixed (ECEF) and local east-north-up (ENU) coordinates, exact on GRS80."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import E2, A, F
-
-Array = NDArray[np.float64]
 
 
 def geodetic_to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:

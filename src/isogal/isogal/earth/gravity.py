@@ -1,10 +1,11 @@
 """Normal gravity, its change with height, and the Eötvös acceleration of a moving vehicle. SI units, positive down."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, radii
-from isogal.kernels import kernel
 
 GAMMA_EQUATOR = 9.7803267715
 """Normal gravity at the equator, m/s² (Moritz 2000)."""
@@ -28,7 +29,7 @@ def normal_gravity_at(sin_latitude: float, height: float) -> float:
     )
 
 
-def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.float64]:
+def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
     """Return normal gravity (m/s²) at geodetic latitudes (rad) and ellipsoidal heights (m); the arrays broadcast."""
     s2 = np.sin(latitude) ** 2
     h = np.asarray(height, dtype=float)
@@ -36,7 +37,7 @@ def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.f
     return surface * (1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * h + 3.0 / A**2 * h**2)
 
 
-def normal_gravity_gradient_north(latitude: ArrayLike) -> NDArray[np.float64]:
+def normal_gravity_gradient_north(latitude: ArrayLike) -> Array:
     """Return d(normal gravity)/d(north), s⁻², on the ellipsoid: the derivative of Somigliana's formula over M."""
     s, c = np.sin(latitude), np.cos(latitude)
     w2 = 1.0 - E2 * s * s
@@ -46,7 +47,7 @@ def normal_gravity_gradient_north(latitude: ArrayLike) -> NDArray[np.float64]:
     return derivative / radii(latitude)[0]
 
 
-def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.float64]:
+def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
     """Return the normal gravity gradient (..., 3, 3), s⁻², axes north, east, down, at latitudes (rad) and heights (m) that broadcast.
 
     On the ellipsoid, a level surface, its curvatures give U_nn = -g/M and U_ee = -g/N, the change of g along it U_nd, and Poisson's
@@ -64,7 +65,7 @@ def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> NDArray[np.
     return gradient
 
 
-def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> NDArray[np.float64]:
+def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> Array:
     """Return the Eötvös acceleration (m/s², positive up): 2 w cos(lat) v_e + v_e²/(N+h) + v_n²/(M+h).
 
     It makes a moving gravimeter read less (Groves 2013, down component of the Coriolis and transport-rate terms).
@@ -76,7 +77,7 @@ def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: A
 
 def eotvos_jacobian(
     latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return the derivatives of `eotvos` by (v_north, v_east), s⁻¹."""
     m, n = radii(latitude)
     return 2.0 * np.asarray(v_north) / m, 2.0 * EARTH_RATE * np.cos(latitude) + 2.0 * np.asarray(v_east) / n

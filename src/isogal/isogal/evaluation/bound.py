@@ -17,19 +17,17 @@ gravity along the route were known to the accelerometer's noise, which no vehicl
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array, Booleans
+from isogal.compiled import kernel
 from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
+from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.kernels import kernel
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
-from isogal.sensors.fields import measured_field
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +118,7 @@ def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array)
 
 
 def _run(
-    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: Array, told: NDArray[np.bool_]
+    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: Array, told: Booleans
 ) -> BoundResult:
     segments = divide(scenario, trajectory)
     channels = len(noise)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from isogal.arrays import Array
 
 
 def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:

@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,11 +14,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
-from isogal.evaluation.atomic import atomic_file
+from isogal.files import atomic_path
 from isogal.matching.interfaces import Candidates
 
-Array = NDArray[np.float64]
 Reasons = tuple[tuple[str | None, ...], ...]
 
 FORMAT = 1
@@ -49,9 +49,9 @@ class RunDetail:
     """(N,) rad."""
     candidate_weight: Array
     """(N,) association probability within its scan."""
-    candidate_batch: NDArray[np.int64]
+    candidate_batch: Integers
     """(N,) index into the record's fix_time."""
-    candidate_scan: NDArray[np.int64]
+    candidate_scan: Integers
     """(N,) index of the scan in its batch."""
 
     def __post_init__(self) -> None:
@@ -155,7 +155,7 @@ class Runs:
         return cast(Array, np.hypot(self.unaided_error[..., 0], self.unaided_error[..., 1]))
 
     @property
-    def published(self) -> NDArray[np.bool_]:
+    def published(self) -> Booleans:
         """(R, B) whether the batch gave a fix."""
         flags = [[reason is None for reason in reasons] for reasons in self.fix_reason]
         return np.array(flags, dtype=np.bool_).reshape(len(self), self.fix_time.size)
@@ -194,7 +194,7 @@ class Runs:
         arrays["fix_reason"] = np.array(texts, dtype=np.str_).reshape(len(self), self.fix_time.size)
         if self.detail is not None:
             arrays |= {_DETAIL_PREFIX + item.name: getattr(self.detail, item.name) for item in fields(self.detail)}
-        with atomic_file(path) as stream:
+        with atomic_path(path, make_folder=True) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
 
     @staticmethod

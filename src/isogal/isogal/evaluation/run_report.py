@@ -13,12 +13,12 @@ from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
+from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.records import Runs
-from isogal.evaluation.report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.summary import summarise
+from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
 from isogal.scenario import Scenario
-from isogal.sensors.fields import reading_sigma
 
 if TYPE_CHECKING:
     from isogal.maps.channels import AnyMap

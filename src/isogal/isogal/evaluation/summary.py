@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isogal.evaluation.atomic import atomic_file
+from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.records import Runs
+from isogal.files import write_atomic
 from isogal.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 DIVERGENCE_LIMIT = 2000.0
 """m; a run whose mean error over its last stretch is above this has diverged (about twice the unaided INS there)."""
@@ -92,10 +90,10 @@ def summarise(
     return cast(dict[str, Any], plain(result))
 
 
-def diverged(runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW) -> NDArray[np.bool_]:
+def diverged(runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW) -> Booleans:
     """(R,) whether the mean horizontal error over the last `window` seconds is above `limit` metres, or not finite."""
     last = runs.time >= runs.time[-1] - window
-    return cast(NDArray[np.bool_], ~(runs.horizontal_error[:, last].mean(axis=1) <= limit))
+    return cast(Booleans, ~(runs.horizontal_error[:, last].mean(axis=1) <= limit))
 
 
 def posterior_nees(runs: Runs) -> Array:
@@ -130,8 +128,7 @@ def canonical_json(value: Any) -> str:
 
 def write_json(path: str | Path, value: Any) -> None:
     """Write `canonical_json` of the value; the file appears whole or not at all."""
-    with atomic_file(path) as stream:
-        stream.write(canonical_json(value).encode("utf-8"))
+    write_atomic(path, canonical_json(value), make_folder=True)
 
 
 def _format(value: Any, indent: str) -> str:

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
@@ -22,8 +22,6 @@ from isogal.fusion.navigator import (
     update_position,
     widen,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,16 +4,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion import ukf
 from isogal.inertial.rotations import multiply, to_rotation_vector
 from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
-
-Array = NDArray[np.float64]
 
 # Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive definite covariance.
 _POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9

@@ -16,8 +16,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.inertial.rotations import (
     INLINE,
@@ -30,9 +30,6 @@ from isogal.inertial.rotations import (
     to_small_rotation_vector,
 )
 from isogal.inertial.strapdown import step_at
-from isogal.kernels import kernel
-
-Array = NDArray[np.float64]
 
 N = 15
 """Number of error states."""

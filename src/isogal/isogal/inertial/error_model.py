@@ -15,8 +15,8 @@ where a prime marks an error, p is in metres (so the change of N cos L along the
 
 import numpy as np
 
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import EARTH_RATE
-from isogal.kernels import kernel
 
 STATES = 13
 """Position 0-1, velocity 2-3, attitude 4-6, accelerometer bias 7-9, gyroscope bias 10-12."""

@@ -6,9 +6,10 @@ The kernels are inlined and free of branches and calls where they can be, so tha
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isogal.kernels import kernel
+from isogal.arrays import Array
+from isogal.compiled import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -91,7 +92,7 @@ def rotate(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     return vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz, vz + w * tz + x * ty - y * tx
 
 
-def matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
+def matrix(quaternion: ArrayLike) -> Array:
     """Return the rotation matrix (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion, float), -1, 0)
     rows = [
@@ -102,7 +103,7 @@ def matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def from_heading(heading: ArrayLike) -> NDArray[np.float64]:
+def from_heading(heading: ArrayLike) -> Array:
     """Return level attitude (..., 4) with the given heading (rad, clockwise from north)."""
     half = 0.5 * np.asarray(heading, float)
     zero = np.zeros_like(half)

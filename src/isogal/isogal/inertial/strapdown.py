@@ -9,14 +9,12 @@ ch. 5.4).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
 from isogal.inertial.rotations import INLINE, from_short_rotation_vector, multiply, rotate
-from isogal.kernels import kernel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.quantities import QUANTITIES, check_plausible, check_quantity, unit_factor, value_range
@@ -54,8 +55,8 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
 
 
 def assemble(
-    latitude: NDArray[np.float64],
-    longitude: NDArray[np.float64],
+    latitude: Array,
+    longitude: Array,
     values: NDArray[Any],
     *,
     unit: str | None,

@@ -4,11 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 
-Array = NDArray[np.float64]
 TWO_PI = 2.0 * math.pi
 REGULAR = 1e-2
 """How far, in steps, a node may lie from a regular axis (files round their coordinates)."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from isogal.errors import InputError
-from isogal.maps.files import written_whole
+from isogal.files import atomic_path
 
 _LOG = logging.getLogger(__name__)
 _MAGIC = b"ISOGAL1\n"
@@ -53,7 +53,7 @@ def read_part(path: Path, index: int) -> bytes | None:
 def write_parts(path: Path, parts: Sequence[bytes]) -> None:
     """Write a cache file of at most 255 parts with their lengths and checksums; it appears whole or not at all."""
     table = b"".join(len(part).to_bytes(8, "big") + zlib.crc32(part).to_bytes(4, "big") for part in parts)
-    with written_whole(path) as temporary:
+    with atomic_path(path) as temporary:
         temporary.write_bytes(b"".join((_MAGIC, bytes([len(parts)]), table, *parts)))
 
 

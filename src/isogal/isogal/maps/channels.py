@@ -5,8 +5,9 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap, Grid
@@ -52,11 +53,11 @@ class ChannelMap:
         """Leave out of what other processes are sent what they can make themselves."""
         return ChannelMap, (self.channels,)
 
-    def value(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.float64]:
+    def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where a map says nothing."""
         return np.stack([channel.value(latitude, longitude) for channel in self.channels], axis=-1)
 
-    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.bool_]:
+    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where all channels have a value."""
         return np.asarray(np.isfinite(self.value(latitude, longitude)).all(axis=-1))
 
@@ -96,8 +97,8 @@ def channels_of(field_map: FieldMap | ChannelMap) -> tuple[FieldMap, ...]:
 
 
 def by_channel(
-    field_map: FieldMap | ChannelMap, channel: NDArray[np.int64], name: str, *arguments: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    field_map: FieldMap | ChannelMap, channel: Integers, name: str, *arguments: Array
+) -> Array:
     """Return ``getattr(map of the channel, name)(*arguments)`` (T,) row by row, for channel (T,) and arguments (T,)."""
     maps = channels_of(field_map)
     if len(maps) == 1:

@@ -6,15 +6,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
 from isogal.maps.interpolation import Values, bilinear_at, is_periodic, values_and_gradients, values_at
 from isogal.maps.sparse import Spans, pack, unpack
 
-Array = NDArray[np.float64]
 Grid = tuple[Values, float, float, float, float]
 
 
@@ -172,7 +172,7 @@ class FieldMap:
             return np.full(shape, self.sigma)[()]
         return bilinear_at(self.sigma, *self.grid[1:], lat, lon).reshape(shape)[()]
 
-    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.bool_]:
+    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
         return np.isfinite(self.value(latitude, longitude))
 

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import TENSOR_COMPONENTS
-
-Array = NDArray[np.float64]
 
 COMPONENTS = TENSOR_COMPONENTS
 """Second derivatives of the disturbing potential by north (n), east (e) and down (d)."""
@@ -235,7 +234,7 @@ def _continued(values: Array, pads: list[int]) -> Array:
     return extended
 
 
-def _rim(missing: NDArray[np.bool_], field_map: FieldMap, edge: float) -> NDArray[np.bool_]:
+def _rim(missing: Booleans, field_map: FieldMap, edge: float) -> Booleans:
     """Return (n, m) which nodes lie within `edge` (m) of the map's end or of a hole."""
     from scipy.ndimage import distance_transform_edt
 

@@ -12,11 +12,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.kernels import kernel
+from isogal.arrays import Array
+from isogal.compiled import kernel
 
 TWO_PI = 2.0 * math.pi
-Array = NDArray[np.float64]
-Values = NDArray[np.float64] | NDArray[np.float32]
+Values = Array | NDArray[np.float32]
 
 
 @kernel(error_model="numpy")

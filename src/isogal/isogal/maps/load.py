@@ -7,19 +7,18 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.axes import Track, Window
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gdf import read_gdf
-from isogal.maps.geotiff import read_geotiff
-from isogal.maps.ggmplus import is_ggmplus, read_ggmplus
-from isogal.maps.netcdf import read_netcdf
-from isogal.maps.xyz import read_xyz
+from isogal.maps.formats.gdf import read_gdf
+from isogal.maps.formats.geotiff import read_geotiff
+from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.formats.xyz import read_xyz
+from isogal.maps.ggmplus.folder import is_ggmplus, read_ggmplus
 
-Array = NDArray[np.float64]
 CORRIDOR_MARGIN = 25_000.0
 """m of map kept around a route by default."""
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.axes import Track
 
-Array = NDArray[np.float64]
-Spans = NDArray[np.int64]
+Spans = Integers
 _NAN_BYTES = 1 << 20
 _MOST_ROWS = 20_000  # each row may cost two mappings, and Linux allows 65530 a process
 

@@ -9,15 +9,15 @@ usual on this stretch"; one could also divide by an absolute level, which ``refe
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.kernels import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 
-Array = NDArray[np.float64]
 WINDOW = 2000.0
 """Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some hours is of this size."""
 POINTS = 9

@@ -4,18 +4,16 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian, radii
 from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.kernels import kernel
+from isogal.matching.channels import vector_batch
 from isogal.matching.interfaces import Batch
-from isogal.matching.vector import vector_batch
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
-
-Array = NDArray[np.float64]
 
 ERROR_STATES = 7
 """North, east (m), v_north, v_east (m/s), attitude about north, east, down (rad): what moves a position by metres within a batch."""

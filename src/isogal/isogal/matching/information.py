@@ -7,12 +7,10 @@ where such terms have negative variances). A position fix with a covariance cann
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.matching.interfaces import Batch, Information
-from isogal.matching.likelihood import BatchLikelihood
-
-Array = NDArray[np.float64]
+from isogal.matching.pmht.likelihood import BatchLikelihood
 
 _NOTHING = 1.0 - 1e-4
 """A variance ratio posterior / prior above this counts as no information in that direction of a position fix."""

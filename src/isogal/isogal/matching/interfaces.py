@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from isogal.arrays import Array, Integers
 
 LOST_SIGMA = (15e3, 0.5, 1e-4)
 """1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get on top of its own covariance. A wrong
@@ -61,7 +60,7 @@ class Batch:
     """(4 or 7, M) that error per unit-variance component of M."""
     attitude: tuple[Array, Array] | None = None
     """((3, 4), (3, M)) attitude error (rad) at the batch end per unit of xi and of the components of M."""
-    channel: NDArray[np.int64] | None = None
+    channel: Integers | None = None
     """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map. Rows are then scans times channels, and
     the rows of a scan, one after the other, share its stamp."""
     reading_covariance: Array | None = None
@@ -94,7 +93,7 @@ class Candidates:
     """(N,) rad."""
     weight: Array
     """(N,) association probability within its scan."""
-    scan: NDArray[np.int64]
+    scan: Integers
     """(N,) index of the scan in the batch."""
 
 

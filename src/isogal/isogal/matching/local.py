@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
-
-Array = NDArray[np.float64]
 
 _FINITE = (
     "latitude", "longitude", "velocity", "offset", "transition", "reading_jacobian", "drift_position", "drift_reading", "prior",

@@ -11,7 +11,8 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from isogal.arrays import Array
+
 Bits = NDArray[np.uint8]
 
 DIGITS = 32

@@ -11,14 +11,14 @@ from isogal.scenario import Matcher as MatcherSettings
 
 # name -> "module:factory"; the factory takes the scenario's matcher section and gives a Matcher.
 MATCHERS: dict[str, str] = {
-    "pmht-paper": "isogal.matching.pmht_paper:PmhtPaper.from_settings",
-    "pmht": "isogal.matching.second_opinion:Doubting.from_settings",
-    "tercom": "isogal.matching.tercom:Tercom.from_settings",
-    "iccp": "isogal.matching.iccp:Iccp.from_settings",
-    "sitan": "isogal.matching.sitan:Sitan.from_settings",
-    "particle": "isogal.matching.particle:Particle.from_settings",
-    "point-mass": "isogal.matching.point_mass:PointMass.from_settings",
-    "viterbi": "isogal.matching.viterbi:Viterbi.from_settings",
+    "pmht-paper": "isogal.matching.paper.matcher:PmhtPaper.from_settings",
+    "pmht": "isogal.matching.pmht.lost_navigator:Doubting.from_settings",
+    "tercom": "isogal.matching.baselines.tercom:Tercom.from_settings",
+    "iccp": "isogal.matching.baselines.iccp:Iccp.from_settings",
+    "sitan": "isogal.matching.baselines.sitan:Sitan.from_settings",
+    "particle": "isogal.matching.baselines.particle:Particle.from_settings",
+    "point-mass": "isogal.matching.baselines.point_mass:PointMass.from_settings",
+    "viterbi": "isogal.matching.baselines.viterbi:Viterbi.from_settings",
 }
 
 VECTOR = ("pmht",)

@@ -24,7 +24,7 @@ MEMORY = 256_000_000
 """Bytes that the arrays of one chunk may take in a worker."""
 MOST_RUNS = 25
 """Runs of a chunk at most: what is lost by an interruption, and what the last worker may keep the others waiting for."""
-_CODE = ("earth", "inertial", "sensors", "maps", "matching", "fusion", "evaluation/records.py", "montecarlo/engine.py")
+_CODE = ("earth", "inertial", "sensors", "maps", "fields", "matching", "fusion", "evaluation/records.py", "montecarlo/engine.py")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,10 +9,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.fields.measured import measured_field
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.simulator import ReadingSimulator
 from isogal.fusion.navigator import (
     FilterModel,
     FilterState,
@@ -24,19 +27,15 @@ from isogal.fusion.navigator import (
 )
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.for_scenario import map_for_scenario
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
-from isogal.sensors.fields import measured_field
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.reduction import State
-from isogal.sensors.simulator import ReadingSimulator
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 """Called with the simulated time (s) after each scan."""
 Revised = Callable[[int, list[int], FilterState], None]

@@ -5,8 +5,8 @@ from functools import lru_cache
 from typing import Any
 
 from isogal.errors import InputError
+from isogal.fields.source_map import source_map
 from isogal.maps.field_map import FieldMap
-from isogal.maps.source import source_map
 from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario

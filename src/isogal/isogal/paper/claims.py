@@ -7,7 +7,7 @@ verdicts.
 
 import numpy as np
 
-from isogal.evaluation.report import number
+from isogal.evaluation.html_report import number
 from isogal.paper import reasons
 from isogal.paper.cases import DEFAULT, PAPER, RIVAL, Setting
 from isogal.paper.measure import Outcome, roughness

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, rms_figure
@@ -65,7 +66,7 @@ def noise_figure(results: Results, quantity: str, batch_length: int) -> "Figure"
     return figure
 
 
-def _curve(panel: "Axes", outcome: Outcome, values: style.Array, line: style.Line, label: str) -> None:
+def _curve(panel: "Axes", outcome: Outcome, values: Array, line: style.Line, label: str) -> None:
     panel.plot(style.hours(outcome.time), values, **line.options(), label=label)
 
 
@@ -154,5 +155,5 @@ def sensitivity_figure(results: Results) -> "Figure":
     return figure
 
 
-def _rms(error: style.Array) -> float:
+def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))

@@ -4,7 +4,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
@@ -17,7 +16,6 @@ from isogal.sensors.trajectory import build_trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 _EDGE: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.6}
 

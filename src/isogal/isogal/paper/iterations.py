@@ -4,18 +4,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Candidates, Fix
-from isogal.matching.pmht_paper import PaperOptions, PmhtPaper
+from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import FIGURE_64_SCAN, ITERATIONS
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

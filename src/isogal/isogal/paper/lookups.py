@@ -4,18 +4,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
-from isogal.matching.lookup import lattice_spacing, lookup
-from isogal.matching.pda import association_weights, candidate_variance, combine
+from isogal.matching.paper.map_lookup import lattice_spacing, lookup
+from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import FIGURE_54_CANDIDATES, FIGURE_54_READING_SIGMA, FIGURE_54_SIDE, LOW
 from isogal.seeds import generator
 from isogal.sensors.trajectory import build_trajectory
-
-Array = NDArray[np.float64]
 
 PROFILE_WINDOW = 4e3
 """m, half width of the 1-D search window."""

@@ -5,20 +5,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import SpreadTest, spread_test
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.summary import summarise
 from isogal.fusion.navigator import FilterState
-from isogal.matching.pmht_paper import PaperOptions
+from isogal.matching.paper.matcher import PaperOptions
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.sensors.trajectory import build_trajectory
-
-Array = NDArray[np.float64]
 
 INSTANTS = (0.5, 1.0, 2.0, 3.0, 3.5)
 """h, when the spread of the unaided runs is compared with the covariance."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isogal.evaluation.report import number
+from isogal.evaluation.html_report import number
 from isogal.paper.published import HIGH, LOW, ROWS, TABLE_4
 from isogal.paper.results import Results
 from isogal.paper.verdicts import HOUR, after, metres

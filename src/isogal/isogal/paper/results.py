@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.paper.cases import PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot
@@ -14,8 +14,6 @@ from isogal.paper.lookups import ProfileExample, WindowExample
 from isogal.paper.measure import Outcome, Spread, Tracks
 from isogal.paper.published import PublishedRow
 from isogal.sensors.trajectory import build_trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,10 +14,10 @@ from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Display, compute_cases
 from isogal.paper.cases import SWEEP_HEADINGS, Plan, Setting, retrodiction_settings
 from isogal.paper.claims import judge
+from isogal.paper.document import write_page
 from isogal.paper.iterations import follow_iterations
 from isogal.paper.lookups import profile_example, window_example
 from isogal.paper.measure import Outcome, drift_by_theory, measure_spread, measure_tracks
-from isogal.paper.report import write_page
 from isogal.paper.results import Results, along_track
 from isogal.paper.tables import as_json
 from isogal.paper.verdicts import Claim

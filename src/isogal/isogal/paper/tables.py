@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from isogal.evaluation.report import Table, number
+from isogal.evaluation.html_report import Table, number
 from isogal.paper.cases import MATCHERS, PAPER, SWEEP_HEADINGS, SWEEP_SPEEDS, Setting
 from isogal.paper.figures_errors import GRADE_LABELS
 from isogal.paper.measure import Outcome, roughness

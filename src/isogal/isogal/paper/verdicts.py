@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from isogal.evaluation.report import number
+from isogal.evaluation.html_report import number
 from isogal.paper.measure import Outcome
 from isogal.paper.results import Results
 

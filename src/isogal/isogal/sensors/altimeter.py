@@ -6,13 +6,12 @@ sea level, the geoid between them is an offset that `matcher.bias_sigma` has to 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.scenario import Altimeter
 from isogal.sensors.reduction import State
-
-Array = NDArray[np.float64]
 
 
 class TerrainReduction:

@@ -11,14 +11,13 @@ Taken for granted is a platform that is level and points north, and an instrumen
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
 from isogal.earth.gravity import normal_gradient
 from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Scenario
 from isogal.seeds import generator
 from isogal.sensors.reduction import State
-
-Array = NDArray[np.float64]
 
 EOTVOS = 1e-9
 """1/s² in 1 E."""

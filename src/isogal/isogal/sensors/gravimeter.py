@@ -7,13 +7,12 @@ The map's surface is taken at ellipsoidal height 0 and the vehicle at `route.hei
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE, radii
 from isogal.earth.gravity import FREE_AIR, eotvos, eotvos_jacobian, normal_gravity, normal_gravity_gradient_north
 from isogal.sensors.reduction import State
-
-Array = NDArray[np.float64]
 
 
 def felt_gravity(

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
 
 

@@ -10,13 +10,12 @@ import math
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isogal.arrays import Array
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.sensors.reduction import State
-
-Array = NDArray[np.float64]
 
 SPACING = 1.0
 """deg between the points at which the model is evaluated; a cubic between them is good to 0.01 nT (tested)."""

@@ -11,15 +11,13 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Scenario
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

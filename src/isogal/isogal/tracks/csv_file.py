@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.tracks.track import Track, track_window
-
-Array = NDArray[np.float64]
 
 REQUIRED = ("time", "latitude", "longitude", "value")
 OPTIONAL = ("sigma", "offset")

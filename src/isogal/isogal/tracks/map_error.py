@@ -1,6 +1,6 @@
 """How wrong a map is, learnt from tracks whose positions are known.
 
-Along a track with known positions the readings less the map's values are r ~ N(0, R) with the R of `isogal.matching.likelihood`. The
+Along a track with known positions the readings less the map's values are r ~ N(0, R) with the R of `isogal.matching.pmht.likelihood`. The
 parameters of R that make the residuals of some reference tracks most likely (maximum likelihood, Rasmussen & Williams 2006,
 section 5.4) can then be used on other tracks. A map drawn from scattered measurements is most wrong where the field varies most
 between them, so unless the map says itself where it is how wrong, its 1-sigma is taken as sqrt(floor² + (reach g)²), g the RMS
@@ -12,14 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.track import Track
-
-Array = NDArray[np.float64]
 
 SMOOTHING = (1000.0, 2000.0, 4000.0)
 """m, radii (1-sigma of a Gaussian weight) over which the gradient is averaged; the likeliest is taken."""

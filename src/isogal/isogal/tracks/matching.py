@@ -18,22 +18,20 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Matcher, declined
-from isogal.matching.pmht import Pmht
-from isogal.matching.pmht_memory import Memory
+from isogal.matching.pmht.lost_navigator import Doubting
+from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.memory import Memory
+from isogal.matching.pmht.robust import confirmed, widened
 from isogal.matching.registry import build_matcher
-from isogal.matching.second_opinion import Doubting
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.robust import confirmed, widened
 from isogal.tracks.track import Track
-
-Array = NDArray[np.float64]
 
 FEWEST_IN_BATCH = 4
 """Scans that the incomplete last batch needs to be matched."""

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.tracks.track import Track, track_window
-
-Array = NDArray[np.float64]
 
 FIX_TOPIC = "nav/fix"
 _POSITION = "sensor_msgs/msg/NavSatFix"

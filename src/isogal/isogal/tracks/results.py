@@ -8,14 +8,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.files import written_whole
+from isogal.files import write_atomic
 from isogal.tracks.matching import Match
-
-Array = NDArray[np.float64]
 
 FIX, NO_FIX = "fix", "no_fix"
 _DEGREE_DIGITS = 9  # 0.1 mm
@@ -114,5 +110,4 @@ def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
 def write_results(objects: Sequence[dict[str, Any]], path: Path) -> None:
     """Write a file in the format that its suffix means; it appears when complete. Raises InputError."""
     text = writer_for(path)(objects)
-    with written_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_atomic(path, text)

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
@@ -18,8 +18,6 @@ from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.reduction import State
-
-Array = NDArray[np.float64]
 
 REDUCTIONS = ("none", "latitude", "velocity", "main-field")
 """What of the track may have gone into its readings: nothing, normal gravity at its latitude, or that and the Eötvös acceleration; of a
@@ -148,7 +146,7 @@ def track_window(latitude: Array, longitude: Array, margin: float) -> Window:
     return route_window(latitude, longitude, margin)._replace(track=line)
 
 
-def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, NDArray[np.bool_]]:
+def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
     """Refuse a track that cannot belong to the map; else return it with NaN where the map has no value, and (N,) where that is.
 
     Raises

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.evaluation.consistency import chi_square_interval, mean_nees
 from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 
 @style.journal

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from isogal.maps.field_map import FieldMap
 
-Array = NDArray[np.float64]
 
 CLOSE_UPS = 3
 _MAP_WIDTH, _LEGEND = 5.2, 0.6

@@ -1,0 +1,166 @@
+"""What `isogal map` says about maps: plain dictionaries for --json, tables for people."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.maps.expected_accuracy import Stretches
+from isogal.maps.field_map import FieldMap
+
+
+def describe_map(field_map: FieldMap) -> dict[str, Any]:
+    """Return what a map is, with the range of its values."""
+    extent = field_map.extent
+    _, _, dlat, _, dlon = field_map.grid
+    count, total, squares, low, high = 0, 0.0, 0.0, math.inf, -math.inf
+    middle = float(next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all()))
+    for row in field_map.values:  # row by row: a map may be larger than the memory that one likes to spend
+        known = row[~np.isnan(row)].astype(np.float64)
+        if known.size:
+            count += known.size
+            total += float((known - middle).sum())
+            squares += float(((known - middle) ** 2).sum())
+            low, high = min(low, float(known.min())), max(high, float(known.max()))
+    mean = total / count
+    sigma = field_map.sigma if isinstance(field_map.sigma, float) else float(np.nanmedian(field_map.sigma))
+    return {
+        "provenance": field_map.provenance,
+        "quantity": field_map.quantity,
+        "unit": field_map.unit,
+        "file_unit": field_map.file_unit or field_map.unit,
+        "south": math.degrees(extent.south),
+        "north": math.degrees(extent.north),
+        "west": math.degrees(extent.west),
+        "east": math.degrees(extent.east),
+        "nodes": list(field_map.values.shape),
+        "step_deg": [math.degrees(dlat), math.degrees(dlon)],
+        "cell_m": list(field_map.cell_size_m(0.5 * (extent.south + extent.north))),
+        "minimum": low,
+        "maximum": high,
+        "mean": middle + mean,
+        "standard_deviation": math.sqrt(max(squares / count - mean**2, 0.0)),
+        "missing": 1.0 - count / field_map.values.size,
+        "sigma": sigma,
+        "correlation_length": field_map.correlation_length,
+        "quantisation": field_map.quantisation,
+    }
+
+
+def describe_route(value: Array, gradient: Array, stretches: Stretches) -> dict[str, Any]:
+    """Return what a track finds on the map, stretch by stretch; infinities and missing values become null."""
+    best, worst = stretches.axes
+    parts = [
+        {
+            "from_km": stretches.start[i] / 1e3,
+            "to_km": stretches.end[i] / 1e3,
+            "latitude": math.degrees(stretches.latitude[i]),
+            "longitude": math.degrees(stretches.longitude[i]),
+            "readings": int(stretches.readings[i]),
+            "gradient_rms": _plain(stretches.gradient[i]),
+            "sigma_best": _plain(best[i]),
+            "sigma_worst": _plain(worst[i]),
+        }
+        for i in range(stretches.start.size)
+    ]
+    return {
+        "length_km": float(stretches.end[-1]) / 1e3,
+        "value_rms": float(np.sqrt(np.mean(value**2))),
+        "value_standard_deviation": float(np.std(value)),
+        "gradient_rms": float(np.sqrt(np.mean(gradient**2))),
+        "stretches": parts,
+    }
+
+
+def _plain(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None
+
+
+def print_map(found: dict[str, Any]) -> None:
+    """Print a description as a table."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    show = _writer(found["unit"])
+    table = Table(box=SIMPLE_HEAD, show_header=False)
+    table.add_column()
+    table.add_column(overflow="fold")
+    rows = [
+        ("map", found["provenance"]),
+        ("quantity", f"{found['quantity'].replace('_', ' ')} in {found['unit']} (file: {found['file_unit']})"),
+        ("latitude", f"{found['south']:.4f} to {found['north']:.4f} deg"),
+        ("longitude", f"{found['west']:.4f} to {found['east']:.4f} deg"),
+        (
+            "nodes",
+            f"{found['nodes'][0]} x {found['nodes'][1]}, {found['step_deg'][0]:.5g} x {found['step_deg'][1]:.5g} deg"
+            f" ({found['cell_m'][0]:.0f} x {found['cell_m'][1]:.0f} m)",
+        ),
+        ("values", f"{show(found['minimum'])} to {show(found['maximum'])}, mean {show(found['mean'])}"),
+        ("standard deviation", show(found["standard_deviation"])),
+        ("missing", f"{100 * found['missing']:.2g} %"),
+        ("1-sigma error", show(found["sigma"]) if found["sigma"] else "not said"),
+        ("step of the values", show(found["quantisation"]) if found["quantisation"] else "none"),
+    ]
+    for name, text in rows:
+        table.add_row(name, text)
+    Console().print(table, highlight=False)
+
+
+def print_route(found: dict[str, Any], unit: str) -> None:
+    """Print the stretches of a track as a table."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    show = _writer(unit)
+    factor, slope_unit = (1e8, "mGal/km") if unit == "m/s²" else (1e3, f"{unit}/km")
+    table = Table(
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        title=f"Gradient ({slope_unit}) and expected 1-sigma of a fix from each stretch alone",
+        title_justify="left",
+    )
+    for heading in (
+        "km",
+        "latitude",
+        "longitude",
+        "readings",
+        slope_unit,
+        "best (m)",
+        "worst (m)",
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for part in found["stretches"]:
+        table.add_row(
+            f"{part['from_km']:.0f}–{part['to_km']:.0f}",
+            f"{part['latitude']:.3f}",
+            f"{part['longitude']:.3f}",
+            str(part["readings"]),
+            "none" if part["gradient_rms"] is None else f"{factor * part['gradient_rms']:.3g}",
+            _metres(part["sigma_best"]),
+            _metres(part["sigma_worst"]),
+        )
+    console = Console()
+    console.print(table, highlight=False)
+    console.print(
+        f"{found['length_km']:.1f} km; values {show(found['value_standard_deviation'])} standard deviation,"
+        f" gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
+        highlight=False,
+    )
+
+
+def _metres(sigma: float | None) -> str:
+    return "no fix" if sigma is None else f"{sigma:,.0f}"
+
+
+def _writer(unit: str) -> Any:
+    """Return a function that writes a value with its unit, accelerations below 0.1 m/s² in mGal."""
+
+    def write(value: float) -> str:
+        if unit == "m/s²":
+            return f"{value * 1e5:.4g} mGal" if abs(value) < 0.1 else f"{value:.6f} m/s²"
+        return f"{value:.5g} {unit}"
+
+    return write

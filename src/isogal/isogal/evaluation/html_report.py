@@ -1,0 +1,139 @@
+"""Reports: one self-contained HTML page with its figures inside, and the same figures as PNG files beside it."""
+
+import base64
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import isogal
+from isogal.evaluation.figures import style
+from isogal.evaluation.report_template import PAGE
+from isogal.files import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NUMBER = re.compile(r"([<>≤≥±]?\s*[-−+]?\d[\d.,]*(e[-+]?\d+)?\s*%?(\s*(/|of)\s*\d+)?|–)?")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Illustration:
+    """A figure with its caption; `name` is the stem of its PNG file."""
+
+    name: str
+    figure: "Figure"
+    caption: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A table of text cells (see `number` for figures); columns of numbers only are set flush right."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    folded: bool = False
+    """Whether the reader has to open it."""
+
+    @property
+    def numeric(self) -> frozenset[int]:
+        """Indices of the columns that hold numbers only."""
+        if not self.rows:
+            return frozenset()
+        columns = range(len(self.header))
+        return frozenset(c for c in columns if all(_NUMBER.fullmatch(row[c].strip()) for row in self.rows))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """A heading with text, figures and tables, in that order."""
+
+    heading: str
+    paragraphs: Sequence[str] = ()
+    illustrations: Sequence[Illustration] = ()
+    tables: Sequence[Table] = ()
+    listing: str = ""
+    """Text to be shown as it is, folded."""
+    listing_title: str = "Details"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number for a table: so many significant digits at least, no exponent from 1e-3 to 1e6, a dash for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if not 1e-3 <= size < 1e6:
+        return f"{value:.{digits - 1}e}"
+    text = f"{value:#.{digits}g}"
+    return f"{value:.0f}" if "e" in text or text.endswith(".") else text
+
+
+def write_report(
+    out_dir: str | Path,
+    title: str,
+    sections: Sequence[Section],
+    tables: Sequence[Table] = (),
+    subtitle: str = "",
+) -> Path:
+    """Write `report.html` and one PNG file per figure into a folder.
+
+    Parameters
+    ----------
+    out_dir : path
+        Made where it does not exist; files of the same names are replaced, others left.
+    title, subtitle : str
+        At the top of the page.
+    sections : sequence of Section
+        The body.
+    tables : sequence of Table
+        Stand between title and first section.
+
+    Returns
+    -------
+    Path
+        Of the page.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    folder = Path(out_dir)
+    names = [picture.name for section in sections for picture in section.illustrations]
+    if len(set(names)) != len(names):
+        raise ValueError(f"two figures of a report have the same name: {sorted(names)}")
+    count = 0
+    pages: list[dict[str, Any]] = []
+    for section in sections:
+        pictures = []
+        for illustration in section.illustrations:
+            count += 1
+            data = style.png(illustration.figure)
+            write_atomic(folder / f"{illustration.name}.png", data, make_folder=True)
+            text = base64.b64encode(data).decode("ascii")
+            pictures.append({"data": text, "caption": illustration.caption, "number": count})
+        pages.append(
+            {
+                "heading": section.heading,
+                "paragraphs": section.paragraphs,
+                "pictures": pictures,
+                "tables": section.tables,
+                "listing": section.listing,
+                "listing_title": section.listing_title,
+            }
+        )
+    in_order = [*tables, *(table for section in sections for table in section.tables)]
+    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False).from_string(PAGE)
+    html = page.render(
+        title=title,
+        subtitle=subtitle,
+        tables=tables,
+        sections=pages,
+        numbers={table: index for index, table in enumerate(in_order, start=1)},
+        footer=f"Isogal {isogal.__version__}. An isogal is a line of equal gravity.",
+    )
+    path = folder / "report.html"
+    write_atomic(path, html, make_folder=True)
+    return path

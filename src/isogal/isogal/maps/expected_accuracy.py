@@ -1,0 +1,147 @@
+"""How good can a fix be here? The Fisher information that readings along a track hold about where the track lies.
+
+Linearised about the true place and for a rigid shift of a stretch of track: with J (T, 2) the map's gradient at T readings and
+R_ij = sigma² d_ij + s_i s_j exp(-d_ij / L) + b² (white sensor noise and rounding, map error, unknown offset), the information is
+J' R^-1 J and its inverse the Cramér-Rao bound of the shift (Van Trees 2001, Detection, Estimation, and Modulation Theory I, sec. 2.4.2;
+R: SCIENCE 3). It tells where a map is worth something. It does not know about ambiguity: a first fix from far away can be worse.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.gravity import normal_gravity_gradient_north
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What is wrong with readings and map, in the map's unit."""
+
+    sensor_sigma: float
+    """1-sigma white noise of a reading, > 0."""
+    map_sigma: float | None = None
+    """1-sigma of the map's error; None = as the map says."""
+    correlation_length: float = 4000.0
+    """Of that error, m."""
+    bias_sigma: float = 0.0
+    """1-sigma of an unknown constant offset of the readings."""
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Expected fixes from stretches of a track, S of them, each from its own readings alone."""
+
+    start: Array
+    """(S,) m along the track."""
+    end: Array
+    """(S,) m."""
+    latitude: Array
+    """(S,) rad, middle reading."""
+    longitude: Array
+    """(S,) rad."""
+    readings: Integers
+    """(S,)"""
+    gradient: Array
+    """(S,) RMS of the gradient's size, unit per m."""
+    covariance: Array
+    """(S, 2, 2) m², north-east; infinite where the readings leave a direction open, NaN where the map has no values."""
+
+    @property
+    def axes(self) -> tuple[Array, Array]:
+        """1-sigma along the best and the worst direction, m, (S,) each."""
+        known = np.isfinite(self.covariance).all(axis=(1, 2))
+        values = np.full((self.start.size, 2), math.inf)
+        values[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance[known]), 0.0))
+        values[np.isnan(self.covariance).any(axis=(1, 2))] = math.nan
+        return values[:, 0], values[:, 1]
+
+
+def along_track(latitude: Array, longitude: Array) -> Array:
+    """Return the distance from the first point, m, along points (rad) that lie close together."""
+    north, east = metres_per_radian(0.5 * (latitude[1:] + latitude[:-1]))
+    steps = np.hypot(north * np.diff(latitude), east * np.diff(np.unwrap(longitude)))
+    return np.r_[0.0, np.cumsum(steps)].astype(np.float64)
+
+
+def position_information(
+    field_map: FieldMap, latitude: Array, longitude: Array, errors: Errors, stretch: float = 5000.0
+) -> Stretches:
+    """Return what readings at points of a track tell about its position, stretch by stretch.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        The map. A gravity disturbance is measured as gravity less normal gravity where the navigator believes to be, so that the
+        change of normal gravity to the north counts as signal.
+    latitude, longitude : (K,) rad
+        Where the readings are taken.
+    errors : Errors
+        Noise, map error and offset.
+    stretch : float
+        m; 0 = one stretch.
+
+    Raises
+    ------
+    InputError
+        Fewer than two points, or an error that is not positive.
+    """
+    if latitude.size < 2:
+        raise InputError(f"position information needs at least two readings, has {latitude.size}")
+    for name, value in (("sensor sigma", errors.sensor_sigma), ("correlation length", errors.correlation_length)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be > 0, is {value}")
+    distance = along_track(latitude, longitude)
+    total = float(distance[-1])
+    edges = np.arange(0.0, total, stretch) if stretch > 0.0 else np.zeros(1)
+    if edges.size > 1 and total - edges[-1] < 0.5 * stretch:
+        edges = edges[:-1]  # a short rest joins the last stretch
+    owner = np.searchsorted(edges, distance, side="right") - 1
+    _, north, east = field_map.value_and_gradient(latitude, longitude)
+    if field_map.quantity.endswith("disturbance"):
+        north = north + normal_gravity_gradient_north(latitude)
+    map_sigma = (
+        field_map.sigma_at(latitude, longitude)
+        if errors.map_sigma is None
+        else np.full(latitude.size, errors.map_sigma)
+    )
+    white = errors.sensor_sigma**2 + field_map.quantisation**2 / 12.0
+    covariance = np.full((edges.size, 2, 2), np.nan)
+    gradient, middle, count = (
+        np.full(edges.size, np.nan),
+        np.zeros(edges.size, dtype=np.int64),
+        np.zeros(edges.size, dtype=np.int64),
+    )
+    for index in range(edges.size):
+        here = np.flatnonzero(owner == index)
+        count[index] = here.size
+        if not here.size:
+            continue
+        middle[index] = here[here.size // 2]
+        slope = np.stack([north[here], east[here]], axis=1)
+        gradient[index] = math.sqrt(np.mean(np.sum(slope**2, axis=1)))
+        apart = _distances(latitude[here], longitude[here])
+        noise = white * np.eye(here.size) + errors.bias_sigma**2
+        noise += np.outer(map_sigma[here], map_sigma[here]) * np.exp(-apart / errors.correlation_length)
+        if np.isfinite(slope).all() and np.isfinite(noise).all():
+            covariance[index] = _inverse(slope.T @ np.linalg.solve(noise, slope))
+    return Stretches(edges, np.r_[edges[1:], total], latitude[middle], longitude[middle], count, gradient, covariance)
+
+
+def _distances(latitude: Array, longitude: Array) -> Array:
+    north, east = metres_per_radian(float(latitude.mean()))
+    turned = np.unwrap(longitude)
+    apart: Array = np.hypot(north * (latitude[:, None] - latitude), east * (turned[:, None] - turned))
+    return apart
+
+
+def _inverse(information: Array) -> Array:
+    """Invert a 2 x 2 information matrix; all infinite where it leaves a direction open."""
+    if np.linalg.cond(information) > 1e12 or not information.any():
+        return np.full((2, 2), math.inf)
+    inverse: Array = np.linalg.inv(information).astype(np.float64)
+    return inverse

@@ -1,0 +1,51 @@
+"""What the baseline matchers have in common as classes: settings in, readings prepared, nothing carried from batch to batch."""
+
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+from pydantic import BaseModel
+
+from isogal.maps.field_map import FieldMap
+from isogal.matching.baselines.readings import Scans, WhiteNoise
+from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.local import too_few, unusable
+from isogal.matching.registry import check_options
+from isogal.scenario import Matcher as MatcherSettings
+
+Options = TypeVar("Options", bound=BaseModel)
+
+
+class Baseline(Generic[Options]):
+    """A matcher of single batches (see `interfaces.Matcher`); a subclass says how readings become a fix."""
+
+    name: ClassVar[str]
+    options_model: ClassVar[type[BaseModel]]
+    context: ClassVar[int] = 0
+    whole: ClassVar[bool] = False
+    """Whether it takes the whole batch each time; False = only readings that no earlier batch has used."""
+
+    def __init__(self, noise: WhiteNoise | None = None, options: Options | None = None) -> None:
+        self.noise = noise or WhiteNoise()
+        self.options: Options = options or self.options_model()  # type: ignore[assignment]
+
+    @classmethod
+    def from_settings(cls, settings: MatcherSettings) -> Self:
+        """Build it from the scenario; raises InputError on unknown or impossible options."""
+        return cls(WhiteNoise.from_settings(settings), check_options(cls.name, settings.options, cls.options_model))
+
+    @property
+    def fewest(self) -> int:
+        """Readings that a fix needs."""
+        return 1
+
+    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+        """Match one batch (see `interfaces.Matcher`)."""
+        if reason := unusable(batch):
+            return declined(batch, reason), memory
+        scans = Scans.of(batch, field_map, self.noise, whole=self.whole)
+        if reason := too_few(batch, len(scans), self.fewest):
+            return declined(batch, reason), memory
+        return self.solve(batch, field_map, scans), memory
+
+    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+        """Return the fix of a batch whose readings `scans` can be used."""
+        raise NotImplementedError

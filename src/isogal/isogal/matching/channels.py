@@ -1,0 +1,101 @@
+"""Batches of vector readings: a scan of several channels at once, such as the components of the gravity gradient tensor.
+
+Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts it (`isogal.maps.channels`), and the
+channels of a scan may have correlated noise. Everything else a matcher does with a batch stays as it is for one channel.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.channels import ChannelMap, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch
+
+
+def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
+    """Return a batch with several readings at each scan.
+
+    Parameters
+    ----------
+    batch : Batch
+        Of one channel: stamps, positions, transition and prior are taken over; its readings, sigma and offset are not. What the
+        navigator's error does to readings by their reduction is not known for other channels, and taken as nothing.
+    readings : (T, C) array
+        Unit of the maps; NaN = no reading of that channel at that scan.
+    covariance : (C, C) or (T, C, C) array
+        Of the sensor's noise, positive definite.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, or a covariance that is not positive definite.
+    """
+    readings = np.asarray(readings, dtype=np.float64)
+    if readings.ndim != 2 or readings.shape[0] != len(batch):
+        raise InputError(f"vector readings must have shape ({len(batch)}, channels), have {readings.shape}")
+    scans, channels = readings.shape
+    covariance = np.asarray(covariance, dtype=np.float64)
+    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
+        raise InputError(
+            f"covariance of vector readings must have shape ({channels}, {channels}) or with {scans} scans in front,"
+            f" has {covariance.shape}"
+        )
+    blocks = np.broadcast_to(covariance, (scans, channels, channels))
+    if not (np.isfinite(blocks).all() and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()):
+        raise InputError("covariance of vector readings must be positive definite")
+    by_scan = np.zeros((scans, channels, scans, channels))
+    each = np.arange(scans)
+    by_scan[each, :, each, :] = 0.5 * (blocks + blocks.swapaxes(1, 2))
+    whole = by_scan.reshape(scans * channels, scans * channels)
+
+    def spread(array: Array) -> Array:
+        return np.repeat(array, channels, axis=0)
+
+    return replace(
+        batch,
+        time=spread(batch.time),
+        latitude=spread(batch.latitude),
+        longitude=spread(batch.longitude),
+        velocity=spread(batch.velocity),
+        reading=readings.reshape(-1),
+        sigma=np.sqrt(np.diag(whole)),
+        offset=np.zeros(scans * channels),
+        transition=spread(batch.transition),
+        reading_jacobian=np.zeros((scans * channels, 4)),
+        drift_position=spread(batch.drift_position),
+        drift_reading=np.zeros((scans * channels, batch.drift_reading.shape[1])),
+        new=batch.new * channels,
+        channel=np.tile(np.arange(channels), scans),
+        reading_covariance=whole,
+    )
+
+
+def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:
+    """Return the part of a batch that belongs to the first map, and that map; a batch of one channel as it is.
+
+    For what is shown of a batch: candidates on contours, the map's variability.
+    """
+    first = channels_of(field_map)[0]
+    if batch.channel is None:
+        return batch, first
+    rows = np.flatnonzero(batch.channel == 0)
+    names = (
+        "time",
+        "latitude",
+        "longitude",
+        "velocity",
+        "reading",
+        "sigma",
+        "offset",
+        "transition",
+        "reading_jacobian",
+        "drift_position",
+        "drift_reading",
+    )
+    kept = {name: getattr(batch, name)[rows] for name in names}
+    new = int((rows >= len(batch) - batch.new).sum())
+    return replace(batch, **kept, new=new, channel=None, reading_covariance=None), first

@@ -1,0 +1,123 @@
+"""Coarse-to-fine search for the navigator over tens of kilometres.
+
+The likelihood of a batch is evaluated on a grid of position errors over three 1-sigma of the prior, with the residual covariance widened by
+what the map changes within a cell; cells that could hold the navigator are divided and evaluated again, finer. What is left is described
+by tiles, a Gaussian each: where the readings follow a contour for long the posterior is a curved ridge that no single Gaussian fits, and
+the tiles are the hypotheses that the next batches decide between. The cost is bounded by the number of cells.
+"""
+
+import math
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.likelihood import BatchLikelihood
+
+_REACH = 3.0
+"""Half-width of the search in prior 1-sigmas."""
+_COARSE = 40_000
+"""Cells of the first grid at most."""
+_FINE = 60_000
+"""Cells of each finer grid at most."""
+_FINEST = 100.0
+"""m, smallest cells: the sampler takes over."""
+_FINE_ENOUGH = 0.5
+"""Cells within which the map changes by less than this share of the residuals' 1-sigma are not divided any more."""
+_TILE = 3
+"""Cells to a tile, each way."""
+_DEPTH = 25.0
+"""Cells whose log posterior lies this far below the best are given up."""
+
+
+def acquire(
+    likelihood: BatchLikelihood, mean: Array, covariance: Array, most: int
+) -> tuple[Mixture, float, float] | None:
+    """Return the posterior as a mixture of tiles, the log evidence and the best cell's misfit, or None where no cell lies on the map.
+
+    Parameters
+    ----------
+    likelihood : BatchLikelihood
+    mean, covariance : (4,), (4, 4) arrays
+        Prior of the navigator's error.
+    most : int
+        Tiles at most, the heaviest.
+    """
+    reach = _REACH * np.sqrt(np.diag(covariance)[:2])
+    size = max(_FINEST, math.sqrt(4.0 * reach[0] * reach[1] / _COARSE))
+    size = _FINEST * 3.0 ** math.ceil(math.log(size / _FINEST, 3.0) - 1e-9)
+    counts = np.ceil(reach / size).astype(int)
+    rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
+    cells = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    # velocity is not searched: it goes with position as the prior has it; what is left of it bends the track and offsets the reduction
+    follow = np.asarray(np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T, dtype=np.float64)
+    precision = np.linalg.inv(covariance[:2, :2])
+    span = float(np.abs(likelihood.transition[:, 0, 2]).max())  # s, age of the oldest scan
+    rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
+    bend = span * math.sqrt(max(float(np.linalg.eigvalsh(rest)[-1]), 0.0)) / math.sqrt(12.0)
+    slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
+    sigma = math.sqrt(float(np.diag(likelihood.covariance)[likelihood.first_new :].mean()))
+    finest = max(1.001 * _FINEST, math.sqrt(12.0) * _FINE_ENOUGH * sigma / max(slope, 1e-300))
+    while True:
+        place = cells * size
+        blurred = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest)
+        fitting = blurred.log(mean + _with_velocity(place, follow))
+        value = fitting - 0.5 * np.einsum("si,ij,sj->s", place, precision, place)
+        top = float(value.max())
+        if not math.isfinite(top):
+            return None
+        keep = value > top - _DEPTH
+        if size <= finest:
+            break
+        kept = cells[keep][np.argsort(-value[keep], kind="stable")[: _FINE // 9]]
+        fan = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+        cells = (3 * kept[:, None] + fan).reshape(-1, 2)
+        size /= 3.0
+    weight = np.exp(value[keep] - top)
+    normaliser = math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance[:2, :2])[1])
+    evidence = top + math.log(float(weight.sum())) + 2.0 * math.log(size) - normaliser
+    # the widened likelihood leaves out a smaller constant than the given one, which others are compared by
+    evidence += blurred.log_normaliser - likelihood.log_normaliser
+    misfit = -2.0 * float(fitting[int(np.argmax(value))])
+    return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence, misfit
+
+
+def _with_velocity(place: Array, follow: Array) -> Array:
+    return np.concatenate([place, place @ follow.T], axis=1)
+
+
+def _typical_slope(likelihood: BatchLikelihood, xi: Array) -> float:
+    """RMS gradient of the map (unit per m) over the search area, from some two hundred of the errors xi (S, 4)."""
+    squares = []
+    for place in xi[:: max(1, len(xi) // 200)]:
+        _, slope = likelihood.linearise(place)
+        good = np.isfinite(slope[:, 0])
+        squares.append((slope[good, :2] ** 2).sum(axis=1))
+    flat = np.concatenate(squares)
+    return math.sqrt(float(flat.mean())) if flat.size else 0.0
+
+
+def _tiles(
+    cells: Array, weight: Array, size: float, mean: Array, covariance: Array, follow: Array, most: int
+) -> Mixture:
+    """Join cells to tiles and describe each by a Gaussian."""
+    _, tile = np.unique(cells // _TILE, axis=0, return_inverse=True)
+    tile = tile.reshape(-1)
+    total = np.bincount(tile, weight)
+    order = np.argsort(-total, kind="stable")[:most]
+    rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
+    means = np.empty((len(order), 4))
+    covariances = np.empty((len(order), 4, 4))
+    for k, group in enumerate(order):
+        member = tile == group
+        w = weight[member] / total[group]
+        place = cells[member] * size
+        centre = w @ place
+        apart = place - centre
+        spread = (apart * w[:, None]).T @ apart + np.eye(2) * size**2 / 6.0
+        means[k] = mean + np.concatenate([centre, follow @ centre])
+        covariances[k, :2, :2] = spread
+        covariances[k, :2, 2:] = spread @ follow.T
+        covariances[k, 2:, :2] = covariances[k, :2, 2:].T
+        covariances[k, 2:, 2:] = rest + follow @ spread @ follow.T
+    return Mixture(total[order] / total[order].sum(), means, covariances)

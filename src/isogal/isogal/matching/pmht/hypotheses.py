@@ -1,0 +1,247 @@
+"""Update of several hypotheses about the navigator's error by one batch.
+
+Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several pieces, and its evidence; weights go with
+evidence, negligible pieces are dropped, pieces that have come to the same place are joined. Hypotheses that overlap are one prior; those
+that do not are never sampled together, since a sampler does not come across a light one far from the others.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.matching.pmht.acquisition import acquire
+from isogal.matching.pmht.gaussian_mixture import SEPARATION, Mixture
+from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.quasi_random import standard_normal
+
+WIDE = 600.0
+"""m, 1-sigma of a prior beyond which it is given four times the points."""
+VERY_WIDE = 1500.0
+"""m, 1-sigma beyond which it is given four times as many again at first: fewer overlook a place of some tenths of a percent."""
+SEARCH = 3000.0
+"""m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has failed."""
+NEGLIGIBLE = 1e-6
+"""A hypothesis of less weight is dropped."""
+SAMPLED = 32
+"""Hypotheses that are sampled one by one; of more, the ones that a glance finds most likely."""
+GLANCE = 32
+"""Points of a glance."""
+_GLANCE_SLACK = 5.0
+"""What a glance may be wrong by, in log evidence, when it calls a hypothesis negligible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Update:
+    """What a batch makes of the hypotheses."""
+
+    belief: Mixture
+    """Heaviest first."""
+    log_evidence: float
+    """Of the batch, without the likelihood's own constant."""
+    likelihood: BatchLikelihood
+    """Linearised at the heaviest hypothesis."""
+    misfit: float
+    """Chi-square of the new readings there; of a place known to a cell only, with what the map may change within it."""
+    resolved: bool
+    """Whether the heaviest hypothesis was sampled at full likelihood with enough samples."""
+    effective: float
+    """Effective share of the samples of the heaviest hypothesis."""
+    rounds: int
+    drawn: tuple[Array, Array] | None = None
+    """(S, 4) samples of the posterior and (S,) their weights, where all hypotheses were sampled together."""
+
+
+def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> Update | None:
+    """Return the posterior of all hypotheses, or None where none of them lies on the map.
+
+    Parameters
+    ----------
+    prior : Mixture
+    sampling : Sampling
+        For a single hypothesis; many share the points.
+    most : int
+        Hypotheses at most.
+    """
+    groups = _groups(prior)
+    pieces: list[_Piece] = []
+    if len(groups) > SAMPLED:
+        prior, pieces = _glance(likelihood, prior)
+        groups = _groups(prior)
+    share = replace(sampling, samples=_points(sampling.samples, len(groups)))
+    for group in groups:
+        pieces += _update_group(likelihood, prior.part(group), share, most)
+    return _joined(pieces, most) if pieces else None
+
+
+def _update_group(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> list["_Piece"]:
+    """Return what the batch makes of hypotheses that overlap, whose weights need not add up to 1."""
+    total = float(prior.weight.sum())
+    if len(prior) > 1 and total > 0.0:
+        own = replace(prior, weight=prior.weight / total)
+        if _largest_sigma(own.moments()[1]) < VERY_WIDE:
+            # as one prior, whose posterior is split again only where it has separate modes
+            posterior, linearised = sample(likelihood, own, replace(sampling, samples=4 * sampling.samples))
+            if posterior is not None and _resolved(posterior):
+                joint = _piece(posterior, linearised)
+                return [replace(joint, log_weight=joint.log_weight + math.log(total))]
+    pieces: list[_Piece] = []
+    if len(prior) > SAMPLED:
+        prior, pieces = _glance(likelihood, prior)
+    share = replace(sampling, samples=_points(sampling.samples, len(prior)))
+    for weight, mean, covariance in zip(prior.weight, prior.mean, prior.covariance, strict=True):
+        if weight > 0.0:
+            piece = _update_one(likelihood, mean, covariance, share, most)
+            if piece is not None:
+                pieces.append(replace(piece, log_weight=piece.log_weight + math.log(weight)))
+    return pieces
+
+
+def _groups(prior: Mixture) -> list[Integers]:
+    """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge, pieces of one peak.
+
+    Two overlap where the sampler would not call them separate modes (`mixture.SEPARATION`) along the line between them.
+    """
+    groups = []
+    left = np.arange(len(prior))
+    while left.size:
+        member, front = [], left[:1]
+        left = left[1:]
+        while front.size:
+            k, front = front[0], front[1:]
+            member.append(k)
+            near = _overlap(prior, k, left)
+            front, left = np.concatenate([front, left[near]]), left[~near]
+        groups.append(np.sort(np.array(member)))
+    return groups
+
+
+def _merged(tiles: Mixture) -> Mixture:
+    """Return a Gaussian for each group: one about all would overlook places far away that are less likely."""
+    weight, mean, covariance = [], [], []
+    for group in _groups(tiles):
+        part = tiles.part(group)
+        weight.append(float(part.weight.sum()))
+        centre, spread = replace(part, weight=part.weight / weight[-1]).moments()
+        mean.append(centre)
+        covariance.append(spread)
+    return Mixture(np.array(weight), np.array(mean), np.array(covariance))
+
+
+def _overlap(prior: Mixture, one: int, others: Integers) -> Booleans:
+    apart = prior.mean[others, :2] - prior.mean[one, :2]
+    square = np.einsum("ki,ki->k", apart, apart)
+    both = prior.covariance[others, :2, :2] + prior.covariance[one, :2, :2]
+    variance = np.einsum("ki,kij,kj->k", apart, both, apart)  # times the squared distance
+    return np.asarray(2.0 * square**2 <= SEPARATION**2 * variance)
+
+
+def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
+    """Return the most likely of many hypotheses, by a few points of each, and what the points make of the others.
+
+    A posterior of few points is taken to be as wide as their effective number can vouch for: with one, as wide as the prior.
+    """
+    points = standard_normal(GLANCE, prior.mean.shape[1])
+    x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
+    value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
+    top = value.max(axis=1)
+    alive = np.flatnonzero(np.isfinite(top) & (prior.weight > 0.0))
+    weight = np.exp(value[alive] - top[alive, None])
+    log_weight = top[alive] + np.log(weight.mean(axis=1)) + np.log(prior.weight[alive])
+    order = np.argsort(-log_weight, kind="stable")
+    possible = order[log_weight[order] > log_weight.max(initial=-np.inf) + math.log(NEGLIGIBLE) - _GLANCE_SLACK]
+    likely, others = alive[possible[:SAMPLED]], possible[SAMPLED:]
+    chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
+    if not others.size:
+        return chosen, []
+    w = weight[others] / weight[others].sum(axis=1, keepdims=True)
+    mean = np.einsum("ks,ksi->ki", w, x[alive[others]])
+    apart = x[alive[others]] - mean[:, None]
+    few = np.minimum(1.0, 5.0 * (w**2).sum(axis=1))[:, None, None]
+    covariance = np.einsum("ks,ksi,ksj->kij", w, apart, apart) * (1.0 - few) + few * prior.covariance[alive[others]]
+    height = log_weight[others].max()
+    shares = np.exp(log_weight[others] - height)
+    belief = Mixture(shares / shares.sum(), mean, covariance)
+    misfit = -2.0 * float(top[alive[others]].max())
+    return chosen, [_Piece(height + math.log(float(shares.sum())), belief, likelihood, misfit, 1.0, GLANCE, 0)]
+
+
+def _joined(pieces: list["_Piece"], most: int) -> Update:
+    heights = np.array([piece.log_weight for piece in pieces])
+    top = float(heights.max())
+    shares = np.exp(heights - top)
+    best = max(pieces, key=lambda piece: (piece.samples > GLANCE, piece.log_weight))
+    return Update(
+        belief=Mixture.join([piece.belief for piece in pieces], shares / shares.sum()).pruned(NEGLIGIBLE, most),
+        log_evidence=top + math.log(float(shares.sum())),
+        likelihood=best.likelihood,
+        misfit=best.misfit,
+        resolved=best.effective * best.samples >= 20.0,
+        effective=best.effective,
+        rounds=best.rounds,
+        drawn=best.drawn if len(pieces) == 1 else None,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Piece:
+    """Posterior of one hypothesis."""
+
+    log_weight: float
+    belief: Mixture
+    likelihood: BatchLikelihood
+    misfit: float
+    effective: float
+    samples: int
+    rounds: int
+    drawn: tuple[Array, Array] | None = None
+
+
+def _update_one(
+    likelihood: BatchLikelihood, mean: Array, covariance: Array, sampling: Sampling, most: int
+) -> _Piece | None:
+    prior = Mixture.gaussian(mean, covariance)
+    sigma = _largest_sigma(covariance)
+    wide = replace(sampling, samples=4 * sampling.samples) if sigma > WIDE else sampling
+    if sigma <= SEARCH:
+        very_wide = replace(wide, first=4) if sigma > VERY_WIDE else wide
+        posterior, linearised = sample(likelihood, prior, very_wide)
+        if posterior is None or _resolved(posterior):
+            return None if posterior is None else _piece(posterior, linearised)
+    found = acquire(likelihood, mean, covariance, most)
+    if found is None:
+        return None
+    tiles, evidence, misfit = found
+    if _largest_sigma(tiles.moments()[1]) < SEARCH:
+        posterior, linearised = sample(likelihood, prior, wide, _merged(tiles))
+        if posterior is not None and _resolved(posterior):
+            return _piece(posterior, linearised)
+    return _Piece(evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0)
+
+
+def _resolved(posterior: Posterior) -> bool:
+    return posterior.beta == 1.0 and posterior.effective * len(posterior.weight) >= 20.0
+
+
+def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
+    return _Piece(
+        posterior.log_evidence,
+        posterior.mixture,
+        likelihood,
+        likelihood.misfit(posterior.mixture.mean[0]),
+        posterior.effective,
+        len(posterior.weight),
+        posterior.rounds,
+        (posterior.samples, posterior.weight),
+    )
+
+
+def _largest_sigma(covariance: Array) -> float:
+    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+
+
+def _points(samples: int, jobs: int) -> int:
+    """Share the points among jobs: a power of two, as the quasi-random sequence likes it."""
+    return max(128, min(samples, 2 ** int(math.log2(max(4 * samples // max(jobs, 1), 1)))))

@@ -1,0 +1,197 @@
+"""Map error estimated from the residuals.
+
+The marginal likelihood of each batch's new residuals given the ones before, linearised at the estimated position with the navigator's
+error integrated out, is added up over batches on a grid of (sigma, correlation length): a discrete posterior (type-II likelihood,
+Rasmussen & Williams 2006, section 5.4). The prior is log-uniform where nobody says how wrong the map is, and log-normal about what was
+said where somebody does.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+
+_SHARES = np.geomspace(0.002, 0.5, 13)
+"""Grid of an unknown sigma, as shares of the map's own standard deviation."""
+_LENGTHS = np.geomspace(500.0, 16000.0, 6)
+"""Grid of an unknown correlation length, m."""
+_SIGMA_STEPS, _LENGTH_STEPS = np.linspace(-2.0, 2.0, 9), np.linspace(-2.0, 2.0, 5)
+"""Grids about what was said, in 1-sigma of the prior of log sigma and log length."""
+_BEFORE = 10
+"""Older residuals that new ones are conditioned on: what they say about the map's error here, still older ones say less well."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseEstimate:
+    """Discrete posterior of the map error's sigma and correlation length."""
+
+    sigma: Array
+    """(S,) grid, map's unit."""
+    length: Array
+    """(L,) grid, m."""
+    log_weight: Array
+    """(S, L) log of the prior plus the evidence of the batches, without a constant."""
+    batches: int = 0
+    prior: Array | None = None
+    """(S, L) log of the prior about what was said, which is in the middle of the grid; None = nothing was said."""
+
+    @classmethod
+    def unknown(cls, batch: Batch, field_map: FieldMap) -> "NoiseEstimate":
+        """Return the prior of somebody who knows nothing: every sigma and length equally likely."""
+        scale = max(field_scale(field_map), float(np.nanmedian(batch.sigma)))
+        return cls(scale * _SHARES, _LENGTHS, np.zeros((len(_SHARES), len(_LENGTHS))))
+
+    @classmethod
+    def told(cls, noise: NoiseModel, factor: float) -> "NoiseEstimate":
+        """Return the prior of somebody who was told sigma and length, right within a factor (1-sigma)."""
+        prior = -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2)
+        return cls(
+            noise.map_sigma * factor**_SIGMA_STEPS,
+            noise.correlation_length * factor**_LENGTH_STEPS,
+            prior,
+            prior=prior,
+        )
+
+    @property
+    def doubt(self) -> float:
+        """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing was said."""
+        if self.prior is None:
+            return 0.0
+        above = len(self.sigma) // 2 + 1
+        return _log_mean(self.log_weight[above:], self.prior[above:]) - _log_mean(
+            self.log_weight[:above], self.prior[:above]
+        )
+
+    @property
+    def probability(self) -> Array:
+        """(S, L) posterior."""
+        p = np.exp(self.log_weight - self.log_weight.max())
+        return p / p.sum()
+
+    def model(self, base: NoiseModel) -> NoiseModel:
+        """Return the noise model with the posterior's mean variance and mean log length.
+
+        Before the first batch it is the base itself where that says anything.
+        """
+        if self.batches == 0 and base.map_sigma > 0.0:
+            return base
+        p = self.probability
+        return replace(
+            base,
+            map_sigma=float(np.sqrt((p.sum(axis=1) * self.sigma**2).sum())),
+            correlation_length=float(np.exp((p.sum(axis=0) * np.log(self.length)).sum())),
+        )
+
+    def update(self, batch: Batch, likelihood: BatchLikelihood, field_map: FieldMap, mean: Array) -> "NoiseEstimate":
+        """Add the evidence of the new readings of a batch given the older ones, linearised at the error mean (4,).
+
+        The navigator's prior knows the older readings already.
+        """
+        residual, slope = likelihood.linearise(mean)
+        if not np.isfinite(residual).all():
+            return self
+        first = max(likelihood.first_new - _BEFORE, 0)
+        rows = likelihood.rows[first:]
+        slope = slope[first:]
+        white = batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0
+        unknown = np.concatenate([slope @ np.linalg.cholesky(batch.prior), likelihood.drift_at(mean)[first:]], axis=1)
+        shapes = np.stack(
+            [
+                residual_covariance(
+                    batch.latitude[rows], batch.longitude[rows], np.zeros(len(rows)), np.ones(len(rows)), length, 0.0
+                )
+                for length in self.length
+            ]
+        )
+        evidence = _evidence(
+            white, shapes, self.sigma**2, residual[first:] - slope @ mean, np.ascontiguousarray(unknown),
+            likelihood.first_new - first,
+        )  # fmt: skip
+        return replace(self, log_weight=self.log_weight + evidence, batches=self.batches + 1)
+
+    def figures(self, base: NoiseModel) -> dict[str, float]:
+        """Return the estimate for the diagnostics."""
+        model = self.model(base)
+        return {"map_sigma": model.map_sigma, "map_correlation_length_m": model.correlation_length}
+
+
+def _log_mean(log_weight: Array, log_prior: Array) -> float:
+    """Return the log of the mean evidence under the prior, which need not be normalised."""
+    top = float(log_weight.max())
+    return top + math.log(float(np.exp(log_weight - top).sum() / np.exp(log_prior).sum()))
+
+
+def field_scale(field_map: FieldMap) -> float:
+    """Return the standard deviation of the map's values, by a sample of at most 200 x 200 nodes."""
+    steps = [max(1, count // 200) for count in field_map.values.shape]
+    return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
+
+
+def differs(a: NoiseModel, b: NoiseModel, factor: float = 1.2) -> bool:
+    """Whether two noise models differ by more than a factor in the map error's sigma or length."""
+    ratios = a.map_sigma / b.map_sigma, a.correlation_length / b.correlation_length
+    return any(abs(math.log(ratio)) > math.log(factor) for ratio in ratios)
+
+
+@kernel
+def _evidence(white, shapes, variances, residual, unknown, first):  # type: ignore[no-untyped-def]
+    """Return (S, L) log densities of the last residuals given the first ones, without the constant.
+
+    Residuals (n,) are N(0, diag(white) + variance shape + unknown unknown'), unknown (n, m); only the residuals from `first` on know the
+    unknowns. With the factor of diag(white) + variance shape the last whitened rows are N(0, 1 + A A') (Woodbury).
+    """
+    n, m = unknown.shape
+    out = np.empty((variances.shape[0], shapes.shape[0]))
+    factor = np.empty((n, n))
+    w = np.empty((n, m + 1))
+    inner = np.empty((m, m))
+    seen = np.empty(m)
+    for i in range(variances.shape[0]):
+        for j in range(shapes.shape[0]):
+            total = 0.0
+            for a in range(n):
+                for c in range(m):
+                    w[a, c] = unknown[a, c]
+                w[a, m] = residual[a]
+                for b in range(a + 1):
+                    value = variances[i] * shapes[j, a, b]
+                    if a == b:
+                        value += white[a]
+                    for c in range(b):
+                        value -= factor[a, c] * factor[b, c]
+                    if a == b:
+                        factor[a, a] = math.sqrt(value)
+                    else:
+                        factor[a, b] = value / factor[b, b]
+                        for c in range(m + 1):
+                            w[a, c] -= factor[a, b] * w[b, c]
+                for c in range(m + 1):
+                    w[a, c] /= factor[a, a]
+                if a >= first:
+                    total += 0.5 * w[a, m] * w[a, m] + math.log(factor[a, a])
+            for a in range(m):
+                seen[a] = 0.0
+                for t in range(first, n):
+                    seen[a] += w[t, a] * w[t, m]
+                for b in range(a + 1):
+                    value = 1.0 if a == b else 0.0
+                    for t in range(first, n):
+                        value += w[t, a] * w[t, b]
+                    for c in range(b):
+                        value -= inner[a, c] * inner[b, c]
+                    if a == b:
+                        inner[a, a] = math.sqrt(value)
+                    else:
+                        inner[a, b] = value / inner[b, b]
+                        seen[a] -= inner[a, b] * seen[b]
+                seen[a] /= inner[a, a]
+                total += math.log(inner[a, a]) - 0.5 * seen[a] * seen[a]
+            out[i, j] = -total
+    return out

@@ -1,0 +1,91 @@
+"""What is assumed about residuals, and their covariance: white noise, map error correlated along the track, an unknown constant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.maps.channels import ChannelMap, by_channel, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.matching.quasi_random import standard_normal
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """What is assumed about everything that is not the sensor's own noise. Map's unit, m."""
+
+    map_sigma: float = 0.0
+    correlation_length: float = 4000.0
+    bias_sigma: float = 0.0
+
+
+def residual_covariance(
+    latitude: Array,
+    longitude: Array,
+    white_variance: Array,
+    map_sigma: Array,
+    correlation_length: float | Array,
+    bias_sigma: float,
+    channel: Integers | None = None,
+) -> Array:
+    """Return R (T, T) of the likelihood's equation (`isogal.matching.pmht.likelihood`); positions rad, the rest in the map's unit and m.
+
+    Map errors and biases of different channels (T,) are independent; a correlation length (T, 1) is the same for all rows of a channel.
+    """
+    covariance = np.diag(white_variance)
+    together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
+    if np.any(map_sigma > 0.0):
+        apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        distance = 0.5 * (distance + distance.T)
+        covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
+    return covariance + bias_sigma**2 * together
+
+
+def correlation_lengths(
+    field_map: FieldMap | ChannelMap, channel: Integers, noise: NoiseModel
+) -> float | Array:
+    """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is larger than what is assumed."""
+    if isinstance(field_map, FieldMap):
+        return noise.correlation_length
+    length = [
+        one.correlation_length
+        if one.correlation_length and np.nanmean(one.sigma) > noise.map_sigma
+        else noise.correlation_length
+        for one in field_map.channels
+    ]
+    return np.array(length)[channel][:, None]
+
+
+def uneven(field_map: FieldMap | ChannelMap) -> bool:
+    """Whether a map says that it is more wrong in some places than in others."""
+    return any(not isinstance(one.sigma, float) for one in channels_of(field_map))
+
+
+def map_sigmas(
+    field_map: FieldMap | ChannelMap,
+    channel: Integers,
+    latitude: Array,
+    longitude: Array,
+    transition: Array,
+    mean: Array,
+    covariance: Array,
+) -> Array:
+    """Return (T,) the root mean square of the map's own sigma over where each row may have been taken; 0 where it has none."""
+    if not uneven(field_map):
+        return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    xi = mean + standard_normal(64, 4) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    north, east = metres_per_radian(latitude)
+    moved = np.einsum("tij,sj->sti", transition, xi)
+    there = by_channel(
+        field_map,
+        np.tile(channel, len(xi)),
+        "sigma_at",
+        (latitude - moved[..., 0] / north).reshape(-1),
+        (longitude - moved[..., 1] / east).reshape(-1),
+    ).reshape(len(xi), -1)
+    known = np.isfinite(there)
+    return np.sqrt((np.nan_to_num(there) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))

@@ -1,0 +1,158 @@
+"""The readings' bias and drift, estimated from batch to batch beside the navigator's error.
+
+State: theta = (bias at a time, drift per second), Gaussian given the navigator's error x there (position, velocity and, where the batch
+knows it, attitude): theta = mean + gain x + N(0, covariance). The gain is what matters: a bias looks like a position error along the map's
+gradient, and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For a batch the state is the
+linear part of what the readings contain beside the map: `reading_jacobian` by xi, and unit-variance columns of `drift_reading`, which
+the likelihood integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose considered parameters
+are estimated after all.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.matching.batching import unconditioned
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.likelihood import BatchLikelihood
+
+_SAME = 0.7, 1.5
+"""Ratios of variances between which a navigator has taken a fix as it was published."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasEstimate:
+    """theta given the navigator's error x (n,) at a time, n = 4 or 7. Map's unit, s."""
+
+    time: float
+    mean: Array
+    """(2,) at x = 0."""
+    covariance: Array
+    """(2, 2) given x."""
+    gain: Array
+    """(2, n)."""
+    error: Array | None = None
+    """(n, n) the navigator's covariance of x at that time if it has taken the fix that was published; None = there was none."""
+
+    @classmethod
+    def unknown(cls, time: float, bias_sigma: float, drift_sigma: float) -> "BiasEstimate":
+        """Return the prior at a time."""
+        return cls(time, np.zeros(2), np.diag([bias_sigma**2, drift_sigma**2]), np.zeros((2, 4)))
+
+    def at_end(self, batch: Batch) -> "LinearBias":
+        """Carry the state to the end of a batch."""
+        end = float(batch.time[-1])
+        forward = np.array([[1.0, end - self.time], [0.0, 1.0]])
+        own = forward @ _root(self.covariance)
+        mean, gain = forward @ self.mean, forward @ self.gain
+        last = float(batch.time[-1 - batch.new]) if batch.new < len(batch) else math.nan
+        back, drift = batch.back(end - self.time)
+        states = gain.shape[1]
+        back, drift = back[:states], drift[:states]
+        if self._taken(last, back[:4] @ batch.prior @ back[:4].T + drift[:4] @ drift[:4].T):
+            return LinearBias(end, mean, gain @ back, gain @ drift, own)
+        # a batch is missing, or another correction was made than was published: how the errors go together is not known any more
+        before = np.zeros((states, states)) if self.error is None else self.error
+        own = _root(own @ own.T + gain @ before @ gain.T)
+        return LinearBias(end, mean, np.zeros((2, 4)), np.zeros((2, drift.shape[1])), own)
+
+    def _taken(self, last: float, then: Array) -> bool:
+        if not self.gain.any() or abs(last - self.time) > 1e-6:
+            return False
+        if self.error is None:
+            return True
+        factor = np.linalg.cholesky(self.error[:4, :4])
+        ratio = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, then).T))
+        return bool(_SAME[0] < ratio[0] and ratio[-1] < _SAME[1])
+
+    def figures(self) -> dict[str, float]:
+        """Return the estimate for the diagnostics."""
+        variance = np.diag(self.covariance)
+        if self.error is not None:
+            variance = variance + np.diag(self.gain @ self.error @ self.gain.T)
+        return {
+            "bias": float(self.mean[0]),
+            "bias_sigma": float(np.sqrt(variance[0])),
+            "drift": float(self.mean[1]),
+            "drift_sigma": float(np.sqrt(variance[1])),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearBias:
+    """theta at a batch's end: mean + by_error xi + by_drift d + own u, with d the navigator's drift and u ~ N(0, 1) (2,)."""
+
+    time: float
+    mean: Array
+    """(2,)."""
+    by_error: Array
+    """(2, 4)."""
+    by_drift: Array
+    """(2, M)."""
+    own: Array
+    """(2, 2)."""
+
+    def added_to(self, batch: Batch) -> Batch:
+        """Return the batch whose readings are known to contain bias and drift; u is two more columns of its drift."""
+        shares = np.stack([np.ones(len(batch)), batch.time - self.time], axis=1)  # of bias and drift, in each reading
+        return replace(
+            batch,
+            offset=batch.offset + shares @ self.mean,
+            reading_jacobian=batch.reading_jacobian + shares @ self.by_error,
+            drift_reading=np.concatenate([batch.drift_reading + shares @ self.by_drift, shares @ self.own], axis=1),
+            drift_position=np.concatenate([batch.drift_position, np.zeros((len(batch), 2, 2))], axis=2),
+        )
+
+    def unmeasured(self, batch: Batch) -> BiasEstimate:
+        """Return the state where the batch gave no fix: as carried."""
+        gain, rest = _by_state(batch, self.by_error, self.by_drift)
+        return BiasEstimate(self.time, self.mean, _symmetric(self.own @ self.own.T + rest), gain)
+
+    def measured(self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array) -> BiasEstimate:
+        """Return the state after a batch, for a navigator that takes the fix.
+
+        Given xi and the navigator's drift d, u is the regression of the whitened new residuals w = -D d - U u + N(0, 1), linearised
+        at the mean.
+
+        Parameters
+        ----------
+        whole, covariance : (n,), (n, n) arrays
+            Posterior of the navigator's error: of xi, or with attitude where the batch knows it.
+        """
+        mean = whole[:4]
+        residual, slope = likelihood.linearise(mean)
+        drift = likelihood.drift_at(mean)
+        white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[likelihood.first_new :]
+        U = white[:, -2:]
+        inner = np.eye(2) + U.T @ U
+        learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-2])  # by residual, xi, d
+        by_drift = self.by_drift + learnt[:, 5:]
+        gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_drift)
+        expected = likelihood.drift_given(mean)[0][:-2] if batch.attitude else np.zeros(by_drift.shape[1])
+        return BiasEstimate(
+            self.time,
+            self.mean + self.by_error @ mean + learnt[:, 0] + by_drift @ expected,
+            _symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
+            gain,
+            covariance,
+        )
+
+
+def _by_state(batch: Batch, by_error: Array, by_drift: Array) -> tuple[Array, Array]:
+    """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error state; and the covariance that is left."""
+    if batch.attitude is None:
+        return by_error, by_drift @ by_drift.T
+    by_state = unconditioned(batch, by_error, by_drift)
+    rest = by_drift - by_state[:, 4:] @ batch.attitude[1]
+    return by_state, rest @ rest.T
+
+
+def _root(covariance: Array) -> Array:
+    values, vectors = np.linalg.eigh(_symmetric(covariance))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return 0.5 * (matrix + matrix.T)

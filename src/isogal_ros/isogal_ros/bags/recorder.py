@@ -1,0 +1,111 @@
+"""The recorder: every topic of the graph into one bag."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import yaml
+from pydantic import Field
+from rclpy.qos import HistoryPolicy, QoSProfile
+
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.bags.writer import BagWriter, qos_text
+from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.spin import run_node
+from isogal_ros.topics import Topic
+
+RECORDER = "isogal_recorder"
+
+
+class RecorderSettings(NodeSettings):
+    """Own parameters of isogal_recorder."""
+
+    bag: str = Field("bag", min_length=1, description="folder of the bag")
+    replace: bool = Field(False, description="delete an earlier bag in that folder")
+    compress: bool = Field(True, description="zstd")
+
+
+class RecorderNode(GraphNode):
+    """Writes messages as they come, serialised; the bag also keeps the scenario.
+
+    Log time is the simulation's clock (never earlier than the message's own stamp), as ``ros2 bag record --use-sim-time`` has it. Publish
+    time is the wall clock at reception: the events executor cannot tell when a serialised message was sent.
+    """
+
+    sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
+    settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
+    settings: RecorderSettings
+
+    def setup(self) -> None:
+        """Open the bag and subscribe to everything."""
+        texts = {
+            "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
+            "run": str(self.settings.run),
+        }
+        self.writer = BagWriter(Path(self.settings.bag), texts, self.settings.replace, self.settings.compress)
+        self._now = 0
+        self._written = 0
+        for topic in topics.ALL:
+            self._record(topic)
+
+    def _record(self, topic: Topic) -> None:
+        is_clock = topic is topics.CLOCK
+        has_header = hasattr(topic.type, "header")
+
+        def write(data: bytes) -> None:
+            if is_clock or has_header:
+                self._now = max(self._now, peek_ns(data))
+            try:
+                if not self.writer.knows(name):
+                    self._add(name, topic)
+                self.writer.write(name, data, self._now, time.time_ns())
+            except OSError as error:
+                self.fail(f"{self.writer.path}: cannot be written: {error.strerror or error}")
+
+        subscription = self.create_subscription(topic.type, topic.name, write, topics.LOSSLESS, raw=True)
+        name = subscription.topic_name
+
+    def _add(self, name: str, topic: Topic) -> None:
+        """Make a topic known to the bag with what its publishers offer; the history is not part of discovery, so it is the graph's own."""
+        offers = self.get_publishers_info_by_topic(name)
+        profiles = [offer.qos_profile for offer in offers] or [topics.LOSSLESS]
+        entries = qos_text([_with_history(profile) for profile in profiles])
+        type_hash = str(offers[0].topic_type_hash) if offers else ""
+        self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
+
+    def _beat(self) -> None:
+        if self.writer.messages != self._written:
+            self._written = self.writer.messages
+            self.writer.flush()
+        self.health.figures |= {"messages": self.writer.messages, "bag": self.settings.bag}
+        self.health.state(OK, "recording")
+        super()._beat()
+
+    def received(self) -> int:
+        """Count the messages written."""
+        return self.writer.messages
+
+    def close(self, timeout: float = 5.0) -> None:
+        """Destroy the node and finish the bag."""
+        super().close(timeout)
+        self.writer.close()
+
+
+def _with_history(profile: QoSProfile) -> QoSProfile:
+    if profile.history == HistoryPolicy.UNKNOWN:
+        profile.history, profile.depth = topics.LOSSLESS.history, topics.LOSSLESS.depth
+    return profile
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Entry point of the console script."""
+    sys.exit(run_node(RECORDER, lambda: RecorderNode(RECORDER)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""The whole graph in one process on one executor."""
+
+import time
+
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import claim_domain
+from isogal_ros.graph.plan import GraphError, Outcome, Plan, Report, node_class, progress_of
+from isogal_ros.nodes.spin import Interrupt, drain, local_context, make_executor
+
+
+def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
+    """Run the graph until the route's end, or until interrupted.
+
+    Raises
+    ------
+    InputError
+        A parameter, map or route cannot be used.
+    GraphError
+        A node failed.
+    """
+    with claim_domain() as domain, local_context(domain) as context:
+        executor = make_executor(context)
+        nodes = {}
+        try:
+            for name in plan.names:
+                nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
+                executor.add_node(nodes[name])
+            simulator = nodes[topics.INS_SIM]
+            told = begun = time.monotonic()
+            while not (interrupt or simulator.finished):
+                executor.spin_once(timeout_sec=0.2)
+                if (now := time.monotonic()) - told > 0.2:
+                    told = now
+                    if (progress := progress_of(simulator.health.figures)) is not None:
+                        report(progress)
+            wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
+            simulator.finished = True  # no further step while the recorder takes what is under way
+            if RECORDER in nodes:
+                drain(nodes[RECORDER], executor)
+            if simulator.exit_code:
+                raise GraphError(f"{topics.INS_SIM}: {simulator.failure}")
+            return Outcome(bool(interrupt), wall)
+        finally:
+            for node in nodes.values():
+                executor.remove_node(node)
+                node.close()

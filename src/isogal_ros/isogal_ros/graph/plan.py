@@ -1,0 +1,98 @@
+"""What the two ways to run the graph share: which nodes, with which parameters, and what they tell while they run."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.nodes.base import graph_values
+
+CLASSES = {
+    topics.INS_SIM: ("ins_sim_node.node", "InsSimNode"),
+    topics.GRAVIMETER: ("gravimeter_node.node", "GravimeterNode"),
+    topics.PMHT_MM: ("pmht_mm_node.node", "PmhtMmNode"),
+    topics.UKF_FUSION: ("ukf_fusion_node.node", "UkfFusionNode"),
+    RECORDER: ("isogal_ros.bags.recorder", "RecorderNode"),
+}
+"""Module and class of each node."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is."""
+
+    simulated: float
+    """s."""
+    duration: float
+    """s."""
+    speed: float
+    """Simulated seconds per second of wall time."""
+    position_error: float
+    """m; NaN = not known."""
+
+
+Report = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One run of the graph."""
+
+    scenario: Scenario
+    bag: Path | None
+    """Folder of the recording; None = no recorder."""
+    run: int = 0
+    rate: float = 0.0
+    """Simulated seconds per second; 0 = as fast as the graph can."""
+    replace_bag: bool = True
+    lock_step: bool = True
+    """Whether a step waits for the graph's answers; without, nodes work as they would with real sensors."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Nodes of the graph; the recorder first, so that it hears everything."""
+        return topics.NODES if self.bag is None else (RECORDER, *topics.NODES)
+
+    def own(self, name: str) -> dict[str, Any]:
+        """Return the node's own parameters."""
+        values: dict[str, Any] = {"run": self.run, "recorders": int(self.bag is not None)}
+        if name == topics.INS_SIM:
+            values |= {"rate": float(self.rate), "lock_step": self.lock_step}
+        if name == RECORDER:
+            values |= {"bag": str(self.bag), "replace": self.replace_bag}
+        return values
+
+    def values(self, name: str) -> dict[str, Any]:
+        """Return all parameters of a node."""
+        return graph_values(self.scenario, self.own(name), node_class(name).sections)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run of the graph ended."""
+
+    interrupted: bool
+    wall_seconds: float
+    """From the first step to the last."""
+
+
+class GraphError(RuntimeError):
+    """A node of the graph failed; the text is one line that names it."""
+
+
+def node_class(name: str) -> Any:
+    """Return the class of a node."""
+    module, attribute = CLASSES[name]
+    return getattr(importlib.import_module(module), attribute)
+
+
+def progress_of(figures: Mapping[str, Any]) -> Progress | None:
+    """Return the progress that ins_sim_node's figures tell; None before the first step."""
+    if "simulated" not in figures:
+        return None
+    names = ("simulated", "duration", "speed", "position error")
+    return Progress(*(float(figures[name]) for name in names))

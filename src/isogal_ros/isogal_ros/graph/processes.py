@@ -1,0 +1,185 @@
+"""The graph as processes: one per node and one for the recorder, started, watched and ended together."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from isogal.threads import one_thread
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import DEFAULTS, DOMAIN, claim_domain, shared_memory, sweep_shared_memory
+from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan, Report, progress_of
+from isogal_ros.nodes import parameters as params
+from isogal_ros.nodes.base import PARENT
+from isogal_ros.nodes.health import figures_of
+from isogal_ros.nodes.spin import Interrupt, local_context, make_executor
+
+PATIENCE = 15.0
+"""s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
+LOG_LINES = 5
+
+
+class Processes:
+    """The processes of one graph. Their output goes to files, one each."""
+
+    def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
+        self.folder = folder
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        folder.mkdir(parents=True, exist_ok=True)
+        self.parameters = folder / "params.yaml"
+        self.parameters.write_text(parameter_text(plan), encoding="utf-8")
+        environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
+        for name, value in DEFAULTS.items():
+            environment.setdefault(name, value)
+        one_thread(environment)
+        for name in plan.names:
+            self.running[name] = self._start(name, environment)
+
+    def _start(self, name: str, environment: dict[str, str]) -> "subprocess.Popen[bytes]":
+        parameters = ["--params-file", str(self.parameters)]
+        # what a node logs goes to its output, and that to a file
+        logging = ["--disable-external-lib-logs"]
+        command = [sys.executable, "-m", CLASSES[name][0], "--ros-args", "-r", f"__node:={name}", *logging, *parameters]
+        with self.log(name).open("wb") as log:
+            # a session of its own: Ctrl-C in the terminal reaches this process only, which ends the others in order
+            return subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
+            )
+
+    def log(self, name: str) -> Path:
+        """Return the file with a node's output."""
+        return self.folder / f"{name}.log"
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit code of each process that has ended."""
+        codes = {name: process.poll() for name, process in self.running.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def describe(self, name: str, code: int) -> str:
+        """Say in one line how a node ended, with its last words."""
+        how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        lines = self.log(name).read_text(errors="replace").strip().splitlines()[-LOG_LINES:]
+        words = " | ".join(line.strip() for line in lines if line.strip())
+        return f"{name} ended ({how}){': ' + words if words else ''}; log: {self.log(name)}"
+
+    def stop(self, interrupt: Interrupt) -> None:
+        """End all: the recorder last, so that it hears everything."""
+        last = [name for name in self.running if name == RECORDER]
+        self._end([name for name in self.running if name not in last], interrupt)
+        self._end(last, interrupt)
+
+    def _end(self, names: list[str], interrupt: Interrupt) -> None:
+        asked = interrupt.count
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            alive = [self.running[name] for name in names if self.running[name].poll() is None]
+            for process in alive:
+                process.send_signal(number)
+            deadline = time.monotonic() + PATIENCE
+            # who asks again does not want to wait
+            while alive and time.monotonic() < deadline and interrupt.count == asked:
+                time.sleep(0.01)
+                alive = [process for process in alive if process.poll() is None]
+            asked = interrupt.count
+        for name in names:
+            self.running[name].wait()
+
+
+def parameter_text(plan: Plan) -> str:
+    """Return a parameter file for the whole graph: the scenario for all, each node's own parameters by its name."""
+    document: dict[str, Any] = yaml.safe_load(params.parameter_file(params.scenario_values(plan.scenario)))
+    for name in plan.names:
+        document[f"/**/{name}"] = {"ros__parameters": plan.own(name)}
+    return yaml.safe_dump(document, sort_keys=False)
+
+
+class _Watcher(Node):
+    """Listens to what the simulator says about the run."""
+
+    def __init__(self, context: Any) -> None:
+        super().__init__(
+            "isogal_run",
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self.figures: dict[str, str] = {}
+        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, self._hear, QoSProfile(depth=10))
+
+    def _hear(self, array: DiagnosticArray) -> None:
+        for item in array.status:
+            if item.name.rpartition("/")[2] == topics.INS_SIM:
+                self.figures = figures_of(item)
+
+
+def run_processes(plan: Plan, folder: Path, interrupt: Interrupt, report: Report, announce: Any = None) -> Outcome:
+    """Run the graph as processes until the route's end, or until interrupted.
+
+    Parameters
+    ----------
+    folder : Path
+        For parameters and logs.
+    announce : callable, optional
+        Called with the domain before the processes start.
+
+    Raises
+    ------
+    InputError
+        A domain that the user names is none.
+    GraphError
+        A node ended before its time, or with an error.
+    """
+    before = shared_memory()
+    with claim_domain() as domain:
+        if announce is not None:
+            announce(domain)
+        processes = Processes(plan, folder, domain)
+        try:
+            wall = _watch(processes, domain, interrupt, report)
+        finally:
+            processes.stop(interrupt)
+            if any(code < 0 for code in processes.ended().values()):
+                sweep_shared_memory(before)
+    failed = {name: code for name, code in processes.ended().items() if code != 0}
+    if failed and not interrupt:
+        raise GraphError(processes.describe(*next(iter(failed.items()))))
+    return Outcome(bool(interrupt), wall)
+
+
+def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Report) -> float:
+    """Watch until the simulator has ended; return the wall time from its first step on."""
+    with local_context(domain) as context:
+        watcher, executor = _Watcher(context), make_executor(context)
+        executor.add_node(watcher)
+        first: float | None = None
+        told = now = time.monotonic()
+        try:
+            while not interrupt:
+                executor.spin_once(timeout_sec=0.1)
+                now = time.monotonic()
+                progress = progress_of(watcher.figures)
+                if progress is not None:
+                    # the simulator's own count of time, so that the start of the processes is not in it
+                    first = first or now - progress.simulated / max(progress.speed, 1e-9)
+                    if now - told > 0.2:
+                        told = now
+                        report(progress)
+                ended = processes.ended()
+                for name, code in ended.items():
+                    if name != topics.INS_SIM or code != 0:
+                        raise GraphError(processes.describe(name, code))
+                if topics.INS_SIM in ended:
+                    break
+            return now - first if first is not None else 0.0
+        finally:
+            executor.remove_node(watcher)
+            watcher.destroy_node()

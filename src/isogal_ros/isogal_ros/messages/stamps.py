@@ -1,0 +1,64 @@
+"""Time stamps as whole nanoseconds, so that equal times compare equal."""
+
+import struct
+from typing import Any
+
+from builtin_interfaces.msg import Time
+
+_SECOND = 1_000_000_000
+_LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
+
+
+def to_ns(stamp: Any) -> int:
+    """Return nanoseconds of a ``builtin_interfaces/Time``."""
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+
+
+def set_stamp(stamp: Any, ns: int) -> None:
+    """Write nanoseconds into a ``builtin_interfaces/Time``."""
+    stamp.sec, stamp.nanosec = divmod(ns, _SECOND)
+
+
+def from_ns(ns: int) -> Time:
+    """Return a ``builtin_interfaces/Time``."""
+    seconds, rest = divmod(ns, _SECOND)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def from_seconds(seconds: float) -> int:
+    """Return nanoseconds of seconds since the start of a run."""
+    return round(seconds * _SECOND)
+
+
+def to_seconds(ns: int) -> float:
+    """Return seconds."""
+    return ns / _SECOND
+
+
+def peek_ns(serialised: bytes) -> int:
+    """Return the header stamp of a serialised message without decoding the rest.
+
+    CDR begins with four bytes of representation (the second says the byte order), then the fields in order: a message that starts with
+    a ``std_msgs/Header`` has its stamp there.
+    """
+    seconds, rest = (_LITTLE if serialised[1] & 1 else _BIG).unpack_from(serialised, 4)
+    return int(seconds) * _SECOND + int(rest)
+
+
+_NUMBERS = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
+
+
+def peek_numbers_ns(serialised: bytes) -> int:
+    """Return the stamp at the head of a serialised Float64MultiArray that `isogal_ros.messages.convert.fill_numbers` wrote.
+
+    Raises
+    ------
+    ValueError
+        It has a layout, or too few numbers, or its stamp is not finite.
+    """
+    if len(serialised) < 36:
+        raise ValueError("too few numbers")
+    layout, seconds, rest = _NUMBERS[bool(serialised[1] & 1)].unpack_from(serialised, 4)
+    if layout or not (abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+        raise ValueError("begins with a layout, or with no stamp")
+    return int(seconds) * _SECOND + int(rest)

@@ -1,0 +1,197 @@
+"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics, readiness."""
+
+import os
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.nodes import parameters as params
+from isogal_ros.nodes.health import ERROR, OK, BadMessageError, Health
+from isogal_ros.topics import LOSSLESS, Topic
+
+PARENT = "ISOGAL_PARENT_PID"
+"""Environment variable: the process whose end ends a node as well."""
+
+
+class NodeSettings(BaseModel):
+    """Parameters that every node of the graph has besides its sections of the scenario."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
+    recorders: int = Field(0, ge=0, le=100, description="recorders that must listen before the node is ready")
+    peers: tuple[str, ...] = Field(
+        topics.NODES, description="nodes of the graph that must listen before the node is ready"
+    )
+    diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
+
+
+class GraphNode(Node):
+    """A node with the parameters of some sections of the scenario and its own.
+
+    Parameters
+    ----------
+    name : str
+        Node name.
+    values : mapping, optional
+        Parameter values by dotted name. None = from the command line and parameter files, as `ros2 run` gives them.
+    context : Context, optional
+        None = the default context.
+
+    Raises
+    ------
+    InputError
+        A parameter is unknown or bad.
+    """
+
+    sections: ClassVar[Collection[str]] = ()
+    """Sections of the scenario that the node declares."""
+    settings_model: ClassVar[type[NodeSettings]] = NodeSettings
+    mutable: ClassVar[Collection[str]] = ()
+    """Parameters that may change at run time."""
+
+    settings: Any
+    """Own parameters, a `settings_model`."""
+    scenario: Scenario
+
+    def __init__(self, name: str, values: Mapping[str, Any] | None = None, context: Context | None = None) -> None:
+        super().__init__(
+            name,
+            context=context,
+            use_global_arguments=values is None,
+            parameter_overrides=None
+            if values is None
+            else [Parameter(key, value=value) for key, value in values.items()],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        self.exit_code = 0
+        self.failure = ""
+        """Why the node failed, where it did."""
+        self.finished = False
+        """Whether the node has nothing left to do, so that its process may end."""
+        self._expected: dict[Any, tuple[str, int]] = {}
+        self._ready = False
+        try:
+            own = params.parameter_specs(self.settings_model, mutable=self.mutable)
+            of_scenario = params.parameter_specs(Scenario, sections=self.sections, mutable=self.mutable)
+            specs = own + of_scenario
+            known = {spec.name for spec in params.parameter_specs(Scenario)}
+            declared = params.declare(self, specs, known)
+            self.settings = params.settings_from(
+                self.settings_model, {spec.name: declared[spec.name] for spec in own}, name
+            )
+            self.scenario = params.scenario_from({spec.name: declared[spec.name] for spec in of_scenario}, name)
+            self.health = Health(
+                self.get_fully_qualified_name().lstrip("/"),
+                self.advertise(topics.DIAGNOSTICS),
+                from_seconds(self.settings.diagnostics_period),
+            )
+            self.setup()
+            params.on_change(self, specs, self.changed)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._heard = 0
+        self._parent = os.environ.get(PARENT)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
+        self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
+
+    def setup(self) -> None:
+        """Make publishers and subscriptions; the scenario, settings and health are there."""
+
+    def changed(self, values: dict[str, Any]) -> None:
+        """Take new values of mutable parameters; an InputError refuses them."""
+
+    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
+        """Return a publisher of one of the graph's topics; `consumers` replaces those of the topic."""
+        publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
+        wanted = topic.consumers if consumers is None else consumers
+        listeners = [name for name in wanted if name in self.settings.peers and name != self.get_name()]
+        self._expected[publisher] = (topic.name, len(listeners))
+        return publisher
+
+    def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Any:
+        """Subscribe; whatever a message does to the handler, the node counts it and goes on."""
+
+        def guarded(message: Any) -> None:
+            try:
+                handler(message)
+            except BadMessageError as error:
+                self.health.drop(topic.name, str(error))
+            except Exception as error:
+                self.health.drop(topic.name, f"{type(error).__name__}: {error}")
+                self.get_logger().error(f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0)
+
+        return self.create_subscription(topic.type, topic.name, guarded, LOSSLESS, raw=raw)
+
+    @property
+    def ready(self) -> bool:
+        """Whether every publisher has had the listeners that the graph needs."""
+        return self._ready
+
+    def missing_listeners(self) -> list[str]:
+        """Say which topics have too few listeners."""
+        missing = []
+        for publisher, (name, listeners) in self._expected.items():
+            needed, count = listeners + self.settings.recorders, publisher.get_subscription_count()
+            if count < needed:
+                missing.append(f"{name} {count} of {needed}")
+        return missing
+
+    def fail(self, message: str) -> None:
+        """End with an error: diagnostics, one line in the log, exit code 1."""
+        self.health.state(ERROR, message)
+        self.get_logger().fatal(message)
+        self.exit_code, self.failure = 1, message
+        self.finished = True
+
+    def received(self) -> int | None:
+        """Count the messages taken so far; None = the node need not take what is under way when it ends."""
+        return None
+
+    def close(self, timeout: float = 5.0) -> None:
+        """Let listeners have what was published, for `timeout` s of wall time at most, then destroy the node."""
+        deadline = time.monotonic() + timeout
+        for publisher in self._expected if self.context.ok() else ():
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
+        self.destroy_node()
+
+    def _check_ready(self) -> None:
+        missing = self.missing_listeners()
+        self.health.figures["ready"] = not missing
+        if missing:
+            self.health.figures["waiting for listeners"] = ", ".join(missing)
+            return
+        self._ready = True
+        if "waiting for listeners" in self.health.figures:
+            self.health.figures["waiting for listeners"] = "none"
+        self.destroy_timer(self._readiness)
+        self.health.state(OK, "ready")
+
+    def _beat(self) -> None:
+        """Publish diagnostics while no data comes; end with the parent, if there is one."""
+        if self.health.publications == self._heard:
+            self.health.idle()
+        self._heard = self.health.publications
+        if self._parent is not None and os.getppid() != int(self._parent):
+            self.get_logger().error("the process that started this node is gone")
+            self.finished = True
+
+
+def graph_values(
+    scenario: Scenario, own: Mapping[str, Any], sections: Sequence[str] | Collection[str]
+) -> dict[str, Any]:
+    """Return the parameter values of one node of a graph: its sections of the scenario and its own settings."""
+    values = {name: value for name, value in params.scenario_values(scenario).items() if name.split(".")[0] in sections}
+    return values | dict(own)

@@ -1,0 +1,113 @@
+"""What a node says about itself on /diagnostics."""
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from isogal_ros.messages.stamps import set_stamp
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class BadMessageError(Exception):
+    """A message that cannot be used; the text says why."""
+
+
+class Health:
+    """State, figures and counts of dropped messages of one node, published once a period and on change.
+
+    A drop raises the level to WARN until a whole period has passed without one; the counts stay.
+    """
+
+    def __init__(self, name: str, publisher: Any, period_ns: int) -> None:
+        self.name = name
+        self.figures: dict[str, Any] = {}
+        """Shown as key-value pairs."""
+        self.dropped: dict[str, int] = {}
+        """Number of dropped messages by topic."""
+        self._publisher = publisher
+        self._period = period_ns
+        self._level, self._message = OK, "starting"
+        self._reasons: dict[str, str] = {}
+        self._stamp = 0
+        self._last: int | None = None
+        self._published = 0
+        self._array = DiagnosticArray(status=[DiagnosticStatus(name=name, hardware_id="isogal")])
+        self._pairs: dict[str, KeyValue] = {}
+
+    @property
+    def publications(self) -> int:
+        """How many arrays were published so far."""
+        return self._published
+
+    def state(self, level: bytes, message: str) -> None:
+        """Set the node's own state; a change is published at once."""
+        if (level, message) != (self._level, self._message):
+            self._level, self._message = level, message
+            self.publish()
+
+    def drop(self, topic: str, reason: str) -> None:
+        """Count a message that was not used; a new topic or reason is published at once."""
+        self.dropped[topic] = self.dropped.get(topic, 0) + 1
+        known = self._reasons.get(topic)
+        self._reasons[topic] = reason
+        if known is None or _shape(known) != _shape(reason):
+            self.publish()
+
+    def tick(self, stamp_ns: int) -> None:
+        """Note the time of the data; publishes when a period has passed since the last time it did."""
+        self._stamp = stamp_ns
+        if self._last is None or not 0 <= stamp_ns - self._last < self._period:
+            self._last = stamp_ns
+            self.publish()
+            self._reasons.clear()
+
+    def idle(self) -> None:
+        """Publish because no data came for a period of wall time."""
+        self.publish()
+        self._reasons.clear()
+
+    def publish(self, *more: DiagnosticStatus) -> None:
+        """Publish now, together with other statuses."""
+        level, message = self._level, self._message
+        if self._reasons:
+            level = max(level, WARN)
+            message += "; dropped " + ", ".join(f"{topic}: {reason}" for topic, reason in self._reasons.items())
+        own = self._array.status[0]
+        own.level, own.message = level, message
+        self._write(self.figures)
+        if self.dropped:
+            self._write({f"dropped {topic}": count for topic, count in self.dropped.items()})
+        set_stamp(self._array.header.stamp, self._stamp)
+        self._array.status[1:] = more
+        self._publisher.publish(self._array)
+        self._published += 1
+
+    def _write(self, figures: dict[str, Any]) -> None:
+        """Bring the pairs of the message up to date; they are kept from one publication to the next."""
+        for key, value in figures.items():
+            pair = self._pairs.get(key)
+            if pair is None:
+                pair = self._pairs[key] = KeyValue(key=key)
+                self._array.status[0].values.append(pair)
+            pair.value = _text(value)
+
+
+def status(name: str, level: bytes, message: str, figures: dict[str, Any]) -> DiagnosticStatus:
+    """Return one diagnostic status."""
+    values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
+    return DiagnosticStatus(level=level, name=name, message=message, hardware_id="isogal", values=values)
+
+
+def figures_of(item: DiagnosticStatus) -> dict[str, str]:
+    """Return the key-value pairs of a status."""
+    return {pair.key: pair.value for pair in item.values}
+
+
+def _text(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _shape(reason: str) -> str:
+    """Return a reason without its numbers, so that the same trouble with other numbers counts as the same."""
+    return "".join(character for character in reason if not character.isdigit())

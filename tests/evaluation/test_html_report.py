@@ -1,0 +1,161 @@
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isogal.evaluation.bound import BoundResult
+from isogal.evaluation.figures import style
+from isogal.evaluation.figures.errors import error_figure
+from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.run_report import run_report
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Scenario
+
+VOID = {"meta", "img", "br", "link"}
+
+
+class Page(HTMLParser):
+    """Checks nesting and collects what is in the page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.stack: list[str] = []
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert self.stack == []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.found.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.stack.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.stack.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.stack[-1:] != ["style"]:
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.found if name == tag]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_pictures():
+    """Pictures of a quarter of the size, for speed; test_figures looks at full ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "DPI", 40)
+        yield
+
+
+@pytest.fixture(scope="module")
+def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    run_report(make_runs(runs=1, detail=True), Scenario(), field(), bound(), folder)
+    return folder
+
+
+def field() -> FieldMap:
+    latitude, longitude = np.radians(np.arange(-38.5, -36.5, 0.02)), np.radians(np.arange(144.0, 146.6, 0.02))
+    values = 9.8 + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
+    return FieldMap(latitude, longitude, values, "m/s²", "gravity", provenance="made up <for> tests")
+
+
+def bound(states: int = 121) -> BoundResult:
+    return BoundResult(np.arange(states) * 60.0, np.broadcast_to(400.0 * np.eye(2), (states, 2, 2)))
+
+
+def test_the_page_is_whole_and_refers_to_nothing_outside(make_runs, tmp_path):
+    figure = error_figure(make_runs(runs=1))
+    sections = [
+        Section("Errors", ["A paragraph."], [Illustration("errors", figure, "North & east.")], listing="a: 1"),
+        Section("More", tables=[Table("Folded.", ("a",), [("1",)], folded=True)]),
+    ]
+    path = write_report(tmp_path / "out", "Title", sections, [Table("Numbers.", ("what", "m"), [("x", "1.5")])])
+    text = path.read_text(encoding="utf-8")
+    page = Page(text)
+    assert not re.search(r"https?://|//cdn|<script|<link|url\(", text)
+    (image,) = page.all("img")
+    assert image["alt"] == "North & east."
+    data = base64.b64decode(str(image["src"]).removeprefix("data:image/png;base64,"))
+    assert data == (tmp_path / "out" / "errors.png").read_bytes()
+    assert "Table 1." in page.text and "Table 2." in page.text and "Figure 1." in page.text
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["errors.png", "report.html"]
+
+
+def test_text_is_escaped(tmp_path):
+    nasty = '<script>alert(1)</script> & "quotes" {{ 7 * 7 }}'
+    sections = [
+        Section(nasty, [nasty], tables=[Table(nasty, (nasty,), [(nasty,)])], listing=nasty, listing_title=nasty)
+    ]
+    text = write_report(tmp_path, nasty, sections, subtitle=nasty).read_text(encoding="utf-8")
+    assert "<script" not in text and "49" not in text
+    assert Page(text).text.count("alert(1)") >= 7
+
+
+def test_numbers_are_flush_right_and_words_are_not():
+    rows = [("a", "1.5", "0 of 3", "–", "x"), ("b", "-2e-05", "12 / 4", "10 %", "1")]
+    assert Table("", ("",) * 5, rows).numeric == {1, 2, 3}
+    assert Table("", ("a",), []).numeric == frozenset()
+
+
+def test_equal_runs_give_equal_reports_whenever_they_started(report_of_a_run, make_runs, tmp_path):
+    runs = make_runs(runs=1, detail=True)
+    shift = 2.0**20
+    detail = replace(runs.detail, scan_time=runs.detail.scan_time + shift)
+    later = replace(runs, time=runs.time + shift, fix_time=runs.fix_time + shift, detail=detail)
+    run_report(later, Scenario(), field(), bound(), tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in report_of_a_run.iterdir()}
+    for file in tmp_path.iterdir():
+        assert file.read_bytes() == (report_of_a_run / file.name).read_bytes(), file.name
+
+
+def test_two_figures_of_one_name_are_refused(make_runs, tmp_path):
+    picture = Illustration("same", error_figure(make_runs(runs=1)), "")
+    with pytest.raises(ValueError, match="same name"):
+        write_report(tmp_path, "t", [Section("a", illustrations=[picture, picture])])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_report_of_a_run(make_runs, report_of_a_run):
+    runs = make_runs(runs=1, detail=True)
+    page = Page((report_of_a_run / "report.html").read_text(encoding="utf-8"))
+    names = {p.stem for p in report_of_a_run.glob("*.png")}
+    assert names == {"track", "north_east_error", "nees", "position_error", "measured", "feature_variability"}
+    assert len(page.all("img")) == len(names)
+    rms = np.sqrt(np.mean(runs.horizontal_error**2))
+    assert number(rms) in page.text
+    assert "made up <for> tests" in page.text
+    assert page.text.count("published") >= 24
+    assert "batch_length: 30" in page.text
+
+
+def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_path):
+    reasons = (("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),) * 3
+    runs = make_runs(runs=3, fix_reason=reasons)
+    page = Page(run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8"))
+    assert page.text.count("flat (misfit … per degree)") == 1
+    assert "3 runs" in page.text and "66 / 6" in page.text
+    assert {p.stem for p in tmp_path.glob("*.png")} == {
+        "track",
+        "north_east_error",
+        "nees",
+        "position_error",
+        "feature_variability",
+    }
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "–"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1234"), (99.96, "100"), (0.01234, "0.0123"),
+     (1.2e-5, "1.20e-05"), (-61.04, "-61.0"), (3.4e7, "3.40e+07"), (2.0, "2.00")],
+)  # fmt: skip
+def test_numbers(value, text):
+    assert number(value) == text

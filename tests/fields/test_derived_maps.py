@@ -1,0 +1,91 @@
+"""Maps of several channels that a scenario's map is turned into, in another process."""
+
+import subprocess
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from isogal.errors import InputError
+from isogal.fields import derived_maps as derived
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.source_map import source_map
+from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.gradients import tensor_maps
+from isogal.maps.load import load_map
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+
+@pytest.fixture(scope="module")
+def disturbance(tmp_path_factory):
+    path = tmp_path_factory.mktemp("map") / "wavy.nc"
+    write_netcdf(field_map_of(wavy, half=60e3, step=500.0, sigma=1e-5, correlation_length=5000.0), path)
+    return path
+
+
+def scenario(path, *more):
+    return load_scenario(
+        None,
+        ["field=gradient", f"map.source={path}", "route.start=[-36.55, 146.95]", "route.end=[-36.4, 147.1]",
+         "route.duration=600", "gradiometer.components=[nd,ee]", *more],
+    )  # fmt: skip
+
+
+def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
+    it = scenario(disturbance)
+    maps = map_for_scenario(it, margin=5000.0)
+    expected = tensor_maps(load_map(disturbance), ("nd", "ee"), height=100.0)
+    route = build_trajectory(it)
+    found = maps.value(route.latitude, route.longitude)
+    assert found.shape == (len(route) + 1, 2)
+    # cut out of the file 25 km away, and float32
+    difference = found - expected.value(route.latitude, route.longitude)
+    assert np.abs(difference).max() < 0.02 * found.std()
+    assert maps.grid[0].dtype == np.float32
+    assert np.shares_memory(maps.channels[1].values, maps.grid[0])
+    assert maps.channels[0].values.size < 0.3 * expected.channels[0].values.size
+    assert [one.sigma for one in maps.channels] == pytest.approx([one.sigma for one in expected.channels], rel=1e-3)
+    assert maps.channels[0].sigma > 0.0
+    assert source_map(it).quantity == "disturbance"
+
+
+def test_another_process_computes_what_this_one_would(disturbance, monkeypatch):
+    it = scenario(disturbance)
+    there, here = derived.derived_maps(it, 5000.0), derived.compute(it, 5000.0)
+    np.testing.assert_array_equal(there.grid[0], here.grid[0])
+    assert there.grid[1:] == here.grid[1:]
+    assert there.provenance == here.provenance
+
+    def none_left(*_, **__):
+        raise BlockingIOError
+
+    monkeypatch.setattr(subprocess, "run", none_left)
+    np.testing.assert_array_equal(derived.derived_maps(it, 5000.0).grid[0], here.grid[0])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["route.height=-50"], "route.height: must be >= 0 m where field is gradient, is -50"),
+        (["route.end=[-36.0, 147.6]", "route.duration=null"], "does not cover the route: no value at -36."),
+        (["map.source=nowhere.nc"], "nowhere.nc: no such file or folder"),
+        (["map.variable=height"], "no variable 'height'"),
+        (["map.source=synthetic", "map.variable=ga"], "is gradient, which needs one of disturbance"),
+    ],
+)
+def test_refusals_are_one_line(disturbance, overrides, words):
+    with pytest.raises(InputError) as error:
+        map_for_scenario(scenario(disturbance, *overrides))
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_without_the_disturbance_is_refused(tmp_path):
+    from dataclasses import replace
+
+    anomaly = replace(field_map_of(wavy, half=60e3, step=1000.0), quantity="bouguer_anomaly")
+    write_netcdf(anomaly, tmp_path / "bouguer.nc")
+    with pytest.raises(InputError, match="disturbance") as error:
+        map_for_scenario(scenario(tmp_path / "bouguer.nc"))
+    assert "\n" not in str(error.value)

@@ -1,0 +1,193 @@
+"""Simulated readings: the map as truth, noise, outliers, map error, and what cannot be felt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.earth.frames import horizontal_difference
+from isogal.earth.gravity import FREE_AIR, eotvos, normal_gravity
+from isogal.errors import InputError
+from isogal.fields.simulator import ReadingSimulator, draw_map_error
+from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
+from isogal.sensors.gravimeter import reduce_gravity
+from isogal.sensors.trajectory import build_trajectory
+
+
+def scenario(**keys):
+    route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0)
+    return Scenario(**({"route": route, "gravimeter": Gravimeter(sigma=2e-5)} | keys))
+
+
+def simulate(runs, field_map, **keys):
+    it = scenario(**keys)
+    trajectory = build_trajectory(it)
+    simulator = ReadingSimulator(it, trajectory, field_map, runs)
+    i = simulator.index
+    velocity = trajectory.velocity[i]
+    surface = reduce_gravity(simulator.felt, trajectory.latitude[i], 100.0, velocity[:, 0], velocity[:, 1])
+    return surface, trajectory.latitude[i], trajectory.longitude[i], simulator
+
+
+def within(sum_of_squares, freedom):
+    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+    return low < sum_of_squares < high
+
+
+def test_simulated_readings_are_the_map_plus_white_noise():
+    field_map = field_map_of(wavy)
+    surface, latitude, longitude, simulator = simulate(range(20), field_map)
+    assert surface.shape == (20, 60)
+    np.testing.assert_array_equal(simulator.index, np.arange(10, 601, 10))
+    # a map of the disturbance: normal gravity of the true latitude is added
+    noise = (surface - normal_gravity(latitude) - field_map.value(latitude, longitude)) / 2e-5
+    assert within((noise**2).sum(), noise.size)
+    assert abs((noise[:, 1:] * noise[:, :-1]).mean()) < 4.0 / np.sqrt(noise.size)
+    assert abs((noise[1:] * noise[:-1]).mean()) < 4.0 / np.sqrt(noise.size)
+
+
+def test_map_of_gravity_is_taken_as_it_is():
+    field_map = field_map_of(lambda north, east: 9.8 + 1e-8 * north + 0.0 * east)
+    field_map = replace(field_map, quantity="gravity")
+    surface, latitude, longitude, _ = simulate([0], field_map, gravimeter=Gravimeter(sigma=1e-12))
+    np.testing.assert_allclose(surface[0], field_map.value(latitude, longitude), atol=1e-11)
+
+
+def test_outliers_come_at_their_share_and_size():
+    settings = Gravimeter(sigma=1e-5, outlier_fraction=0.1, outlier_sigma=50.0)
+    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
+    surface, latitude, _, _ = simulate(range(50), flat, gravimeter=settings)
+    noise = (surface - normal_gravity(latitude)) / 1e-5
+    far = np.abs(noise) > 6.0
+    share = far.mean() / 0.9045  # of N(0, 50²) that lies beyond 6
+    assert abs(share - 0.1) < 4.0 * np.sqrt(0.09 / noise.size)
+    assert within(
+        (noise[~far] ** 2).sum() / 1.035, (~far).sum()
+    )  # the rest is ordinary, but for the few small outliers
+    plain, _, _, _ = simulate(range(50), flat, gravimeter=Gravimeter(sigma=1e-5))
+    assert (plain[~far] == surface[~far]).mean() > 0.98  # switching outliers on leaves the other readings as they were
+
+
+def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
+    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
+    settings = Gravimeter(sigma=1e-9, bias=5e-5, drift=1e-7)
+    surface, latitude, _, it = simulate(range(200), flat, gravimeter=settings)
+    error = surface - normal_gravity(latitude)
+    time = build_trajectory(scenario()).time[it.index]
+    slope, offset = np.polyfit(time, error.T, 1)
+    assert np.abs(error - (offset[:, None] + slope[:, None] * time)).max() < 1e-8  # nothing else but noise of 1e-9
+    assert within((offset**2).sum() / 5e-5**2, 200)
+    assert within((slope**2).sum() / 1e-7**2, 200)
+    assert abs(np.corrcoef(offset, slope)[0, 1]) < 0.3
+    some, _, _, _ = simulate([7, 3], flat, gravimeter=settings)
+    np.testing.assert_array_equal(some, surface[[7, 3]])
+
+
+def test_map_error_has_the_stated_covariance():
+    it = scenario(map_error=MapError(sigma=3e-5, correlation_length=4000.0))
+    trajectory = build_trajectory(it)
+    index = np.arange(10, 601, 10)
+    runs = 600
+    error = draw_map_error(it, trajectory, index, range(runs))
+    apart = horizontal_difference(
+        trajectory.latitude[index][:, None],
+        trajectory.longitude[index][:, None],
+        trajectory.latitude[index],
+        trajectory.longitude[index],
+    )
+    covariance = 3e-5**2 * np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / 4000.0)
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), error.T)
+    assert within((whitened**2).sum(), runs * len(index))  # variance and correlation at once, every length scale
+    measured = error.T @ error / runs
+    np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
+    assert not draw_map_error(scenario(), trajectory, index, [0, 1]).any()
+
+
+def test_a_run_reads_the_same_alone_and_among_others():
+    keys = {"map_error": MapError(sigma=3e-5), "gravimeter": Gravimeter(outlier_fraction=0.2)}
+    field_map = field_map_of(wavy)
+    together = simulate([4, 1, 9], field_map, **keys)[3].felt
+    assert (simulate([1], field_map, **keys)[3].felt[0] == together[1]).all()
+    assert (together[0] != together[2]).all()
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"route": Route(start=(-30.0, 147.0), end=(-30.0, 148.0), duration=100.0)},
+     r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg \(10 s after the start\)"),
+    ({}, "a gravimeter does not feel magnetic_anomaly; give gravity or disturbance"),
+])  # fmt: skip
+def test_maps_that_cannot_be_used(change, message):
+    field_map = field_map_of(wavy, half=30e3, step=1000.0, provenance="test.nc")
+    if not change:
+        field_map = replace(field_map, quantity="magnetic_anomaly")
+    with pytest.raises(InputError, match=r"map test\.nc: .*" + message):
+        simulate([0], field_map, **change)
+
+
+def test_eotvos_enters_with_the_velocity_of_the_scan():
+    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
+    it = scenario(gravimeter=Gravimeter(sigma=1e-12))
+    trajectory = build_trajectory(it)
+    simulator = ReadingSimulator(it, trajectory, flat, [0])
+    i = simulator.index
+    expected = normal_gravity(trajectory.latitude[i]) - FREE_AIR * 100.0
+    expected -= eotvos(trajectory.latitude[i], 100.0, *trajectory.velocity[i, :2].T)
+    np.testing.assert_allclose(simulator.felt[0], expected, atol=1e-11)
+
+
+def hills(field_map_top=500.0):
+    return replace(
+        field_map_of(lambda north, east: field_map_top * np.cos(north / 3e3) * np.cos(east / 4e3)),
+        quantity="height",
+        unit="m",
+        provenance="hills.nc",
+    )
+
+
+def over_hills(height, **keys):
+    route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0, height=height)
+    return Scenario(route=route, field="terrain", **({"gravimeter": Gravimeter(sigma=3.0)} | keys))
+
+
+def clearance(runs, height, field_map, **keys):
+    it = over_hills(height, **keys)
+    trajectory = build_trajectory(it)
+    simulator = ReadingSimulator(it, trajectory, field_map, runs)
+    ground = field_map.value(trajectory.latitude[simulator.index], trajectory.longitude[simulator.index])
+    return simulator.felt, ground
+
+
+def test_clearance_is_height_above_the_ground():
+    felt, ground = clearance(range(20), 900.0, hills())
+    noise = (900.0 - felt - ground) / 3.0
+    assert within((noise**2).sum(), noise.size)
+    np.testing.assert_array_equal(felt, felt.astype(np.float32))  # as the message carries it
+
+
+def test_a_map_error_lifts_the_ground():
+    exact, _ = clearance([0], 900.0, hills())
+    wrong, _ = clearance([0], 900.0, hills(), map_error=MapError(sigma=20.0))
+    it = over_hills(900.0, map_error=MapError(sigma=20.0))
+    error = draw_map_error(it, build_trajectory(it), np.arange(10, 601, 10), [0])
+    np.testing.assert_allclose(exact - wrong, error, atol=1e-3)
+
+
+def test_beyond_its_range_the_meter_says_nothing():
+    felt, ground = clearance(
+        [0], 900.0, hills(), altimeter=Altimeter(max_range=800.0), gravimeter=Gravimeter(sigma=1e-3)
+    )
+    out = 900.0 - ground > 800.0
+    assert 0 < out.sum() < out.size
+    np.testing.assert_array_equal(np.isnan(felt[0]), out)
+
+
+def test_nobody_flies_under_the_ground():
+    with pytest.raises(InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"):
+        clearance([0], 300.0, hills())
+
+
+def test_an_altimeter_does_not_feel_gravity():
+    with pytest.raises(InputError, match="an altimeter does not feel disturbance; give height"):
+        clearance([0], 900.0, field_map_of(wavy))

@@ -1,0 +1,285 @@
+"""GGMplus tiles: layout, joints, missing tiles, no-data, memory."""
+
+import json
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.evaluation.figures.style import field_scale
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.maps.axes import Track, Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.ggmplus.folder import CELLS, KINDS, is_ggmplus, read_ggmplus, tile_name, tiles_of, write_ggmplus
+from isogal.maps.load import load_map, route_window
+from isogal.maps.sparse import row_spans, strip_grid
+from isogal.montecarlo.chunks import map_digest
+from isogal.scenario import load_scenario
+
+
+def centres(corner):
+    return corner + 0.001 + 0.002 * np.arange(CELLS)
+
+
+def window(south, north, west, east):
+    return Window(*np.radians([south, north, west, east]))
+
+
+def tile_by_hand(path, kind, function, cut=None):
+    """Write a tile as the format is described, without any code of the library: latitude fastest, big-endian."""
+    south = (-1 if path.name[0] == "S" else 1) * int(path.name[1:3])
+    west = (-1 if path.name[3] == "W" else 1) * int(path.name[4:7])
+    lon, lat = np.meshgrid(centres(west), centres(south), indexing="ij")
+    numbers = np.rint(function(lat, lon) / kind.step)
+    numbers[np.isnan(numbers)] = kind.no_data
+    data = numbers.astype(kind.dtype).tobytes()
+    path.write_bytes(data[:cut])
+
+
+def wave(lat, lon):
+    return 1e-4 * np.sin(np.radians(40.0 * lat)) * np.cos(np.radians(25.0 * lon))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two neighbours of a disturbance map, with a hole; the tile to the north is missing."""
+    folder = tmp_path_factory.mktemp("ggmplus")
+    for name in ("S40E140.dg", "S40E145.dg"):
+        tile_by_hand(
+            folder / name,
+            KINDS["dg"],
+            lambda lat, lon: np.where(
+                (np.abs(lat + 36.0) < 0.01) & (np.abs(lon - 147.0) < 0.01), np.nan, wave(lat, lon)
+            ),
+        )
+    return folder
+
+
+def test_values_are_where_the_format_puts_them(folder):
+    field_map = read_ggmplus(folder, "dg", window(-37.1, -37.0, 146.0, 146.2))
+    lat, lon = np.degrees(field_map.latitude), np.degrees(field_map.longitude)
+    np.testing.assert_allclose(field_map.values, wave(lat[:, None], lon[None, :]), rtol=0, atol=0.51e-6)
+    assert (field_map.quantity, field_map.unit, field_map.quantisation) == ("disturbance", "m/s²", 1e-6)
+    np.testing.assert_allclose((lat + 90.0) / 0.002 % 1.0, 0.5, atol=1e-6)
+
+
+def test_tiles_are_joined(folder):
+    field_map = read_ggmplus(folder, None, window(-37.2, -37.0, 144.8, 145.3), quantity="disturbance")
+    lat, lon = np.radians(np.full(200, -37.1)), np.radians(np.linspace(144.8, 145.3, 200))
+    np.testing.assert_allclose(field_map.value(lat, lon), wave(np.degrees(lat), np.degrees(lon)), rtol=0, atol=2e-6)
+
+
+def test_no_data_and_missing_tiles_are_nan(folder):
+    field_map = read_ggmplus(folder, "dg", window(-36.1, -34.9, 146.9, 147.1))
+    assert np.isnan(field_map.value(np.radians(-36.0), np.radians(147.0)))
+    assert np.isnan(field_map.value(np.radians(-34.95), np.radians(147.0)))
+    assert np.isfinite(field_map.value(np.radians(-35.5), np.radians(147.0)))
+    assert "no tile S35E145.dg" in field_map.provenance
+
+
+def test_names_and_corners():
+    assert tile_name(-40, 145, "ga") == "S40E145.ga" and tile_name(0, -5, "dg") == "N00W005.dg"
+    assert tile_name(10, 180, "ga") == "N10W180.ga" and tile_name(-5, 355, "ga") == "S05W005.ga"
+    route = window(-38.0, -35.0, 144.5, 150.0).grown(25_000.0)
+    names = {tile_name(*corner, "ga") for corner in tiles_of(route)}
+    assert names == {"S40E140.ga", "S40E145.ga", "S40E150.ga", "S35E140.ga", "S35E145.ga", "S35E150.ga"}
+    assert [tile_name(*c, "ga") for c in tiles_of(window(1.0, 2.0, 179.9, -179.9))] == ["N00E175.ga", "N00W180.ga"]
+
+
+@pytest.mark.parametrize("extension", sorted(KINDS))
+def test_written_tiles_come_back(tmp_path, extension):
+    kind = KINDS[extension]
+    lat, lon = np.radians(-35.05 + 0.001 + 0.002 * np.arange(40)), np.radians(144.97 + 0.001 + 0.002 * np.arange(30))
+    middle = 9.8 if extension == "ga" else 0.0
+    values = middle + kind.step * np.random.default_rng(1).integers(-300, 300, (40, 30))
+    values[3, 4] = np.nan
+    unit = {"ha": "m", "xi": "rad", "eta": "rad"}.get(extension, "m/s²")
+    paths = write_ggmplus(FieldMap(lat, lon, values, unit, kind.quantity), tmp_path / "tiles")
+    assert {p.stat().st_size for p in paths} == {CELLS * CELLS * np.dtype(kind.dtype).itemsize}
+    read = read_ggmplus(tmp_path / "tiles", extension, Window(lat[4], lat[-5], lon[4], lon[-5]))
+    inside = read.values[3:-3, 3:-3]
+    known = np.isfinite(inside)
+    rows, columns = (
+        round((a[0] - b[0]) / np.radians(0.002)) + 3 for a, b in ((read.latitude, lat), (read.longitude, lon))
+    )
+    np.testing.assert_allclose(
+        inside[known],
+        values[rows:, columns:][: inside.shape[0], : inside.shape[1]][known],
+        rtol=0,
+        atol=1e-3 * kind.step,
+    )
+
+
+def test_refusals(tmp_path, folder):
+    def refused(words, *args, **kwargs):
+        with pytest.raises(InputError) as error:
+            read_ggmplus(*args, **kwargs)
+        assert words in str(error.value) and "\n" not in str(error.value)
+
+    part = window(-37.2, -37.0, 144.8, 144.9)
+    refused("has none of the tiles needed: S40E140.ga", folder, "ga", part)
+    refused("has no variable 'zz'", folder, "zz", part)
+    refused("dg is disturbance, not gravity", folder, "dg", part, quantity="gravity")
+    refused("cannot tell a height map", folder, None, part, quantity="height")
+    refused("unit cannot be given", folder, "dg", part, unit="mGal")
+    refused("no such folder", tmp_path / "nix", "dg", part)
+    refused("too many", folder, "dg", window(-80.0, 80.0, -170.0, 170.0))
+    tile_by_hand(tmp_path / "S40E140.dg", KINDS["dg"], wave, cut=-10)
+    refused("has 12499990 bytes, a GGMplus dg tile has 12500000; cut short?", tmp_path, "dg", part)
+    np.fromfile(folder / "S40E140.dg", ">i2").astype("<i2").tofile(tmp_path / "S40E140.dg")
+    refused("check the unit, scale, no-data value and byte order", tmp_path, "dg", part)
+    (tmp_path / "S40E140.dg").write_bytes(np.full(CELLS * CELLS, -(2**15), ">i2").tobytes())
+    refused("all missing", tmp_path, "dg", part)
+    with (tmp_path / "S40E140.ga").open("wb") as file:
+        file.truncate(CELLS * CELLS * 4)
+    refused("values 0 to 0 m/s² cannot be a gravity map", tmp_path, "ga", part)
+
+
+def test_a_folder_and_a_tile_are_recognised(tmp_path, folder):
+    assert is_ggmplus(folder) and is_ggmplus(folder / "S40E140.dg") and not is_ggmplus(tmp_path)
+    one = load_map(folder / "S40E145.dg", window=window(-37.1, -37.0, 146.0, 146.1))
+    assert one.quantity == "disturbance"
+
+
+def test_a_scenario_names_the_folder(folder):
+    scenario = load_scenario(
+        overrides=[f"map.source={folder}", "gravimeter.quantity=disturbance", "route.duration=3000"]
+    )
+    assert map_for_scenario(scenario).quantity == "disturbance"
+
+
+def test_a_strip_is_the_window_where_it_has_values(folder, monkeypatch):
+    lat, lon = np.radians(np.linspace(-38.0, -37.0, 500)), np.radians(np.linspace(144.5, 146.5, 500))
+    around = route_window(lat, lon, 5_000.0)
+    whole = read_ggmplus(folder, "dg", around._replace(track=None))
+    monkeypatch.setattr("isogal.maps.ggmplus.folder.DENSE_BYTES", 0)
+    strip = read_ggmplus(folder, "dg", around)
+    filled = np.isfinite(strip.values)
+    np.testing.assert_array_equal(strip.values[filled], whole.values[filled])
+    assert 0.02 < filled.mean() < 0.3
+    for north, east in ((4900.0, 0.0), (-4900.0, 0.0), (0.0, 4900.0), (3400.0, -3400.0)):
+        assert strip.covers(lat + north / 6.371e6, lon + east / 5.1e6).all()
+
+
+def test_a_strip_takes_no_memory_beside_it():
+    lat, lon = np.radians(0.002 * np.arange(4000)), np.radians(0.002 * np.arange(4000))
+    spans = row_spans(Track(lat[[100, -100]], lon[[100, -100]], 10_000.0), lat, lon)
+    before = resident()
+    grid = strip_grid(4000, 4000, spans)
+    assert resident() - before < 0.3 * grid.nbytes / 1024
+    for row in (0, 99, 2000, 3999):
+        assert np.isnan(grid[row]).all()
+    grid[2000, spans[2000, 0] : spans[2000, 1]] = 1.0
+    assert np.nansum(grid[2000]) == spans[2000, 1] - spans[2000, 0]
+
+
+def resident() -> float:
+    """Resident memory of this process, KiB."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return float(next(line for line in lines if line.startswith("VmRSS")).split()[1])
+
+
+MEASURE = """
+import json, resource, sys
+import numpy as np
+from isogal.maps.field_map import FieldMap
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+def most():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+scenario = load_scenario(overrides=sys.argv[1:])
+route = build_trajectory(scenario)
+axis = 1e-3 * np.arange(9)
+tiny = FieldMap(route.latitude[0] + axis, route.longitude[0] + axis, np.ones((9, 9)), "m", "height")
+tiny.value_and_gradient(route.latitude, route.longitude)
+tiny.covers(route.latitude, route.longitude)
+before = most()
+field = map_for_scenario(scenario, route)
+value, north, east = field.value_and_gradient(route.latitude, route.longitude)
+assert (abs(value - 9.8) < 0.01).all()
+print(json.dumps([most() - before, field.values.size]))
+"""
+
+
+@pytest.fixture(scope="module")
+def four_tiles(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("four")
+    for name in ("S40E140.ga", "S40E145.ga", "S35E140.ga", "S35E145.ga"):
+        np.full(CELLS * CELLS, 9_800_000, ">i4").tofile(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "start,end,cells",
+    [
+        ("[-37.5,142.5]", "[-32.5,147.5]", 6_000_000),  # from the middle of one tile to the middle of the opposite one
+        ("[-39.7,140.3]", "[-30.3,149.7]", 18_000_000),  # from corner to corner
+    ],
+)
+def test_a_route_over_four_full_tiles_takes_under_60_mb(four_tiles, start, end, cells):
+    """The most that the process ever takes, with the map less before it (issue 5)."""
+    route = [f"route.start={start}", f"route.end={end}", "route.speed=100", "route.duration=null"]
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURE, f"map.source={four_tiles}", *route],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    megabytes, size = json.loads(done.stdout)
+    assert size > cells
+    assert megabytes < 60.0
+
+
+@pytest.fixture
+def strip(four_tiles):
+    """A map along a route over four tiles, its route."""
+    route = [f"route.{key}" for key in ("start=[-37.5,142.5]", "end=[-32.5,147.5]", "speed=100", "duration=null")]
+    field_map = map_for_scenario(load_scenario(overrides=[f"map.source={four_tiles}", *route]))
+    assert field_map.strip is not None
+    return field_map
+
+
+def test_a_strip_is_sent_without_its_empty_part(strip):
+    sent = pickle.dumps(strip)
+    assert len(sent) < 0.4 * strip.values.nbytes
+    before = resident()
+    got = pickle.loads(sent)
+    assert resident() - before < 0.5 * strip.values.nbytes / 1024
+    np.testing.assert_array_equal(got.values, strip.values)
+    np.testing.assert_array_equal(got.strip, strip.strip)
+    assert map_digest(got) == map_digest(strip)
+
+
+def test_a_strip_has_its_key_by_its_numbers(strip):
+    values = strip.values.copy()
+    row = values.shape[0] // 2
+    values[row, strip.strip[row, 0] + 5] += 1e-5
+    assert map_digest(replace(strip, values=values)) != map_digest(strip)
+    shifted = replace(strip, longitude=strip.longitude + 1e-6)
+    assert map_digest(shifted) != map_digest(strip)
+
+
+def test_key_scale_and_thinned_view_leave_the_empty_part_alone(strip):
+    before = resident()
+    map_digest(strip)
+    field_scale(strip)
+    thin = strip.thinned(3, 5)
+    assert resident() - before < 0.3 * strip.values.nbytes / 1024
+    np.testing.assert_array_equal(thin.values, strip.values[::3, ::5])
+    np.testing.assert_array_equal(thin.longitude, strip.longitude[::5])
+
+
+def test_a_window_of_a_strip_is_whole(strip):
+    middle = float(strip.latitude.mean()), float(strip.longitude.mean())
+    part = strip.window(middle[0] - 0.01, middle[0] + 0.01, middle[1] - 0.01, middle[1] + 0.01)
+    assert part.strip is None
+    assert np.isfinite(part.value(*middle))

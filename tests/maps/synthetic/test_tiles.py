@@ -1,0 +1,151 @@
+"""The synthetic map: the same everywhere and always, like a real one along the default route."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.maps.axes import Window
+from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.load import route_window
+from isogal.maps.synthetic import tiles as synthetic
+from isogal.maps.synthetic.lattice_noise import RMS, sum_of_octaves
+from isogal.maps.synthetic.tiles import VERSION, synthetic_map
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+
+def window(south, north, west, east):
+    return Window(*np.radians([south, north, west, east]))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ISOGAL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def test_values_do_not_change_between_versions():
+    """The numbers of this version. If they change, raise VERSION, or old cache files are mixed with new ones."""
+    field_map = synthetic_map("disturbance", window(-37.01, -36.99, 144.99, 145.01))
+    assert VERSION == 1
+    centre = np.rint(field_map.values[::4, ::4] / 1e-6).astype(int)
+    assert centre[:3, :3].tolist() == [[-397, -396, -396], [-389, -389, -393], [-381, -385, -392]]
+
+
+def test_a_place_has_one_value_whichever_window_asks():
+    wide = synthetic_map("disturbance", window(-37.3, -36.8, 144.6, 145.2))
+    narrow = synthetic_map("disturbance", window(-37.02, -36.97, 144.93, 145.04))
+    turned = synthetic_map("disturbance", window(-37.02, -36.97, 144.93 - 360.0, 145.04 - 360.0))
+    lat, lon = np.radians(np.linspace(-37.02, -36.97, 40)), np.radians(np.linspace(144.93, 145.04, 40))
+    np.testing.assert_allclose(narrow.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(turned.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
+    assert np.isfinite(narrow.value(lat, lon)).all()
+
+
+def test_it_goes_across_the_date_line():
+    across = synthetic_map("disturbance", window(10.0, 10.02, 179.98, -179.98))
+    lon = np.radians(np.linspace(179.981, 180.019, 50))
+    v = across.value(np.radians(10.01), lon)
+    steps = np.abs(np.diff(v))
+    assert np.isfinite(v).all() and steps[24] < 2.0 * max(steps[20], steps[28])
+    np.testing.assert_allclose(v, across.value(np.radians(10.01), lon - 2 * np.pi), rtol=0, atol=1e-12)
+
+
+def test_tiles_meet_without_a_step():
+    """Second differences across the joints of tiles are like those inside them."""
+    field_map = synthetic_map("disturbance", window(-37.1, -36.9, 144.9, 145.1))
+    for values, axis in ((field_map.values, field_map.latitude), (field_map.values.T, field_map.longitude)):
+        bend = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]).mean(axis=1)
+        joint = np.argmin(np.abs(np.degrees(axis[1:-1]) - np.rint(np.degrees(axis[axis.size // 2]))))
+        inside = np.r_[bend[joint - 30 : joint - 2], bend[joint + 3 : joint + 30]]
+        assert bend[joint - 1 : joint + 2].max() < 1.5 * inside.max()
+
+
+def test_like_ggmplus():
+    gravity, disturbance, height = (
+        synthetic_map(q, window(-37.1, -37.0, 145.0, 145.1)) for q in ("gravity", "disturbance", "height")
+    )
+    np.testing.assert_allclose(
+        gravity.values,
+        normal_gravity(gravity.latitude[:, None], height.values) + disturbance.values,
+        rtol=0,
+        atol=0.6e-6,
+    )
+    steps = disturbance.values / 1e-6
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    assert disturbance.quantisation == gravity.quantisation == 1e-6
+    cells = np.degrees(disturbance.latitude) / 0.002
+    np.testing.assert_allclose(cells - np.floor(cells), 0.5, atol=1e-6)
+
+
+def test_a_broken_cache_file_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
+    part = window(-37.5, -37.49, 145.5, 145.51)
+    first = synthetic_map("gravity", part)
+    (tile,) = (tmp_path / f"synthetic-{VERSION}").glob("*.tile")
+    tile.write_bytes(tile.read_bytes()[:-1000])
+    np.testing.assert_array_equal(first.values, synthetic_map("gravity", part).values)
+
+
+def test_tiles_are_made_in_another_process_or_else_here(tmp_path, monkeypatch):
+    """A node must not keep the memory of the generator; without a second process the map comes all the same."""
+    part = window(20.5, 20.51, 30.5, 30.51)
+    here = []
+    real = synthetic.make_tile
+    monkeypatch.setattr(synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner))
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "one"))
+    seen = []
+    child = synthetic_map("gravity", part, lambda *a: seen.append(a))
+    assert not here and seen == [(1, 1)]
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "two"))
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    np.testing.assert_array_equal(synthetic_map("gravity", part).values, child.values)
+    assert here == [(20, 30)]
+
+
+def test_the_default_route_is_like_the_real_terrain(shared_data):
+    """RMS of the disturbance and of its gradient along the default route; tolerances 10 %."""
+    trajectory = build_trajectory(load_scenario())
+    at = trajectory.latitude[::5], trajectory.longitude[::5]
+    real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", route_window(*at))
+    made = synthetic_map("disturbance", route_window(*at, 3000.0))
+
+    def gradient_rms(field_map):
+        _, north, east = field_map.value_and_gradient(*at)
+        return np.sqrt(np.mean(north**2 + east**2))
+
+    assert np.sqrt(np.mean(made.value(*at) ** 2)) == pytest.approx(36e-5, rel=0.1)
+    assert gradient_rms(made) == pytest.approx(gradient_rms(real), rel=0.1)
+
+
+def test_scenarios_choose_it_by_quantity():
+    short = ["route.duration=600"]
+    assert map_for_scenario(load_scenario(overrides=short), margin=3000.0).quantity == "gravity"
+    dg = map_for_scenario(load_scenario(overrides=[*short, "gravimeter.quantity=disturbance"]), margin=3000.0)
+    assert dg.quantity == "disturbance"
+    with pytest.raises(InputError, match="is a disturbance map, but"):
+        map_for_scenario(load_scenario(overrides=[*short, "map.variable=dg"]))
+    with pytest.raises(InputError, match="ga and dg, not 'xi'"):
+        map_for_scenario(load_scenario(overrides=[*short, "map.variable=xi"]))
+
+
+def test_limits():
+    with pytest.raises(InputError, match="89 deg"):
+        synthetic_map("gravity", window(88.99, 89.5, 0.0, 0.1))
+    with pytest.raises(InputError, match="too many"):
+        synthetic_map("gravity", window(-60.0, 60.0, 0.0, 120.0))
+    with pytest.raises(InputError, match="not geoid"):
+        synthetic_map("geoid", window(0.0, 0.1, 0.0, 0.1))
+
+
+def test_noise_has_the_stated_rms_and_no_mean():
+    lat, lon = np.radians(np.linspace(-60.0, 60.0, 400)), np.radians(np.linspace(-180.0, 179.0, 500))
+    out = np.empty((1, 400, 500))
+    sum_of_octaves(lat, lon, np.array([0.013]), np.array([[1.0]]), 5, out)
+    assert out.std() == pytest.approx(1.0, abs=0.03) and abs(out.mean()) < 0.03
+    assert RMS < np.abs(out * RMS).max() < 1.1

@@ -1,0 +1,113 @@
+"""Expected position information along a track."""
+
+import numpy as np
+import pytest
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.gravity import normal_gravity_gradient_north
+from isogal.errors import InputError
+from isogal.maps.expected_accuracy import Errors, along_track, position_information
+from isogal.maps.field_map import FieldMap
+
+LAT, LON = np.radians(-37.0), np.radians(145.0)
+NORTH, EAST = (float(m) for m in metres_per_radian(LAT))
+
+
+def saddle(quantity="height", unit="m", scale=1.0):
+    """Values a·north + b·east + c·north·east: gradients (a + c·east, b + c·north)."""
+    lat, lon = LAT + np.radians(0.01) * np.arange(-60, 61), LON + np.radians(0.01) * np.arange(-60, 61)
+    north, east = NORTH * (lat - LAT)[:, None], EAST * (lon - LON)[None, :]
+    return FieldMap(lat, lon, scale * (3e-3 * north + 1e-3 * east + 4e-7 * north * east), unit, quantity)
+
+
+def track(count=60, spacing=500.0):
+    return np.full(count, LAT), LON + spacing / EAST * (np.arange(count) - count // 2)
+
+
+def test_white_noise_by_hand():
+    """J'J / sigma² with the known gradients of the saddle, east along the parallel."""
+    latitude, longitude = track()
+    found = position_information(saddle(), latitude, longitude, Errors(0.5, 0.0), stretch=0.0)
+    east = EAST * (longitude - LON)
+    slope = np.stack([3e-3 + 4e-7 * east, np.full(60, 1e-3)], axis=1)
+    np.testing.assert_allclose(found.covariance[0], np.linalg.inv(slope.T @ slope / 0.25), rtol=1e-3)
+    best, worst = found.axes
+    assert best[0] < worst[0]
+    np.testing.assert_allclose(
+        sorted([best[0] ** 2, worst[0] ** 2]), np.linalg.eigvalsh(found.covariance[0]), rtol=1e-9
+    )
+    assert found.gradient[0] == pytest.approx(np.sqrt(np.mean(np.sum(slope**2, axis=1))), rel=1e-4)
+
+
+def test_map_error_and_offset_cost_accuracy_and_more_readings_win_it():
+    latitude, longitude = track()
+
+    def worst(errors, **options):
+        return position_information(saddle(), latitude, longitude, errors, **options).axes[1][0]
+
+    plain = worst(Errors(0.5, 0.0), stretch=0.0)
+    assert worst(Errors(0.5, 0.5), stretch=0.0) > 1.5 * plain
+    assert worst(Errors(0.5, 0.0, bias_sigma=1.0), stretch=0.0) > plain
+    assert worst(Errors(0.5, 0.0), stretch=10_000.0) > 1.5 * plain
+    assert worst(Errors(1.0, 0.0), stretch=0.0) == pytest.approx(2.0 * plain, rel=1e-6)
+
+
+def test_stretches_cover_the_track():
+    latitude, longitude = track()
+    found = position_information(saddle(), latitude, longitude, Errors(0.5), stretch=5000.0)
+    assert found.start[0] == 0.0 and found.end[-1] == pytest.approx(29_500.0, rel=1e-6)
+    np.testing.assert_array_equal(found.start[1:], found.end[:-1])
+    assert found.readings.sum() == 60 and (found.end - found.start).min() > 2500.0
+
+
+def test_a_plane_leaves_a_direction_open_and_a_hole_is_nan():
+    lat, lon = LAT + np.radians(0.01) * np.arange(-40, 41), LON + np.radians(0.01) * np.arange(-40, 41)
+    values = np.broadcast_to(3e-3 * NORTH * (lat - LAT)[:, None], (81, 81)).copy()
+    plane = FieldMap(lat, lon, values, "m", "height")
+    latitude, longitude = track()
+    assert np.isinf(position_information(plane, latitude, longitude, Errors(0.5)).axes[1]).all()
+    values[:, 40:] = np.nan
+    holed = position_information(FieldMap(lat, lon, values, "m", "height"), latitude, longitude, Errors(0.5))
+    assert np.isnan(holed.axes[1][-1])
+
+
+def test_normal_gravity_is_part_of_the_signal_of_a_disturbance():
+    """On a flat disturbance map a reading still tells the latitude: 0.8 mGal per km."""
+    flat = saddle("disturbance", "m/s²", 1e-30)
+    latitude, longitude = track()
+    errors = Errors(1e-6, 0.0)
+    found = position_information(flat, latitude, longitude, errors, stretch=0.0)
+    assert found.gradient[0] == pytest.approx(abs(float(normal_gravity_gradient_north(LAT))), rel=1e-3)
+    gravity = saddle("gravity", "m/s²", 1e-30)
+    assert position_information(gravity, latitude, longitude, errors, stretch=0.0).gradient[0] < 1e-20
+
+
+def test_the_bound_is_reached_by_least_squares():
+    """Monte Carlo of the rigid shift on a linear map: covariance within 10 % of the bound (4000 draws: its own 1-sigma is 2.2 %)."""
+    latitude, longitude = track()
+    field_map, errors = saddle(), Errors(0.5, 0.4, 3000.0, 0.3)
+    bound = position_information(field_map, latitude, longitude, errors, stretch=0.0).covariance[0]
+    _, north, east = field_map.value_and_gradient(latitude, longitude)
+    slope = np.stack([north, east], axis=1)
+    apart = np.abs(EAST * (longitude[:, None] - longitude))
+    noise = 0.25 * np.eye(60) + 0.16 * np.exp(-apart / 3000.0) + 0.09
+    gain = np.linalg.solve(slope.T @ np.linalg.solve(noise, slope), slope.T) @ np.linalg.inv(noise)
+    draws = np.random.default_rng(5).multivariate_normal(np.zeros(60), noise, 4000) @ gain.T
+    np.testing.assert_allclose(np.cov(draws.T), bound, rtol=0.1)
+
+
+def test_distance_along_a_track_over_the_date_line():
+    longitude = np.radians([179.9, 179.95, -180.0, -179.95])
+    distance = along_track(np.zeros(4), longitude)
+    np.testing.assert_allclose(np.diff(distance), 6378137.0 * np.radians(0.05), rtol=1e-6)
+
+
+def test_bad_settings():
+    latitude, longitude = track()
+    for call in (
+        lambda: position_information(saddle(), latitude[:1], longitude[:1], Errors(1.0)),
+        lambda: position_information(saddle(), latitude, longitude, Errors(0.0)),
+        lambda: position_information(saddle(), latitude, longitude, Errors(1.0, None, -1.0)),
+    ):
+        with pytest.raises(InputError):
+            call()

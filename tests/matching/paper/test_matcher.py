@@ -1,0 +1,196 @@
+"""The paper's matcher: its iteration against an independent one, its fixes on a made-up and on a real field, what it declines."""
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.stats import multivariate_normal
+
+from helpers.batches import field_map_of, make_batch
+from isogal.errors import InputError
+from isogal.matching.paper.kalman import constant_velocity
+from isogal.matching.paper.matcher import PaperOptions, PmhtPaper, _maximise
+from isogal.matching.registry import build_matcher
+from isogal.scenario import Matcher
+
+ERROR = (250.0, -300.0, 0.03, 0.02)
+
+
+@pytest.mark.parametrize("predicted", [True, False])
+def test_iteration_equals_section_3_2_written_out(predicted):
+    rng = np.random.default_rng(5)
+    scans, n, q, iterations = 6, 4, 1e-3, 4
+    time = 10.0 * np.arange(scans)
+    navigator = np.concatenate([200.0 * np.arange(scans)[:, None] * np.ones(2), np.full((scans, 2), 20.0)], axis=1)
+    first = np.diag([300.0**2, 200.0**2, 0.3**2, 0.3**2])
+    candidates = navigator[:, None, :2] + rng.normal(scale=300.0, size=(scans, n, 2))
+    variances = rng.uniform(80.0, 200.0, (scans, n)) ** 2
+    count = np.array([4, 4, 0, 3, 4, 4])
+
+    X, centre, R_bar = navigator.copy(), navigator[:, :2].copy(), None
+    F, Q = constant_velocity(np.diff(time), q)
+    for _ in range(iterations):
+        z_bar, new_R = [None] * scans, np.zeros(scans)
+        for t in range(scans):
+            if count[t]:
+                used = variances[t] if R_bar is None else np.full(n, R_bar[t])
+                p = np.array(
+                    [multivariate_normal.pdf(candidates[t, i], centre[t], used[i] * np.eye(2)) for i in range(count[t])]
+                )
+                w = p / p.sum()
+                z_bar[t] = w @ candidates[t, : count[t]]
+                new_R[t] = w @ variances[t, : count[t]]
+        R_bar = new_R
+        kalman = KalmanFilter(dim_x=4, dim_z=2)
+        kalman.x, kalman.P, kalman.H = X[0][:, None].copy(), first.copy(), np.eye(2, 4)
+        y, P, predictions = [kalman.x.copy()], [kalman.P.copy()], [kalman.x.copy()]
+        for t in range(1, scans):
+            kalman.predict(F=F[t - 1], Q=Q[t - 1])
+            predictions.append(kalman.x.copy())
+            if z_bar[t] is not None:
+                kalman.update(z_bar[t][:, None], R=R_bar[t] * np.eye(2))
+            y.append(kalman.x.copy())
+            P.append(kalman.P.copy())
+        last_P = P[-1]
+        X = np.array(y)[..., 0]
+        for t in range(scans - 2, -1, -1):
+            predicted_P = F[t] @ P[t] @ F[t].T + Q[t]
+            X[t] += P[t] @ F[t].T @ np.linalg.inv(predicted_P) @ (X[t + 1] - F[t] @ X[t])
+        centre = np.array(predictions)[:, :2, 0] if predicted else X[:, :2].copy()
+
+    state, covariance, weight, done, _ = _maximise(
+        navigator, first, np.diff(time), candidates, variances, count, q, iterations, 0.0, predicted
+    )
+    assert done == iterations
+    np.testing.assert_allclose(state, X, rtol=1e-8)
+    np.testing.assert_allclose(covariance[-1], last_P, rtol=1e-8)
+    np.testing.assert_allclose(weight.sum(axis=1), (count > 0).astype(float))
+
+
+def test_finds_the_vehicle_on_a_rough_map(rough_map):
+    errors = []
+    for seed in range(10):
+        offset = np.random.default_rng(seed).uniform(-400.0, 400.0, 2)
+        batch, truth = make_batch(rough_map, (*offset, 0.03, -0.02), seed=seed, start=200.0 * (seed - 50) * np.ones(2))
+        fix, _ = PmhtPaper().match(batch, rough_map, None)
+        assert fix.published
+        errors.append(np.hypot(*truth.error_of(fix)))
+    assert np.median(errors) < 150.0  # the navigator's own: 300 m
+
+
+def test_along_the_real_route(shared_data):
+    from isogal.maps.formats.netcdf import read_netcdf
+
+    field_map = read_netcdf(shared_data / "se_australia_gravity.nc", "ga")
+    errors = []
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        # over the rough half of the route (paper: the first hour has too few features)
+        start = (random.uniform(-50e3, 50e3), random.uniform(-50e3, 50e3))
+        batch, truth = make_batch(field_map, (*random.normal(0, 300.0, 2), 0.03, -0.03), seed=seed, start=start)
+        fix, _ = PmhtPaper().match(batch, field_map, None)
+        errors.append(np.hypot(*truth.error_of(fix)))
+    assert np.median(errors) < 250.0
+
+
+def test_candidates_are_listed_with_their_weights(rough_map):
+    batch, _ = make_batch(rough_map, ERROR)
+    fix, _ = PmhtPaper().match(batch, rough_map, None)
+    sums = np.bincount(fix.candidates.scan, fix.candidates.weight, minlength=len(batch))
+    np.testing.assert_allclose(sums, 1.0)
+    assert np.bincount(fix.candidates.scan).max() == 20
+    nearness = np.abs(
+        rough_map.value(fix.candidates.latitude, fix.candidates.longitude) - batch.reading[fix.candidates.scan]
+    )
+    assert np.median(nearness) < 1e-5
+    assert {"feature_variability", "iterations", "spread"} <= set(fix.diagnostics)
+
+
+def test_same_batch_same_fix_whatever_came_before(rough_map):
+    matcher = PmhtPaper()
+    batch, _ = make_batch(rough_map, ERROR)
+    one, memory = matcher.match(batch, rough_map, None)
+    matcher.match(make_batch(rough_map, (0.0, 500.0, 0.0, 0.0))[0], rough_map, memory)
+    other, _ = matcher.match(batch, rough_map, memory)
+    assert (one.latitude, one.longitude) == (other.latitude, other.longitude)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_missing_readings_are_left_out(rough_map):
+    batch, truth = make_batch(rough_map, ERROR)
+    batch.reading[5:15] = np.nan
+    fix, _ = PmhtPaper().match(batch, rough_map, None)
+    assert fix.published
+    assert np.hypot(*truth.error_of(fix)) < 300.0
+    assert not np.isin(np.arange(5, 15), fix.candidates.scan).any()
+    batch.reading[3:] = np.nan
+    fix, _ = PmhtPaper().match(batch, rough_map, None)
+    assert fix.reason == "only 3 of 30 scans have a reading (15 needed)"
+    assert np.isnan(fix.covariance).all()
+
+
+def test_declines_off_the_map_and_where_it_ends(rough_map):
+    far, _ = make_batch(rough_map, start=(0.0, 35e3), reading=np.zeros(30))
+    fix, _ = PmhtPaper().match(far, rough_map, None)
+    assert fix.published  # half of the scans are on the map
+    further, _ = make_batch(rough_map, start=(0.0, 38.5e3), reading=np.zeros(30))
+    fix, _ = PmhtPaper().match(further, rough_map, None)
+    assert "readings have the map around them" in fix.reason
+    outside, _ = make_batch(rough_map, start=(0.0, 60e3), reading=np.zeros(30))
+    fix, _ = PmhtPaper().match(outside, rough_map, None)
+    assert fix.reason == "the track is outside the map"
+
+
+def test_stops_aiding_where_the_map_is_flat():
+    flat_here = field_map_of(lambda n, e: 1e-4 * np.where(n > 20e3, np.sin(n / 1e3), 0.0) + 0.0 * e)
+    batch, _ = make_batch(flat_here)
+    fix, _ = PmhtPaper().match(batch, flat_here, None)
+    assert fix.reason.startswith("map feature variability 0 of")
+    assert fix.diagnostics["feature_variability"] == 0.0
+
+
+def test_the_less_feature_the_more_covariance(rough_map):
+    batch, _ = make_batch(rough_map, ERROR)
+    plain, _ = PmhtPaper(PaperOptions(covariance_factor=1.0, variability_exponent=0.0)).match(batch, rough_map, None)
+    weighted, _ = PmhtPaper().match(batch, rough_map, None)
+    variability = weighted.diagnostics["feature_variability"]
+    np.testing.assert_allclose(weighted.covariance, 30.0 / variability * plain.covariance, rtol=1e-12)
+    # half of the readings were used before: each counts once over two batches
+    overlapping, _ = make_batch(rough_map, ERROR, new=15)
+    twice, _ = PmhtPaper().match(overlapping, rough_map, None)
+    np.testing.assert_allclose(twice.covariance, 2.0 * weighted.covariance, rtol=1e-12)
+
+
+def test_retrodiction_holds_the_information_once(rough_map):
+    batch, _ = make_batch(rough_map, ERROR)
+    matcher = build_matcher(Matcher(name="pmht-paper", mode="retrodiction"))
+    fix, _ = matcher.match(batch, rough_map, None)
+    assert fix.scan_position.shape == (30, 2)
+    np.testing.assert_allclose(fix.scan_position[-1], [fix.latitude, fix.longitude])
+    np.testing.assert_allclose(np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9)
+
+
+def test_stops_early_when_told_to(rough_map):
+    batch, _ = make_batch(rough_map, ERROR)
+    fix, _ = PmhtPaper(PaperOptions(epsilon=1e4)).match(batch, rough_map, None)
+    assert fix.diagnostics["iterations"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"prior": np.full((4, 4), np.nan)}, "prior of the navigator is not finite"),
+        ({"prior": np.zeros((4, 4))}, "the navigator's covariance is not positive definite"),
+        ({"time": np.zeros(30)}, "the stamps of the scans do not increase"),
+        ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
+    ],
+)
+def test_odd_data_is_declined(rough_map, changes, reason):
+    fix, _ = PmhtPaper().match(make_batch(rough_map, **changes)[0], rough_map, None)
+    assert fix.reason == reason
+
+
+def test_bad_options_are_one_clear_line():
+    with pytest.raises(InputError, match=r"^matcher.options of pmht-paper: unknown key 'gama'.*$"):
+        build_matcher(Matcher(name="pmht-paper", options={"gama": 9.0}))
+    with pytest.raises(InputError, match=r"gamma: input should be greater than 0, not -1"):
+        build_matcher(Matcher(name="pmht-paper", options={"gamma": -1}))

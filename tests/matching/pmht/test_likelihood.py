@@ -1,0 +1,231 @@
+"""The batch likelihood against scipy's multivariate normal on a plane map, where everything is linear; what is left out; trouble."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from helpers.batches import field_map_of, make_batch
+from isogal.earth.frames import horizontal_difference
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+
+T, SIGMA = 12, 1e-5
+SLOPE = np.array([2e-8, -3e-8])
+PLANE = field_map_of(lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=40e3, step=2000.0)
+CORRELATED = NoiseModel(map_sigma=3e-5, correlation_length=1500.0, bias_sigma=2e-5)
+XI = np.array([[0.0, 0.0, 0.0, 0.0], [150.0, -80.0, 0.1, 0.2], [-2000.0, 1500.0, -1.0, 0.5]])
+
+
+def plane_batch(new=T, drift=True, field_map=PLANE, **changes):
+    """A batch on the plane with everything that may be in a batch."""
+    random = np.random.default_rng(5)
+    keys = {"new": new, "offset": random.normal(0.0, 1e-4, T), "sigma": SIGMA * random.uniform(0.5, 3.0, T)}
+    if drift:
+        age = np.linspace(1.0, 0.0, T)[:, None, None]
+        keys |= {
+            "drift_position": 400.0 * age**2 * random.standard_normal((1, 2, 3)),
+            "drift_reading": 5e-6 * age[:, 0] * random.standard_normal(3),
+        }
+    batch, _ = make_batch(
+        field_map, (100.0, 50.0, 0.1, -0.1), scans=T, jacobian=(1e-9, 0.0, 3e-6, 1e-4), seed=1, **keys | changes
+    )
+    return batch
+
+
+def linear_model(batch, noise, field_map=PLANE):
+    """Mean of the readings by xi: m + H xi; covariance R of what is not drift, drift G."""
+    at = field_map.value(batch.latitude, batch.longitude) + batch.offset
+    _, north, east = field_map.value_and_gradient(batch.latitude, batch.longitude)
+    gradient = np.stack([north, east], axis=-1)
+    H = -np.einsum("ti,tij->tj", gradient, batch.transition) + batch.reading_jacobian
+    apart = horizontal_difference(batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude)
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    distance = 0.5 * (distance + distance.T)  # metres east are counted at one of the two latitudes
+    R = (
+        np.diag(batch.sigma**2)
+        + noise.map_sigma**2 * np.exp(-distance / noise.correlation_length)
+        + noise.bias_sigma**2
+    )
+    G = np.einsum("ti,tij->tj", gradient, batch.drift_position) - batch.drift_reading
+    return at, H, R, G
+
+
+@pytest.mark.parametrize("drift", [False, True])
+@pytest.mark.parametrize("noise", [NoiseModel(), CORRELATED, NoiseModel(bias_sigma=1e-4)], ids=["white", "map", "bias"])
+def test_log_is_that_of_the_multivariate_normal(noise, drift):
+    batch = plane_batch(drift=drift)
+    likelihood = BatchLikelihood.of(batch, PLANE, noise)
+    at, H, R, G = linear_model(batch, noise)
+    expected = [multivariate_normal.logpdf(batch.reading, at + H @ xi, R + G @ G.T) for xi in XI]
+    np.testing.assert_allclose(likelihood.log(XI) + likelihood.log_normaliser, expected, rtol=1e-8)
+    assert likelihood.misfit(XI[1]) == pytest.approx(-2.0 * likelihood.log(XI[1:2])[0])
+    assert likelihood.new_count == T
+
+
+@pytest.mark.parametrize("noise", [NoiseModel(), CORRELATED], ids=["white", "map"])
+def test_new_readings_count_given_the_old(noise):
+    """Conditional = joint / marginal."""
+    batch = plane_batch(new=5, drift=False)
+    likelihood = BatchLikelihood.of(batch, PLANE, noise)
+    at, H, R, _ = linear_model(batch, noise)
+    old = slice(0, T - 5)
+    for xi, log in zip(XI, likelihood.log(XI), strict=True):
+        mean = at + H @ xi
+        joint = multivariate_normal.logpdf(batch.reading, mean, R)
+        marginal = multivariate_normal.logpdf(batch.reading[old], mean[old], R[old, old])
+        assert log + likelihood.log_normaliser == pytest.approx(joint - marginal, rel=1e-8)
+    assert likelihood.new_count == 5
+
+
+def test_drift_of_new_readings_given_the_old():
+    """The navigator's prior of the drift has seen the old readings: their residuals predict the map error only."""
+    batch = plane_batch(new=5)
+    likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED)
+    at, H, R, G = linear_model(batch, CORRELATED)
+    old, new = slice(0, T - 5), slice(T - 5, T)
+    predict = R[new, old] @ np.linalg.inv(R[old, old])
+    S = R[new, new] - predict @ R[old, new]
+    moved = G[new] - predict @ G[old]
+    for xi, log in zip(XI, likelihood.log(XI), strict=True):
+        residual = batch.reading - at - H @ xi
+        expected = multivariate_normal.logpdf(residual[new] - predict @ residual[old], np.zeros(5), S + moved @ moved.T)
+        assert log + likelihood.log_normaliser == pytest.approx(expected, rel=1e-8)
+
+
+def test_likelihoods_of_successive_batches_make_up_that_of_all_readings():
+    whole = BatchLikelihood.of(plane_batch(drift=False), PLANE, CORRELATED)
+    first = BatchLikelihood.of(
+        plane_batch(drift=False, reading=_blank(plane_batch(drift=False).reading, 7)), PLANE, CORRELATED
+    )
+    second = BatchLikelihood.of(plane_batch(new=5, drift=False), PLANE, CORRELATED)
+    total = first.log(XI) + first.log_normaliser + second.log(XI) + second.log_normaliser
+    np.testing.assert_allclose(total, whole.log(XI) + whole.log_normaliser, rtol=1e-9)
+
+
+def _blank(reading, start):
+    return np.where(np.arange(len(reading)) < start, reading, np.nan)
+
+
+@pytest.mark.parametrize("how", ["nan", "inf variance", "without"])
+def test_readings_left_out_are_as_if_never_taken(how):
+    batch = plane_batch(new=6)
+    bad = np.isin(np.arange(T), [2, 7, 11])
+    if how == "nan":
+        likelihood = BatchLikelihood.of(replace(batch, reading=np.where(bad, np.nan, batch.reading)), PLANE, CORRELATED)
+    elif how == "without":
+        likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED).without(bad)
+    else:
+        likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED, extra_variance=np.where(bad, np.inf, 0.0))
+    rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "transition", "reading_jacobian",
+            "drift_position", "drift_reading")  # fmt: skip
+    kept = replace(batch, new=4, **{name: getattr(batch, name)[~bad] for name in rows})
+    expected = BatchLikelihood.of(kept, PLANE, CORRELATED)
+    np.testing.assert_allclose(likelihood.log(XI), expected.log(XI), rtol=1e-9)
+    assert likelihood.new_count == expected.new_count == 4
+    np.testing.assert_array_equal(likelihood.rows, np.flatnonzero(~bad))
+
+
+def test_without_nothing_bad_is_itself():
+    likelihood = BatchLikelihood.of(plane_batch(), PLANE, CORRELATED)
+    assert likelihood.without(np.zeros(T, dtype=bool)) is likelihood
+
+
+def test_extra_variance_widens_single_readings():
+    batch = plane_batch()
+    extra = np.linspace(0.0, 9.0, T) * SIGMA**2
+    wider = replace(batch, sigma=np.sqrt(batch.sigma**2 + extra))
+    expected = BatchLikelihood.of(wider, PLANE, CORRELATED).log(XI)
+    np.testing.assert_allclose(BatchLikelihood.of(batch, PLANE, CORRELATED, extra).log(XI), expected, rtol=1e-9)
+
+
+def test_rounding_and_sigma_of_the_map_are_in_the_covariance():
+    batch = plane_batch()
+    rounded = replace(PLANE, quantisation=3e-5)
+    expected = np.diag(batch.sigma**2 + 3e-5**2 / 12.0)
+    np.testing.assert_allclose(BatchLikelihood.of(batch, rounded, NoiseModel()).covariance, expected, rtol=1e-12)
+    side = np.linspace(1e-5, 9e-5, PLANE.values.shape[1]) * np.ones((PLANE.values.shape[0], 1))
+    uneven = replace(PLANE, sigma=side)
+    here = (np.zeros(4), np.zeros((4, 4)))
+    covariance = BatchLikelihood.of(batch, uneven, CORRELATED, belief=here).covariance
+    own = np.maximum(uneven.sigma_at(batch.latitude, batch.longitude), 3e-5)  # the larger of what map and user say
+    np.testing.assert_allclose(np.diag(covariance), batch.sigma**2 + own**2 + 2e-5**2, rtol=1e-12)
+    assert own.max() > 3e-5
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1e-4), st.floats(10.0, 1e5), st.floats(0.0, 1e-3))
+def test_covariance_is_symmetric_positive_definite(seed, map_sigma, length, bias):
+    random = np.random.default_rng(seed)
+    n = 25
+    latitude, longitude = -0.6 + 1e-3 * random.random(n), 2.5 + 1e-3 * random.random(n)
+    white = random.uniform(1e-7, 1e-5, n) ** 2
+    R = residual_covariance(latitude, longitude, white, np.full(n, map_sigma), length, bias)
+    assert (R == R.T).all()
+    np.linalg.cholesky(R)
+    np.testing.assert_allclose(np.diag(R), white + map_sigma**2 + bias**2)
+
+
+def test_off_the_map_nothing_is_likely():
+    batch = plane_batch()
+    likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED)
+    away = np.array([[1e6, 0.0, 0.0, 0.0], [0.0, 0.0, 500.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    log = likelihood.log(away)
+    assert (log[:2] == -np.inf).all()
+    assert np.isfinite(log[2])
+    assert likelihood.misfit(away[0]) == np.inf
+    assert np.isnan(likelihood.residual(away[0])).any()
+    np.testing.assert_array_equal(likelihood.drift_at(away[0]), -batch.drift_reading)
+
+
+def test_a_hole_in_the_map_is_off_the_map():
+    values = PLANE.values.copy()
+    batch = plane_batch()
+    i = int(np.argmin(np.abs(PLANE.latitude - batch.latitude[5])))
+    j = int(np.argmin(np.abs(PLANE.longitude - batch.longitude[5])))
+    values[i, j] = np.nan
+    likelihood = BatchLikelihood.of(batch, replace(PLANE, values=values), NoiseModel())
+    assert likelihood.log(np.zeros((1, 4)))[0] == -np.inf
+
+
+def test_no_readings_say_nothing():
+    likelihood = BatchLikelihood.of(plane_batch(reading=np.full(T, np.nan)), PLANE, CORRELATED)
+    assert likelihood.new_count == 0
+    assert (likelihood.log(XI) == 0.0).all()
+
+
+def test_linearised_residuals_against_finite_differences(rough_map):
+    batch, _ = make_batch(rough_map, (100.0, 50.0, 0.1, -0.1), jacobian=(1e-9, 0.0, 3e-6, 1e-4))
+    likelihood = BatchLikelihood.of(batch, rough_map, NoiseModel())
+    xi = np.array([60.0, -40.0, 0.2, 0.1])
+    residual, slope = likelihood.linearise(xi)
+    np.testing.assert_array_equal(residual, likelihood.residual(xi))
+    for i, step in enumerate([0.5, 0.5, 2e-3, 2e-3]):
+        d = step * np.eye(4)[i]
+        difference = (likelihood.residual(xi + d) - likelihood.residual(xi - d)) / (2.0 * step)
+        np.testing.assert_allclose(slope[:, i] * step, difference * step, atol=2e-11)
+
+
+def test_residuals_at_the_true_error_are_the_noise(rough_map):
+    error = (100.0, 50.0, 0.1, -0.1)
+    keys = {"jacobian": (1e-9, 0.0, 3e-6, 1e-4)}
+    batch, _ = make_batch(rough_map, error, seed=None, **keys)
+    likelihood = BatchLikelihood.of(batch, rough_map, NoiseModel())
+    np.testing.assert_allclose(likelihood.residual(np.array(error)), 0.0, atol=2e-9)
+    assert np.abs(likelihood.residual(np.zeros(4))).max() > 1e-6
+
+
+def test_a_factor_on_the_variance(rough_map):
+    batch, _ = make_batch(rough_map)
+    likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
+    np.testing.assert_allclose(likelihood.scaled(4.0).log(XI), likelihood.log(XI) / 4.0, rtol=1e-12)
+    np.testing.assert_allclose(likelihood.scaled(4.0).covariance, 4.0 * likelihood.covariance)
+
+
+def test_many_errors_are_computed_each_for_itself(rough_map):
+    batch, _ = make_batch(rough_map)
+    likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
+    together = likelihood.log(XI)
+    assert [likelihood.log(xi[None])[0] for xi in XI] == list(together)

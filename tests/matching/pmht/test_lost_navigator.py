@@ -1,0 +1,177 @@
+"""The second opinion: a batch seen by another navigator, when one is asked for, and that a lost navigator is found on a wrong map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN
+from helpers.navigators import random_covariance
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.matching.batching import BatchBuilder
+from isogal.matching.information import joint_prior
+from isogal.matching.interfaces import LOST_SIGMA, Information, declined
+from isogal.matching.pmht.lost_navigator import _DOUBTED, Doubting, _seen_by
+from isogal.matching.pmht.map_error import NoiseEstimate
+from isogal.matching.pmht.memory import Memory
+from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.registry import build_matcher
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Matcher, Scenario
+from isogal.sensors.gravimeter import GravityReduction
+from isogal.sensors.trajectory import build_trajectory
+
+SIGMA = np.array([80.0, 60.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
+SHIFT = np.array([900.0, -700.0, 0.4, -0.3, 8e-5, -5e-5, 2e-4])
+
+
+def builder(scans: int = 30) -> BatchBuilder:
+    """Scans of a navigator that flies straight, the last 25 of them in the batch, ten of those used by an earlier one."""
+    made = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=10)
+    north, east = metres_per_radian(ORIGIN[0], 0.0)
+    reading = np.random.default_rng(0).normal(0.0, 1e-4, scans)
+    for t in range(scans):
+        place = ORIGIN[0] + 10.0 * t * 12.0 / north, ORIGIN[1] + 10.0 * t * 18.0 / east
+        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), reading[t], 1e-5)
+        if made.ready and t < scans - 1:
+            made.build(np.eye(7))
+    return made
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_batch_seen_by_another_navigator_is_the_one_that_navigator_would_have_built(seed):
+    own, other = random_covariance(SIGMA, seed), random_covariance(30.0 * SIGMA, seed + 10)
+    seen = _seen_by(builder().build(own), SHIFT, other)
+    corrected = builder()
+    corrected.correct(290.0, -SHIFT)
+    expected = corrected.build(other)
+    for name in ("latitude", "longitude", "prior", "new", "time"):
+        np.testing.assert_allclose(getattr(seen, name), getattr(expected, name), rtol=1e-9)
+    np.testing.assert_allclose(seen.reading, expected.reading, rtol=0.0, atol=1e-9)
+    for name in ("transition", "reading_jacobian", "back_transition"):  # linearised 1 km and 0.5 m/s away
+        wanted = getattr(expected, name)
+        np.testing.assert_allclose(getattr(seen, name), wanted, rtol=1e-2, atol=2e-3 * np.abs(wanted).max())
+
+    def spread(batch):  # its components may be turned
+        every = np.concatenate([batch.drift_position.reshape(-1, 3), batch.drift_reading * 1e5, batch.back_drift[:4]])
+        return every @ every.T
+
+    np.testing.assert_allclose(spread(seen), spread(expected), rtol=2e-2, atol=1e-3 * np.abs(spread(expected)).max())
+    np.testing.assert_allclose(joint_prior(seen), other, rtol=1e-6, atol=1e-9)
+
+
+def test_of_itself_a_navigator_sees_what_it_saw():
+    batch = builder().build(random_covariance(SIGMA, 0))
+    seen = _seen_by(batch, np.zeros(7), joint_prior(batch))
+    for name in ("latitude", "longitude", "reading", "transition", "reading_jacobian", "back_transition", "prior"):
+        np.testing.assert_allclose(getattr(seen, name), getattr(batch, name), rtol=1e-7, atol=1e-9)
+
+
+class Scripted:
+    """Stands for `pmht`: a navigator that is sure gets a fix that moves it by JUMP, a lost one nothing before `sure`, then FOUND."""
+
+    name, context = "pmht", 15
+
+    def __init__(self, sure):
+        self.sure, self.seen_lost = sure, []
+
+    def match(self, batch, field_map, memory):
+        prior, lost = joint_prior(batch), batch.prior[0, 0] > 1e6
+        count = (0 if memory is None else round(memory.evidence / (100.0 if lost else -100.0))) + 1
+        told = NoiseEstimate.told(NoiseModel(3e-5, 4000.0, 0.0), 2.0)
+        weight = told.log_weight.copy()
+        weight[-1] += 100.0
+        after = Memory(
+            float(batch.time[-1]), batch.prior, None,
+            noise=replace(told, log_weight=weight), evidence=count * (100.0 if lost else -100.0),
+        )  # fmt: skip
+        if lost:
+            self.seen_lost.append(batch)
+            if count < self.sure:
+                return declined(batch, "searching"), after
+        mean = FOUND if lost else -JUMP
+        precision = np.linalg.inv(prior)
+        information = Information(vector=4.0 * precision @ mean, matrix=3.0 * precision)
+        return replace(declined(batch, ""), reason=None, information=information, covariance=np.eye(2)), after
+
+
+JUMP, FOUND = np.array([40.0, -30.0, 0, 0, 0, 0, 0]), np.array([3000.0, -2000.0, 0, 0, 0, 0, 0])
+
+
+def test_the_second_matcher_sees_the_track_without_the_fixes_and_its_place_becomes_the_navigators():
+    north, east = metres_per_radian(ORIGIN[0], 0.0)
+    script = Scripted(sure=4)
+    matcher, memory, fixes = Doubting(script), None, []
+    aided = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=15)
+    jumps, prior = np.zeros(7), random_covariance(SIGMA, 0)
+    alone = []
+    for t in range(60):
+        alone.append((ORIGIN[0] + 120.0 * t / north, ORIGIN[1] + 180.0 * t / east))
+        place = alone[-1][0] + jumps[0] / north, alone[-1][1] + jumps[1] / east
+        aided.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
+        if aided.ready:
+            before = jumps
+            fix, memory = matcher.match(aided.build(prior), None, memory)
+            fixes.append(fix)
+            jumps = jumps + JUMP
+            aided.correct(10.0 * t, JUMP)
+    assert [fix.reset for fix in fixes] == [False, False, False, True]
+    for k, batch in enumerate(script.seen_lost):
+        track = np.array(alone[15 * (k + 1) - len(batch) : 15 * (k + 1)])
+        apart = (np.stack([batch.latitude, batch.longitude], axis=1) - track) * [north, east]
+        np.testing.assert_allclose(apart, 0.0, atol=2.0)
+    told = fixes[-1].information
+    widened = prior + np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
+    mean = np.linalg.solve(np.linalg.inv(widened) + told.matrix, told.vector)
+    # the navigator's estimate less its mean error is the lone one's less what was found
+    np.testing.assert_allclose(mean[:2], (before + FOUND)[:2], atol=5.0)
+
+
+@pytest.fixture(scope="module")
+def field_map():
+    scenario = Scenario()
+    return map_for_scenario(scenario, build_trajectory(scenario))
+
+
+def flown(field_map, hidden: float, **matcher):
+    """Errors (m) of a run on the synthetic map with 3 mGal added to it, and each batch's fix and memory."""
+    scenario = Scenario(
+        route={"duration": 3000.0},
+        map_error={"sigma": 3e-5},
+        matcher={"map_sigma": 3e-5, "batch_length": 15, **matcher},
+        initial_error={"hidden_position": hidden},
+    )
+    watched = Watched(build_matcher(scenario.matcher))
+    return simulate(scenario, [0], field_map, watched).horizontal_error[0], watched.seen
+
+
+class Watched:
+    """A matcher whose answers are kept."""
+
+    def __init__(self, matcher):
+        self.matcher, self.seen = matcher, []
+        self.name, self.context = matcher.name, matcher.context
+
+    def match(self, batch, field_map, memory):
+        self.seen.append(self.matcher.match(batch, field_map, memory))
+        return self.seen[-1]
+
+
+def test_a_lost_navigator_is_told_where_it_is_though_the_map_could_be_just_bad(field_map):
+    error, seen = flown(field_map, hidden=10e3)
+    told = [fix for fix, _ in seen if fix.published and fix.reset]
+    assert error[0] > 9e3
+    assert len(told) == 1
+    assert any("second_opinion" in fix.diagnostics for fix, _ in seen)
+    assert error[-1] < 500.0
+    assert seen[-1][1].memory.noise.doubt < _DOUBTED
+
+
+@pytest.mark.parametrize("assumed", [3e-5, 1.5e-5])
+def test_a_navigator_that_is_right_stays_where_it_is(field_map, assumed):
+    error, seen = flown(field_map, hidden=0.0, map_sigma=assumed)
+    assert not any(fix.reset for fix, _ in seen)
+    assert error[-600:].max() < 500.0
+    asked = any("second_opinion" in fix.diagnostics for fix, _ in seen)
+    assert asked == (assumed == 1.5e-5)

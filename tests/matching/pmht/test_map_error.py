@@ -1,0 +1,181 @@
+"""A planted map error comes back: sigma within a factor of 1.4, length within 2.5, none where there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from helpers.batches import make_batch
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.map_error import NoiseEstimate, differs
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+from isogal.matching.pmht.sensor_bias import BiasEstimate
+
+BASE = NoiseModel(bias_sigma=0.0)
+BATCHES = 12
+
+
+def estimate(
+    field_map,
+    sigma,
+    length,
+    batches=BATCHES,
+    scans=60,
+    noise=1e-5,
+    bias=0.0,
+    told=None,
+    it=None,
+    error=(80.0, -60.0, 0.02, 0.01),
+):
+    for k in range(batches):
+        start = (-12e3 + 1500.0 * k, -12e3 + 1700.0 * (k % 5))
+        batch, _ = make_batch(
+            field_map,
+            error,
+            scans=scans,
+            sigma=noise,
+            prior_sigma=(100.0, 0.03),
+            start=start,
+            velocity=(17.0, 18.0),
+            seed=k,
+        )
+        random = np.random.default_rng(1000 + k)
+        R = residual_covariance(
+            batch.latitude, batch.longitude, np.full(scans, 1e-14), np.full(scans, sigma), length, 0.0
+        )
+        planted = np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
+        batch = replace(batch, reading=batch.reading + planted)
+        it = it or NoiseEstimate.unknown(batch, field_map)
+        known = bias if told is None else told
+        batch = BiasEstimate.unknown(float(batch.time[0]), known, 0.0).at_end(batch).added_to(batch)
+        likelihood = BatchLikelihood.of(batch, field_map, it.model(BASE))
+        it = it.update(batch, likelihood, field_map, np.zeros(4))
+    return it
+
+
+@pytest.mark.parametrize(("sigma", "length"), [(3e-5, 4000.0), (1e-5, 2000.0), (6e-5, 1000.0)])
+def test_planted_sigma_and_length_come_back(rough_map, sigma, length):
+    model = estimate(rough_map, sigma, length).model(BASE)
+    assert sigma / 1.4 < model.map_sigma < sigma * 1.4
+    assert length / 2.5 < model.correlation_length < length * 2.5
+
+
+def test_a_right_map_is_found_right(rough_map):
+    it = estimate(rough_map, 0.0, 4000.0)
+    assert it.model(BASE).map_sigma < 3e-6  # a third of the sensor's noise
+    assert it.batches == BATCHES
+
+
+def test_a_bias_is_not_taken_for_map_error(rough_map):
+    model = estimate(rough_map, 1e-6, 4000.0, bias=1e-4).model(BASE)
+    assert model.map_sigma < 5e-6
+    not_told = estimate(rough_map, 1e-6, 4000.0, bias=1e-4, told=0.0).model(BASE)
+    assert not_told.map_sigma > 3e-5
+
+
+def test_it_sharpens_with_every_batch(rough_map):
+    few, many = (estimate(rough_map, 3e-5, 4000.0, batches=n) for n in (1, 8))
+    assert many.probability.max() > few.probability.max()
+    assert few.probability.sum() == pytest.approx(1.0)
+
+
+def test_start_knows_nothing_and_scales_with_the_map(rough_map):
+    batch, _ = make_batch(rough_map)
+    start = NoiseEstimate.unknown(batch, rough_map)
+    assert start.batches == 0
+    assert np.ptp(start.probability) == 0.0
+    tenfold = NoiseEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
+    np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
+    assert start.sigma[0] < 0.01 * rough_map.values.std() < 0.3 * rough_map.values.std() < start.sigma[-1]
+    flat = NoiseEstimate.unknown(batch, replace(rough_map, values=0.0 * rough_map.values))
+    assert (flat.sigma > 0.0).all()
+
+
+def test_nothing_is_learnt_off_the_map(rough_map):
+    batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
+    start = NoiseEstimate.unknown(batch, rough_map)
+    away = np.array([1e6, 0.0, 0.0, 0.0])
+    assert start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away) is start
+
+
+@pytest.mark.parametrize("before", [0, 4, 10])
+def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
+    """Against dense Gaussians: p(all residuals of a fixed navigator) / p(old ones), the navigator's error known to the new ones only."""
+    scans = 16
+    batch, _ = make_batch(
+        rough_map, (30.0, -20.0, 0.01, 0.0), scans=scans, prior_sigma=(60.0, 0.03), velocity=(17.0, 18.0)
+    )
+    random = np.random.default_rng(before)
+    batch = replace(
+        batch,
+        new=scans - before,
+        drift_reading=1e-5 * random.standard_normal((scans, 2)),
+        drift_position=20.0 * random.standard_normal((scans, 2, 2)),
+        reading=batch.reading + 2e-5 * random.standard_normal(),
+    )
+    start = NoiseEstimate.unknown(batch, rough_map)
+    likelihood = BatchLikelihood.of(batch, rough_map, replace(BASE, map_sigma=2e-5))
+    mean = np.array([10.0, 10.0, 0.0, 0.0])
+    got = start.update(batch, likelihood, rough_map, mean).log_weight
+    residual, slope = likelihood.linearise(mean)
+    drift = likelihood.drift_at(mean)
+    fixed = residual - slope @ mean
+    known = slope @ batch.prior @ slope.T + drift @ drift.T
+    expected = np.empty_like(got)
+    for i, sigma in enumerate(start.sigma):
+        for j, length in enumerate(start.length):
+            R = residual_covariance(batch.latitude, batch.longitude, batch.sigma**2, np.full(scans, sigma), length, 0.0)
+            # given the old residuals, at a given error: regression; then the error is integrated out
+            gain = np.linalg.solve(R[:before, :before], R[:before, before:]).T if before else np.zeros((scans, 0))
+            turn = np.concatenate([-gain, np.eye(scans - before)], axis=1)
+            S = turn @ (known + R) @ turn.T
+            expected[i, j] = multivariate_normal(np.zeros(scans - before), S).logpdf(turn @ fixed)
+    np.testing.assert_allclose(got - got.max(), expected - expected.max(), atol=1e-6)
+
+
+def test_differs_and_figures(rough_map):
+    batch, _ = make_batch(rough_map)
+    start = NoiseEstimate.unknown(batch, rough_map)
+    model = start.model(BASE)
+    assert not differs(model, model)
+    assert not differs(model, replace(model, map_sigma=1.15 * model.map_sigma))
+    assert differs(model, replace(model, map_sigma=1.3 * model.map_sigma))
+    assert differs(model, replace(model, correlation_length=0.7 * model.correlation_length))
+    assert start.figures(BASE) == {
+        "map_sigma": model.map_sigma,
+        "map_correlation_length_m": model.correlation_length,
+    }
+
+
+@pytest.mark.parametrize(
+    ("sigma", "length"), [(6e-5, 4000.0), (1.5e-5, 4000.0), (3e-5, 8000.0), (3e-5, 2000.0), (3e-5, 4000.0)]
+)
+def test_what_was_told_is_set_right(rough_map, sigma, length):
+    """The map errs by 3 mGal with 4 km; told twice or half of either, the estimate comes back towards the truth."""
+    told = NoiseModel(map_sigma=sigma, correlation_length=length)
+    it = NoiseEstimate.told(told, 2.0)
+    assert it.model(told) == told  # to the letter before there is evidence
+    model = estimate(rough_map, 3e-5, 4000.0, it=it).model(told)
+    assert 3e-5 / 1.3 < model.map_sigma < 3e-5 * 1.3
+    assert abs(np.log(model.correlation_length / 4000.0)) < 0.7 * np.log(2.0)
+    assert model.map_sigma > 2.0 * estimate(rough_map, 5e-6, 4000.0, it=it).model(told).map_sigma
+
+
+@pytest.mark.parametrize(
+    ("sigma", "length", "doubted"),
+    [
+        (1.5e-5, 4000.0, True),
+        (3e-5, 4000.0, False),
+        (6e-5, 4000.0, False),
+        (3e-5, 8000.0, False),
+        (3e-5, 2000.0, False),
+    ],
+)
+def test_only_a_map_that_is_worse_than_told_is_doubted(rough_map, sigma, length, doubted):
+    it = NoiseEstimate.told(NoiseModel(map_sigma=sigma, correlation_length=length), 2.0)
+    assert it.doubt == pytest.approx(0.0, abs=1e-12)
+    later = estimate(rough_map, 3e-5, 4000.0, it=it)
+    assert (later.doubt > 4.0) if doubted else (later.doubt < 2.5)
+    batch, _ = make_batch(rough_map)
+    assert NoiseEstimate.unknown(batch, rough_map).doubt == 0.0

@@ -1,0 +1,214 @@
+"""Bias and drift from batch to batch: what conditioning on all readings at once says, and what must not be believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import INTERVAL, field_map_of, make_batch, wavy
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.pmht.sensor_bias import BiasEstimate
+from isogal.scenario import Matcher
+
+SCANS, BATCHES, SIGMA = 20, 4, 1e-5
+SLOPE = np.array([4e-8, -3e-8])
+PLANE = field_map_of(lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=60e3, step=2000.0)
+VELOCITY = np.array([14.0, 17.0])
+BIAS_SIGMA, DRIFT_SIGMA = 5e-5, 2e-8
+ELAPSED = SCANS * INTERVAL
+FORWARD = np.eye(4) + ELAPSED * np.eye(4, k=2)
+
+
+def batch_of(number, error, prior, reading, field_map=PLANE):
+    """The batch of that number of a navigator with that error at its end; `reading` is added to what the map says."""
+    time = 1000.0 + ELAPSED * number + INTERVAL * np.arange(SCANS)
+    batch, _ = make_batch(
+        field_map,
+        error,
+        SCANS,
+        sigma=SIGMA,
+        start=np.array([-3000.0, -3000.0]) + VELOCITY * ELAPSED * number,
+        velocity=VELOCITY,
+        seed=None,
+        time=time,
+    )
+    return replace(
+        batch,
+        prior=prior,
+        reading=batch.reading + reading(time),
+        back_transition=np.linalg.inv(FORWARD) if number else None,
+        back_drift=np.zeros((4, 0)) if number else None,
+    )
+
+
+def posterior(batch):
+    """Of xi on a plane, in closed form, and the likelihood."""
+    likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel())
+    residual, slope = likelihood.linearise(np.zeros(4))
+    drift = likelihood.drift_at(np.zeros(4))
+    weighted = np.linalg.solve(likelihood.covariance + drift @ drift.T, np.column_stack([residual, slope]))
+    covariance = np.linalg.inv(np.linalg.inv(batch.prior) + slope.T @ weighted[:, 1:])
+    return -covariance @ slope.T @ weighted[:, 0], covariance, likelihood
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
+    random = np.random.default_rng(seed)
+    start_sigma = np.array([400.0, 300.0, 0.1, 0.1])
+    theta = random.standard_normal(2) * [BIAS_SIGMA, DRIFT_SIGMA]  # at t = 1000 s
+    error = random.standard_normal(4) * start_sigma  # at the end of the first batch
+    prior = np.diag(start_sigma**2)
+    estimate = BiasEstimate.unknown(1000.0, BIAS_SIGMA, DRIFT_SIGMA)
+    corrections = np.zeros(4)  # of the navigator so far, as an error at the end of the batch
+    residuals, designs = [], []
+    for number in range(BATCHES):
+        noise = SIGMA * random.standard_normal(SCANS)
+        raw = batch_of(number, error, prior, lambda t, e=noise: theta[0] + theta[1] * (t - 1000.0) + e)
+        bias = estimate.at_end(raw)
+        batch = bias.added_to(raw)
+        # the same readings for a navigator that is never corrected, by its error at the end of the first batch and by theta
+        residual, slope = BatchLikelihood.of(raw, PLANE, NoiseModel()).linearise(np.zeros(4))
+        residuals.append(residual - slope @ corrections)
+        carried = np.linalg.matrix_power(FORWARD, number)
+        designs.append(np.column_stack([-slope @ carried, np.ones(SCANS), raw.time - 1000.0]))
+
+        mean, covariance, likelihood = posterior(batch)
+        estimate = bias.measured(batch, likelihood, mean, covariance)
+        corrections = FORWARD @ (corrections + mean)
+        error, prior = FORWARD @ (error - mean), FORWARD @ covariance @ FORWARD.T
+
+    H, r = np.concatenate(designs), np.concatenate(residuals)
+    start = np.diag([*start_sigma**2, BIAS_SIGMA**2, DRIFT_SIGMA**2])
+    S = np.linalg.inv(np.linalg.inv(start) + H.T @ H / SIGMA**2)
+    # to the end of the last batch
+    end = np.eye(6)
+    end[:4, :4] = np.linalg.matrix_power(FORWARD, BATCHES - 1)
+    end[4, 5] = estimate.time - 1000.0
+    expected, spread = end @ S @ H.T @ r / SIGMA**2, end @ S @ end.T
+    scale = np.sqrt(np.diag(spread))
+    np.testing.assert_allclose((np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=2e-3)
+    np.testing.assert_allclose((estimate.mean - expected[4:]) / scale[4:], 0.0, atol=2e-3)
+    joint = np.block([[covariance, covariance @ estimate.gain.T], [estimate.gain @ covariance, np.zeros((2, 2))]])
+    joint[4:, 4:] = estimate.covariance + estimate.gain @ covariance @ estimate.gain.T
+    np.testing.assert_allclose(joint / scale / scale[:, None], spread / scale / scale[:, None], atol=2e-3)
+    assert estimate.figures()["bias_sigma"] == pytest.approx(scale[4], rel=2e-3)
+    assert estimate.figures()["drift"] == estimate.mean[1]
+
+
+def chained():
+    """The estimate after one batch, and the next batch of a navigator that has taken the fix."""
+    prior = np.diag([400.0**2, 300.0**2, 0.01, 0.01])
+    raw = batch_of(0, np.zeros(4), prior, lambda t: 3e-5 + 0.0 * t)
+    bias = BiasEstimate.unknown(1000.0, BIAS_SIGMA, DRIFT_SIGMA).at_end(raw)
+    batch = bias.added_to(raw)
+    mean, covariance, likelihood = posterior(batch)
+    estimate = bias.measured(batch, likelihood, mean, covariance)
+    return estimate, batch_of(1, np.zeros(4), FORWARD @ covariance @ FORWARD.T, lambda t: 0.0 * t)
+
+
+def test_a_navigator_that_has_not_taken_the_fix_has_an_error_that_says_nothing_about_the_bias():
+    estimate, following = chained()
+    taken = estimate.at_end(following)
+    assert np.abs(taken.by_error).max() > 0.0
+    refused = estimate.at_end(replace(following, prior=4.0 * following.prior))
+    assert not refused.by_error.any()
+    spread = estimate.covariance + estimate.gain @ estimate.error @ estimate.gain.T
+    step = np.array([[1.0, ELAPSED], [0.0, 1.0]])
+    np.testing.assert_allclose(refused.own @ refused.own.T, step @ spread @ step.T, rtol=1e-9)
+    np.testing.assert_allclose(refused.mean, step @ estimate.mean, rtol=1e-12)
+
+
+def test_a_missing_batch_breaks_the_chain():
+    estimate, following = chained()
+    later = replace(following, time=following.time + 200.0)
+    assert not estimate.at_end(replace(later, new=SCANS - 1)).by_error.any()
+
+
+def test_without_a_fix_it_is_carried_as_it_was():
+    estimate, following = chained()
+    bias = estimate.at_end(following)
+    carried = bias.unmeasured(following)
+    before = bias.by_error @ following.prior @ bias.by_error.T + bias.own @ bias.own.T
+    after = carried.gain @ following.prior @ carried.gain.T + carried.covariance
+    np.testing.assert_allclose(after, before, rtol=1e-9)
+    np.testing.assert_allclose(carried.mean, bias.mean)
+
+
+def test_attitude_of_the_navigator_is_part_of_what_a_bias_goes_together_with():
+    random = np.random.default_rng(1)
+    estimate, following = chained()
+    drift = random.standard_normal((SCANS, 3)) * 1e-6
+    by_xi, root = random.standard_normal((3, 4)) * 1e-8, random.standard_normal((3, 3)) * 1e-5
+    batch = replace(
+        following,
+        drift_position=np.zeros((SCANS, 2, 3)),
+        drift_reading=drift,
+        back_drift=np.zeros((4, 3)),
+        attitude=(by_xi, root),
+    )
+    bias = replace(estimate.at_end(batch), by_drift=random.standard_normal((2, 3)) * 1e-6)
+    state = bias.unmeasured(batch)
+    assert state.gain.shape == (2, 7)
+    # the state's error is (xi, attitude = by_xi xi + root d): the same dependence on xi and d
+    np.testing.assert_allclose(state.gain[:, :4] + state.gain[:, 4:] @ by_xi, bias.by_error, atol=1e-15)
+    np.testing.assert_allclose(state.gain[:, 4:] @ root, bias.by_drift, rtol=1e-6)
+    np.testing.assert_allclose(state.covariance, bias.own @ bias.own.T, rtol=1e-6, atol=1e-22)
+
+
+# ------------------------------------------------------------------------------------------------------------ in the matcher
+
+ROUGH = field_map_of(wavy)
+
+
+def run(settings, bias, batches=6, seed=0):
+    """Errors of a navigator that takes every fix, and the last fix and memory."""
+    matcher = Pmht.from_settings(Matcher(batch_length=SCANS, **settings))
+    random = np.random.default_rng(seed)
+    prior = np.diag([100.0**2, 100.0**2, 0.05**2, 0.05**2])
+    error = np.linalg.cholesky(prior) @ random.standard_normal(4)
+    memory, errors = None, []
+    for number in range(batches):
+        noise = SIGMA * random.standard_normal(SCANS)
+        batch = batch_of(number, error, prior, lambda t, e=noise: bias + e, ROUGH)
+        fix, memory = matcher.match(batch, ROUGH, memory)
+        if fix.published:
+            covariance = np.linalg.inv(np.linalg.inv(prior) + fix.information.matrix)
+            error, prior = error - covariance @ fix.information.vector, covariance
+        errors.append((fix, np.hypot(*error[:2]), error[:2] @ np.linalg.solve(prior[:2, :2], error[:2]) / 2.0))
+        error, prior = FORWARD @ error, FORWARD @ prior @ FORWARD.T
+    return errors, memory
+
+
+@pytest.mark.parametrize(
+    "settings", [{"bias_sigma": BIAS_SIGMA}, {"map_sigma": "auto"}, {}], ids=["told", "auto", "untold"]
+)
+@pytest.mark.parametrize("bias", [1e-4, -6e-5])
+def test_a_bias_is_found(settings, bias):
+    """Ten and six sigmas of the sensor: told of, unknown to somebody who says so, and unknown to somebody who says there is none."""
+    errors, memory = run(settings, bias)
+    figures = errors[-1][0].diagnostics
+    # who says that there is none learns better from the second batch that does not agree
+    assert all(fix.published for fix, _, _ in errors[0 if settings else 2 :])
+    assert abs(figures["bias"] - bias) < 3.5 * figures["bias_sigma"] < 2e-5
+    assert errors[-1][1] < 60.0
+    assert np.mean([nees for _, _, nees in errors]) < 3.0
+    assert memory.bias is not None
+
+
+def test_no_bias_is_found_where_there_is_none():
+    errors, memory = run({}, 0.0)
+    assert memory.bias is None
+    assert "bias" not in errors[-1][0].diagnostics
+
+
+def test_a_lost_navigator_is_not_taken_for_a_bias():
+    matcher = Pmht.from_settings(Matcher(batch_length=SCANS))
+    prior = np.diag([50.0**2, 50.0**2, 0.05**2, 0.05**2])
+    memory, lost = None, False
+    for number in range(3):
+        batch = batch_of(number, np.array([6000.0, -4000.0, 0.0, 0.0]), prior, lambda t: 0.0 * t, ROUGH)
+        fix, memory = matcher.match(batch, ROUGH, memory)
+        lost |= fix.reset
+    assert lost

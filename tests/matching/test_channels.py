@@ -1,0 +1,190 @@
+"""Vector readings: the gradient tensor of a rough field, five components with correlated noise, against dense Gaussians."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from helpers.batches import field_map_of, make_batch, wavy
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.errors import InputError
+from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
+from isogal.maps.channels import ChannelMap
+from isogal.maps.gradients import tensor_maps
+from isogal.matching.channels import first_channel, vector_batch
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.scenario import Matcher
+
+EOTVOS = 1e-9
+DISTURBANCE = field_map_of(wavy, half=50e3)
+TENSOR = tensor_maps(DISTURBANCE, edge=15e3)
+C = len(TENSOR)
+COVARIANCE = EOTVOS**2 * (9.0 * np.eye(C) + 4.0 * np.ones((C, C)))
+"""3 E on each channel and 2 E that all have together."""
+XI = np.array([[0.0, 0.0, 0.0, 0.0], [150.0, -80.0, 0.1, 0.2], [-900.0, 700.0, -0.3, 0.5]])
+
+
+def values_at(field_map, latitude, longitude):
+    return np.stack([one.value(latitude, longitude) for one in field_map.channels], axis=-1)
+
+
+def tensor_batch(error=(0.0, 0.0, 0.0, 0.0), seed=0, covariance=COVARIANCE, field_map=TENSOR, **keys):
+    """A batch of tensors along the track of `make_batch`; also the truth at its end."""
+    scalar, truth = make_batch(DISTURBANCE, error, **keys)
+    moved = scalar.transition @ np.array(error)
+    north, east = metres_per_radian(scalar.latitude)
+    tensors = values_at(field_map, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east)
+    noise = np.random.default_rng(seed).multivariate_normal(
+        np.zeros(tensors.shape[1]), covariance, len(scalar), method="cholesky"
+    )
+    return vector_batch(scalar, tensors + noise, covariance), scalar, truth
+
+
+@pytest.mark.parametrize("noise", [NoiseModel(), NoiseModel(5.0 * EOTVOS, 1500.0, 2.0 * EOTVOS)], ids=["sensor", "map"])
+def test_log_is_that_of_the_multivariate_normal(noise):
+    batch, scalar, _ = tensor_batch(scans=8)
+    likelihood = BatchLikelihood.of(batch, TENSOR, noise)
+    apart = horizontal_difference(
+        scalar.latitude[:, None], scalar.longitude[:, None], scalar.latitude, scalar.longitude
+    )
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    distance = 0.5 * (distance + distance.T)
+    shared = noise.map_sigma**2 * np.exp(-distance / noise.correlation_length) + noise.bias_sigma**2
+    # rows are scans times channels; map errors of different channels are independent
+    expected = np.kron(np.eye(8), COVARIANCE) + np.kron(shared, np.eye(C))
+    np.testing.assert_allclose(likelihood.covariance, expected, rtol=1e-9, atol=1e-9 * EOTVOS**2)
+    for xi in XI:
+        moved = scalar.transition @ xi
+        north, east = metres_per_radian(scalar.latitude)
+        predicted = values_at(TENSOR, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east)
+        residual = batch.reading - predicted.reshape(-1)
+        log = multivariate_normal(cov=expected).logpdf(residual)
+        assert likelihood.log(xi[None])[0] + likelihood.log_normaliser == pytest.approx(log, rel=1e-7)
+        np.testing.assert_allclose(likelihood.residual(xi), residual, atol=1e-6 * EOTVOS)
+
+
+def test_one_channel_is_a_scalar():
+    scalar, _ = make_batch(DISTURBANCE)
+    batch = vector_batch(scalar, scalar.reading[:, None], [[1e-10]])
+    noise = NoiseModel(2e-5, 3000.0, 1e-5)
+    expected = BatchLikelihood.of(scalar, DISTURBANCE, noise).log(XI)
+    np.testing.assert_allclose(BatchLikelihood.of(batch, ChannelMap([DISTURBANCE]), noise).log(XI), expected, rtol=1e-9)
+    settings = Matcher(map_sigma=2e-5)
+    one = Pmht.from_settings(settings).match(batch, ChannelMap([DISTURBANCE]), None)[0]
+    other = Pmht.from_settings(settings).match(scalar, DISTURBANCE, None)[0]
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
+    assert (one.latitude, one.longitude) == pytest.approx((other.latitude, other.longitude), abs=1e-12)
+
+
+def test_a_channel_without_a_reading_is_left_out():
+    batch, scalar, _ = tensor_batch()
+    reading = batch.reading.reshape(-1, C).copy()
+    reading[3, 2] = np.nan
+    reading[:, 4] = np.nan
+    four = ChannelMap(TENSOR.channels[:4])
+    holed = vector_batch(scalar, reading, COVARIANCE)
+    kept = vector_batch(scalar, reading[:, :4], COVARIANCE[:4, :4])
+    expected = BatchLikelihood.of(kept, four, NoiseModel()).log(XI)
+    np.testing.assert_allclose(BatchLikelihood.of(holed, TENSOR, NoiseModel()).log(XI), expected, rtol=1e-9)
+
+
+def test_pmht_knows_how_well_five_components_tell_the_place():
+    """Navigators off by draws of their prior: mean NEES in its 99.9 % interval, errors far below the prior."""
+    matcher = Pmht.from_settings(Matcher())
+    nees, errors = [], []
+    for run in range(30):
+        random = np.random.default_rng(1000 + run)
+        error = np.concatenate([random.normal(0.0, 300.0, 2), random.normal(0.0, 0.02, 2)])
+        batch, _, truth = tensor_batch(
+            error, seed=run, prior_sigma=(300.0, 0.02), start=tuple(random.uniform(-12e3, 2e3, 2)), scans=20
+        )
+        fix, _ = matcher.match(batch, TENSOR, None)
+        assert fix.published, fix.reason
+        errors.append(truth.error_of(fix))
+        nees.append(float(nees_per_axis(errors[-1], fix.covariance)))
+    low, high = chi_square_interval(len(nees), confidence=0.999)
+    assert low < np.mean(nees) < high
+    assert np.sqrt(np.mean(np.square(errors))) < 60.0
+
+
+def test_more_components_tell_more_and_shared_noise_cancels():
+    batch, scalar, _ = tensor_batch()
+    spread = {}
+    for name, channels, covariance in (
+        ("one", slice(0, 1), COVARIANCE[:1, :1]),
+        ("five", slice(0, C), COVARIANCE),
+        ("five, noise taken as independent", slice(0, C), np.diag(np.diag(COVARIANCE))),
+    ):
+        part = ChannelMap(TENSOR.channels[channels])
+        readings = batch.reading.reshape(-1, C)[:, channels]
+        fix, _ = Pmht.from_settings(Matcher()).match(vector_batch(scalar, readings, covariance), part, None)
+        assert fix.published, fix.reason
+        spread[name] = np.sqrt(np.trace(fix.covariance))
+    assert spread["five"] < 0.75 * spread["one"]
+    assert spread["five"] != pytest.approx(spread["five, noise taken as independent"], rel=0.02)
+
+
+def test_batches_that_follow_each_other_add_up():
+    """White noise: what two halves tell, the second given the first as context, is what the whole tells."""
+    batch, _, _ = tensor_batch(scans=20)
+    whole = BatchLikelihood.of(batch, TENSOR, NoiseModel(4.0 * EOTVOS, 2000.0))
+    first = BatchLikelihood.of(replace(batch, reading=np.where(np.arange(100) < 50, batch.reading, np.nan)), TENSOR,
+                               NoiseModel(4.0 * EOTVOS, 2000.0))  # fmt: skip
+    second = BatchLikelihood.of(replace(batch, new=50), TENSOR, NoiseModel(4.0 * EOTVOS, 2000.0))
+    np.testing.assert_allclose(first.log(XI) + second.log(XI), whole.log(XI), rtol=1e-8)
+
+
+def test_what_is_shown_of_a_batch_is_its_first_channel():
+    batch, scalar, _ = tensor_batch()
+    shown, field_map = first_channel(replace(batch, new=10 * C), TENSOR)
+    assert field_map is TENSOR.channels[0]
+    assert shown.new == 10
+    np.testing.assert_array_equal(shown.time, scalar.time)
+    np.testing.assert_array_equal(shown.reading, batch.reading[::C])
+    assert first_channel(scalar, DISTURBANCE) == (scalar, DISTURBANCE)
+    fix, _ = Pmht.from_settings(Matcher()).match(batch, TENSOR, None)
+    assert set(fix.candidates.scan) <= set(range(30))
+
+
+def test_what_does_not_fit_is_refused_or_declined():
+    scalar, _ = make_batch(DISTURBANCE)
+    readings = np.zeros((30, 2))
+    for bad, covariance, message in (
+        (np.zeros((29, 2)), np.eye(2), r"must have shape \(30, channels\), have \(29, 2\)"),
+        (np.zeros(30), np.eye(1), r"must have shape \(30, channels\), have \(30,\)"),
+        (readings, np.eye(3), r"covariance of vector readings must have shape \(2, 2\)"),
+        (readings, -np.eye(2), "must be positive definite"),
+        (readings, np.full((2, 2), np.nan), "must be positive definite"),
+    ):
+        with pytest.raises(InputError, match=message):
+            vector_batch(scalar, bad, covariance)
+    batch = vector_batch(scalar, readings, EOTVOS**2 * np.eye(2))
+    fix, _ = Pmht.from_settings(Matcher()).match(batch, ChannelMap(TENSOR.channels[:1]), None)
+    assert fix.reason == "the readings have 2 channels, the map 1"
+    fix, _ = Pmht.from_settings(Matcher(map_sigma="auto")).match(batch, TENSOR, None)
+    assert fix.reason == "the map error of several channels is not estimated; give map_sigma"
+
+
+def test_channels_must_lie_on_one_grid():
+    coarse = field_map_of(wavy, step=1000.0)
+    with pytest.raises(InputError, match="channel 1 of a vector map is on another grid"):
+        ChannelMap([DISTURBANCE, coarse])
+    with pytest.raises(InputError, match="channel 1 of a vector map is in nT, channel 0 in m/s²"):
+        ChannelMap([DISTURBANCE, replace(DISTURBANCE, unit="nT")])
+    with pytest.raises(InputError, match="at least one channel"):
+        ChannelMap([])
+
+
+def test_a_channel_that_says_its_error_is_taken_at_its_word():
+    """Its sigma with its own length where it is the larger one, else what is assumed."""
+    batch, _, _ = tensor_batch(scans=8)
+    told = ChannelMap([replace(one, sigma=6.0 * EOTVOS, correlation_length=700.0) for one in TENSOR.channels])
+    own = BatchLikelihood.of(batch, told, NoiseModel(0.0, 4000.0)).covariance
+    np.testing.assert_allclose(own, BatchLikelihood.of(batch, TENSOR, NoiseModel(6.0 * EOTVOS, 700.0)).covariance)
+    larger = NoiseModel(8.0 * EOTVOS, 4000.0)
+    expected = BatchLikelihood.of(batch, TENSOR, larger).covariance
+    np.testing.assert_allclose(BatchLikelihood.of(batch, told, larger).covariance, expected)

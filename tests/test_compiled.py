@@ -1,0 +1,162 @@
+"""Compiled functions on disk: reused when nothing has changed, never when something has."""
+
+import importlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import isogal
+from isogal.compiled import digest
+
+LIBRARY = Path(isogal.__file__).parent
+
+CALLEE = """
+from isogal.compiled import kernel
+from constants import FACTOR
+
+@kernel
+def scaled(x):
+    return FACTOR * x + 1.0
+"""
+CALLER = """
+from isogal.compiled import kernel
+{how}
+
+@kernel
+def twice(x):
+    return 2.0 * {name}(x)
+"""
+BY_NAME = CALLER.format(how="from callee import scaled", name="scaled")
+BY_MODULE = CALLER.format(how="import callee", name="callee.scaled")
+ASK = "from caller import twice; print(twice(3.0), *(sum(getattr(twice.stats, n).values()) for n in ('cache_hits', 'cache_misses')))"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "constants.py").write_text("FACTOR = 10.0\n")
+    (tmp_path / "callee.py").write_text(CALLEE)
+    (tmp_path / "caller.py").write_text(BY_NAME)
+    return tmp_path
+
+
+def run(folder: Path, code: str, **environment: str) -> str:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")} | environment
+    environment["PYTHONPATH"] = str(folder)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code], env=environment, capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def ask(folder: Path, **environment: str) -> tuple[float, str]:
+    """Return what the caller computes in a fresh process, and where its machine code came from."""
+    value, hits, misses = run(folder, ASK, **environment).split()
+    return float(value), {"10": "disk", "01": "compiler"}[hits + misses]
+
+
+def files(folder: Path, function: str) -> list[str]:
+    return sorted(path.name for path in (folder / "__pycache__").glob(f"{function}-*"))
+
+
+@pytest.mark.parametrize("caller", [BY_NAME, BY_MODULE])
+def test_change_in_another_file_reaches_the_caller(folder: Path, caller: str) -> None:
+    (folder / "caller.py").write_text(caller)
+    assert ask(folder) == (62.0, "compiler")
+    assert ask(folder) == (62.0, "disk")
+    (folder / "callee.py").write_text(CALLEE.replace("1.0", "2.0"))
+    assert ask(folder) == (64.0, "compiler")
+    (folder / "constants.py").write_text("FACTOR = 20.0\nOTHER = 1\n")  # two files below
+    assert ask(folder) == (124.0, "compiler")
+    assert ask(folder) == (124.0, "disk")
+    assert len(files(folder, "caller.twice")) == 2  # index and code of this version, none of the earlier ones
+
+
+def test_change_of_nothing_compiled_keeps_the_code(folder: Path) -> None:
+    ask(folder)
+    (folder / "constants.py").write_text("FACTOR = 10.0  # as before\n")
+    os.utime(folder / "callee.py", (1.0, 1.0))
+    assert ask(folder) == (62.0, "disk")
+
+
+def test_folder_of_the_user(folder: Path) -> None:
+    chosen = folder / "chosen"
+    ask(folder, NUMBA_CACHE_DIR=str(chosen))
+    assert list(chosen.rglob("caller.twice-*.nbi"))
+    assert not files(folder, "caller.twice")
+    assert ask(folder, NUMBA_CACHE_DIR=str(chosen)) == (62.0, "disk")
+
+
+def test_install_that_cannot_be_written(folder: Path) -> None:
+    (folder / "__pycache__").write_text("")  # a file, so that not even root gets a folder there
+    home = folder / "home"
+    for origin in ("compiler", "disk"):
+        assert ask(folder, HOME=str(home), XDG_CACHE_HOME=str(home / "cache")) == (62.0, origin)
+    assert list(home.rglob("caller.twice-*.nbi"))
+
+
+def test_no_folder_at_all(folder: Path) -> None:
+    (folder / "__pycache__").write_text("")
+    no_folder = str(folder / "__pycache__" / "cache")
+    assert run(folder, ASK, HOME=no_folder, XDG_CACHE_HOME=no_folder).split()[0] == "62.0"
+
+
+def test_many_processes_at_once(folder: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    started = [
+        subprocess.Popen([sys.executable, "-B", "-c", ASK], env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
+    assert [process.communicate(timeout=100)[0].split()[0] for process in started] == ["62.0"] * 4
+    assert ask(folder) == (62.0, "disk")
+
+
+def test_disk_is_full(folder: Path) -> None:
+    code = f"from numba.core import caching as c\ndef full(*_): raise OSError(28, 'full')\nc.IndexDataCacheFile.save = full\n{ASK}"
+    assert run(folder, code).split() == ["62.0", "0", "1"]
+
+
+def test_edited_library_gives_other_numbers(tmp_path: Path) -> None:
+    """The strapdown step, in a copy of the library, after an edit of the quaternion product that it calls."""
+    copy = tmp_path / "isogal"
+    shutil.copytree(LIBRARY, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        "import isogal; from isogal.inertial.strapdown import step;"
+        "print(isogal.__file__, step(0.5, 1.0, 100.0, *(20.0, 5.0, 0.0), *(0.6, 0.8, 0.0, 0.0), *(0.1, 0.2, -9.8), *(0.1, 0.2, 0.3), 1.0))"
+    )
+    first = run(tmp_path, code)
+    assert first.startswith(str(copy))
+    assert run(tmp_path, code) == first
+    source = copy / "inertial" / "rotations.py"
+    text = source.read_text()
+    assert text.count("aw * bw - ax * bx") == 1
+    source.write_text(text.replace("aw * bw - ax * bx", "aw * bw + ax * bx"))
+    assert run(tmp_path, code) != first
+
+
+def modules() -> Iterator[ModuleType]:
+    for package in ("isogal", "isogal_ros"):
+        try:
+            found = importlib.import_module(package)
+        except ImportError:  # no ROS here
+            continue
+        for info in pkgutil.walk_packages(found.__path__, f"{package}."):
+            yield importlib.import_module(info.name)
+
+
+def test_every_compiled_function_is_a_kernel() -> None:
+    found = {value for module in modules() for value in vars(module).values() if isinstance(value, Dispatcher)}
+    assert len(found) > 50
+    for compiled in found:
+        assert digest(compiled), compiled
+    sources: list[Any] = [path for path in LIBRARY.rglob("*.py") if path.name != "compiled.py"]
+    assert [path for path in sources if "njit" in path.read_text()] == []
