@@ -1,11 +1,13 @@
-"""The default matcher against the bound, case by case: maps in error, wrong assumptions, wide and hidden starts, outliers, turns.
+"""The default matcher against the bound, case by case: maps in error, wrong assumptions, wide and
+hidden starts, outliers, turns.
 
-    python benchmarks/accuracy.py [--runs 100] [--map FILE] [--batch-lengths 30 15] [--cases NAME ...] [--out FILE.json]
+    python benchmarks/accuracy.py [--runs 100] [--map FILE] [--batch-lengths 30 15] [--cases NAME
+    ...] [--out FILE.json]
 
-A case is a closed loop of so many runs (3.6 h; wide starts 1 h, hidden ones 1.5 h, or 2 h with a wrong map). `ratio` is RMS error
-over RMS bound, both over the time after the first hour; `batch` is what the ratio would be for a navigator at the bound that learns of
-readings at batch ends only. Cases that are in FILE.json already are not computed again.
-"""
+A case is a closed loop of so many runs (3.6 h; wide starts 1 h, hidden ones 1.5 h, or 2 h with a
+wrong map). `ratio` is RMS error over RMS bound, both over the time after the first hour; `batch`
+is what the ratio would be for a navigator at the bound that learns of readings at batch ends only.
+Cases that are in FILE.json already are not computed again."""
 
 import os
 
@@ -58,7 +60,11 @@ CASES: dict[str, list[str]] = (
         "ga 1e-5 3 mGal, L x 2": [*GOOD, *TOLD_3, "matcher.map_correlation_length=8000"],
         "ga 1e-5 3 mGal, L / 2": [*GOOD, *TOLD_3, "matcher.map_correlation_length=2000"],
         "ga 1e-5 3 mGal, auto": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
-        "dg 1e-6 3 mGal, auto": [*ROWS["dg 1e-6"], "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
+        "dg 1e-6 3 mGal, auto": [
+            *ROWS["dg 1e-6"],
+            "map_error.sigma=3e-5",
+            "matcher.map_sigma=auto",
+        ],
         "ga 1e-5, 5 % outliers": [*GOOD, "gravimeter.outlier_fraction=0.05"],
         "ga 1e-5 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
         "ga 1e-5 exact, stride 5": [*GOOD, "matcher.stride=5"],
@@ -68,17 +74,42 @@ CASES: dict[str, list[str]] = (
         "ga 1e-5, bias, auto": [*GOOD, *BIASED, "matcher.map_sigma=auto"],
         "ga 1e-5 3 mGal, bias told": [*GOOD, *TOLD_3, *BIASED, "matcher.bias_sigma=5e-5"],
         "ga 1e-5 3 mGal, bias untold": [*GOOD, *TOLD_3, *BIASED],
-        "ga 1e-5 3 mGal, bias, auto": [*GOOD, *BIASED, "map_error.sigma=3e-5", "matcher.map_sigma=auto"],
+        "ga 1e-5 3 mGal, bias, auto": [
+            *GOOD,
+            *BIASED,
+            "map_error.sigma=3e-5",
+            "matcher.map_sigma=auto",
+        ],
         "ga 1e-5, turns": [*GOOD, TURNS],
         "ga 1e-5, turns, pmht-paper": [*GOOD, TURNS, "matcher.name=pmht-paper"],
         "start 10 km": [*GOOD, "initial_error.position=10000", "route.duration=3600"],
-        "start 10 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.position=10000", "route.duration=3600"],
+        "start 10 km, 3 mGal": [
+            *GOOD,
+            *TOLD_3,
+            "initial_error.position=10000",
+            "route.duration=3600",
+        ],
         "hidden 5 km": [*GOOD, "initial_error.hidden_position=5000", "route.duration=5400"],
         "hidden 10 km": [*GOOD, "initial_error.hidden_position=10000", "route.duration=5400"],
         "hidden 20 km": [*GOOD, "initial_error.hidden_position=20000", "route.duration=5400"],
-        "hidden 5 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.hidden_position=5000", "route.duration=7200"],
-        "hidden 10 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.hidden_position=10000", "route.duration=7200"],
-        "hidden 20 km, 3 mGal": [*GOOD, *TOLD_3, "initial_error.hidden_position=20000", "route.duration=7200"],
+        "hidden 5 km, 3 mGal": [
+            *GOOD,
+            *TOLD_3,
+            "initial_error.hidden_position=5000",
+            "route.duration=7200",
+        ],
+        "hidden 10 km, 3 mGal": [
+            *GOOD,
+            *TOLD_3,
+            "initial_error.hidden_position=10000",
+            "route.duration=7200",
+        ],
+        "hidden 20 km, 3 mGal": [
+            *GOOD,
+            *TOLD_3,
+            "initial_error.hidden_position=20000",
+            "route.duration=7200",
+        ],
     }
 )
 CHUNK = 10
@@ -96,7 +127,9 @@ def some_runs(case: str, length: int, map_file: str | None, runs: range) -> Runs
     return simulate(scenario, runs, map_for_scenario(scenario, trajectory))
 
 
-def measure(case: str, length: int, map_file: str | None, runs: int, pool: ProcessPoolExecutor) -> dict[str, Any]:
+def measure(
+    case: str, length: int, map_file: str | None, runs: int, pool: ProcessPoolExecutor
+) -> dict[str, Any]:
     """Run one case."""
     scenario = scenario_of(case, length, map_file)
     trajectory = build_trajectory(scenario)
@@ -105,7 +138,9 @@ def measure(case: str, length: int, map_file: str | None, runs: int, pool: Proce
     jobs = [pool.submit(some_runs, case, length, map_file, part) for part in parts]
     record = Runs.concatenate([job.result() for job in jobs])
     bound, batch = (
-        posterior_cramer_rao(scenario, trajectory, field_map, batchwise=batchwise).rms_at(record.time)
+        posterior_cramer_rao(scenario, trajectory, field_map, batchwise=batchwise).rms_at(
+            record.time
+        )
         for batchwise in (False, True)
     )
     summary = summarise(record, scenario, bound, wall_seconds=0.0)
@@ -135,7 +170,9 @@ def measure(case: str, length: int, map_file: str | None, runs: int, pool: Proce
         last = np.array([np.flatnonzero(far)[-1] if far.any() else -1 for far in outside])
         when = record.elapsed[np.minimum(last + 1, len(record.elapsed) - 1)]
         row |= {
-            "found_at_45_min": float((error[:, np.searchsorted(record.elapsed, FOUND_WITHIN)] < FOUND).mean()),
+            "found_at_45_min": float(
+                (error[:, np.searchsorted(record.elapsed, FOUND_WITHIN)] < FOUND).mean()
+            ),
             "found_at_end": float((error[:, -1] < FOUND).mean()),
             "found_median_min": float(np.median(when)) / 60.0,
             "found_last_min": float(when.max()) / 60.0,
@@ -147,25 +184,31 @@ def text_of(case: str, length: int, row: dict[str, Any]) -> str:
     """One line of the table."""
     line = f"{case:30} T={length:<3} {row['runs']:4d} runs  "
     if "found_at_end" in row:
-        return line + (
-            f"found at 45 min {100 * row['found_at_45_min']:.0f} %, at the end {100 * row['found_at_end']:.0f} %;"
-            f" median {row['found_median_min']:.0f} min, last {row['found_last_min']:.0f} min;"
-            f" {row['fix_ms']:.1f} ms, slowest fix {row['slowest_fix_ms']:.0f} ms"
+        return (
+            line + f"found at 45 min {100 * row['found_at_45_min']:.0f} %, at the end"
+            f" {100 * row['found_at_end']:.0f} %; median {row['found_median_min']:.0f} min, last"
+            f" {row['found_last_min']:.0f} min; {row['fix_ms']:.1f} ms, slowest fix"
+            f" {row['slowest_fix_ms']:.0f} ms"
         )
-    return line + (
-        f"{row['rms_after_1h_m']:7.1f} m  bound {row['bound_after_1h_m']:6.1f}  ratio {row['ratio']:.3f} ± {row['ratio_error']:.3f}"
-        f" (batch {row['batch']:.3f})  NEES {row['nees_per_axis']:.2f}  diverged {row['diverged']}  declined {row['declined']}"
-        f"  {row['fix_ms']:.1f} ms"
+    return (
+        line + f"{row['rms_after_1h_m']:7.1f} m  bound {row['bound_after_1h_m']:6.1f}  ratio"
+        f" {row['ratio']:.3f} ± {row['ratio_error']:.3f} (batch {row['batch']:.3f})  NEES"
+        f" {row['nees_per_axis']:.2f}  diverged {row['diverged']}  declined {row['declined']} "
+        f" {row['fix_ms']:.1f} ms"
     )
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--map", help="map file; default: the synthetic map")
     parser.add_argument("--batch-lengths", type=int, nargs="+", default=[30, 15])
-    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME")
+    parser.add_argument(
+        "--cases", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="keep results there")
     options = parser.parse_args()
@@ -175,7 +218,10 @@ def main() -> None:
     with ProcessPoolExecutor(options.workers) as pool:
         for length in options.batch_lengths:
             for case in options.cases:
-                key = f"{case}, T = {length}, {Path(options.map).name if options.map else 'synthetic'}"
+                key = (
+                    f"{case}, T = {length},"
+                    f" {Path(options.map).name if options.map else 'synthetic'}"
+                )
                 if kept.get(key, {}).get("runs") != options.runs:
                     kept[key] = measure(case, length, options.map, options.runs, pool)
                     if options.out:

@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/graph.py [--duration 12960] [--set KEY=VALUE ...] [--json]
 
-Runs the scenario as four node processes and a recorder, then in one process, then once more in one process with clocks on every callback.
-"""
+Runs the scenario as four node processes and a recorder, then in one process, then once more in one
+process with clocks on every callback."""
 
 import argparse
 import json
@@ -56,14 +56,19 @@ def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
     usage.start()
     begun = time.monotonic()
     with interrupts() as interrupt:
-        outcome = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt, lambda progress: None)
+        outcome = run_processes(
+            Plan(scenario, folder / "bag"), folder / "log", interrupt, lambda progress: None
+        )
     total = time.monotonic() - begun
     usage.done.set()
     usage.join()
     return {
         "wall_s": outcome.wall_seconds,
         "with_start_and_end_s": total,
-        "processes": {name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]} for name in sorted(usage.peak)},
+        "processes": {
+            name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]}
+            for name in sorted(usage.peak)
+        },
     }
 
 
@@ -74,7 +79,8 @@ def in_one_process(scenario: Scenario, folder: Path) -> dict[str, Any]:
 
 
 class Clocks:
-    """Adds up the time in callbacks and in publishing; a publication inside a callback counts as publication only."""
+    """Adds up the time in callbacks and in publishing; a publication inside a callback counts as
+    publication only."""
 
     def __init__(self) -> None:
         self.calls: dict[str, int] = defaultdict(int)
@@ -97,7 +103,9 @@ class Clocks:
         subscribe = recorder_module.RecorderNode.create_subscription
 
         def timed_listen(this: Any, topic: Any, handler: Any, raw: bool = False) -> Any:
-            return listen(this, topic, self.around(f"{this.get_name()}: {topic.name}", handler), raw)
+            return listen(
+                this, topic, self.around(f"{this.get_name()}: {topic.name}", handler), raw
+            )
 
         def timed_publish(this: Any, message: Any) -> None:
             begun = time.perf_counter()
@@ -105,8 +113,12 @@ class Clocks:
             self.publishing += time.perf_counter() - begun
             self.calls["publish: serialise and send"] += 1
 
-        def timed_subscribe(this: Any, kind: Any, name: str, callback: Any, *rest: Any, **keys: Any) -> Any:
-            return subscribe(this, kind, name, self.around("isogal_recorder: write", callback), *rest, **keys)
+        def timed_subscribe(
+            this: Any, kind: Any, name: str, callback: Any, *rest: Any, **keys: Any
+        ) -> Any:
+            return subscribe(
+                this, kind, name, self.around("isogal_recorder: write", callback), *rest, **keys
+            )
 
         node_module.GraphNode.listen = timed_listen  # type: ignore[method-assign]
         recorder_module.RecorderNode.create_subscription = timed_subscribe
@@ -123,7 +135,10 @@ def where_time_goes(scenario: Scenario, folder: Path) -> dict[str, Any]:
     rows = sorted(clocks.seconds.items(), key=lambda item: -item[1])
     return {
         "wall_s": wall,
-        "parts": [{"part": name, "calls": clocks.calls[name], "seconds": seconds} for name, seconds in rows],
+        "parts": [
+            {"part": name, "calls": clocks.calls[name], "seconds": seconds}
+            for name, seconds in rows
+        ],
     }
 
 
@@ -135,24 +150,43 @@ def show(result: dict[str, Any]) -> None:
         return f"{wall:7.1f} s   {simulated / wall:6.0f} x real time"
 
     print(
-        f"Scenario of {simulated:.0f} s, {psutil.cpu_count()} processors, load before the start {result['load']:.1f}\n"
+        f"Scenario of {simulated:.0f} s, {psutil.cpu_count()} processors, load before the start"
+        f" {result['load']:.1f}\n"
     )
     print(
-        f"four processes and recorder {speed(processes['wall_s'])}   ({processes['with_start_and_end_s']:.1f} s with start and end)"
+        f"four processes and recorder {speed(processes['wall_s'])}  "
+        f" ({processes['with_start_and_end_s']:.1f} s with start and end)"
     )
     for name, usage in processes["processes"].items():
-        print(f"  {name:<25} {usage['cpu_s']:7.1f} s of processor   {usage['rss_mb']:6.0f} MB resident at most")
-    print(f"one process                 {speed(one['wall_s'])}   {one['rss_mb']:6.0f} MB resident\n")
+        print(
+            f"  {name:<25} {usage['cpu_s']:7.1f} s of processor   {usage['rss_mb']:6.0f} MB"
+            " resident at most"
+        )
+    print(
+        f"one process                 {speed(one['wall_s'])}   {one['rss_mb']:6.0f} MB resident\n"
+    )
     print(f"Where the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):")
     for row in parts["parts"]:
-        each = f"{row['seconds'] / row['calls'] * 1e6:8.0f} us each of {row['calls']}" if row["calls"] else ""
+        each = (
+            f"{row['seconds'] / row['calls'] * 1e6:8.0f} us each of {row['calls']}"
+            if row["calls"]
+            else ""
+        )
         print(f"  {row['seconds']:7.2f} s  {row['part']:<44} {each}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--duration", type=float, help="s to simulate; default: the scenario's")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the scenario")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a key of the scenario",
+    )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
@@ -162,7 +196,10 @@ def main() -> None:
 
     trajectory = build_trajectory(scenario)
     map_for_scenario(scenario, trajectory)  # made once, so that no run makes it
-    result: dict[str, Any] = {"simulated_s": float(trajectory.time[-1]), "load": psutil.getloadavg()[0]}
+    result: dict[str, Any] = {
+        "simulated_s": float(trajectory.time[-1]),
+        "load": psutil.getloadavg()[0],
+    }
     with tempfile.TemporaryDirectory() as folder:
         result["processes"] = as_processes(scenario, Path(folder))
         result["in_process"] = in_one_process(scenario, Path(folder))

@@ -1,11 +1,12 @@
 """All matchers on the same runs, in one call: error against the bound, honesty, time per fix.
 
-    python benchmarks/matchers.py [--runs 8] [--map FILE] [--figure docs/figures/matchers.png] [--json]
+    python benchmarks/matchers.py [--runs 8] [--map FILE] [--figure docs/figures/matchers.png]
+    [--json]
 
-Each case is a closed loop over the default route: the same seeds, so the same sensors, noise and map errors for every matcher. Errors
-are after the first hour, as ratios of RMS to the RMS of the posterior Cramér-Rao bound of the same case; time is the median over fixes, on
-one thread, and as a ratio to `pmht`, since absolute times are this machine's.
-"""
+Each case is a closed loop over the default route: the same seeds, so the same sensors, noise and
+map errors for every matcher. Errors are after the first hour, as ratios of RMS to the RMS of the
+posterior Cramér-Rao bound of the same case; time is the median over fixes, on one thread, and as a
+ratio to `pmht`, since absolute times are this machine's."""
 
 import os
 
@@ -33,9 +34,20 @@ from isogal.sensors.trajectory import build_trajectory
 CASES: dict[str, list[str]] = {
     "gravity 1 mGal, map exact": ["gravimeter.sigma=1e-5"],
     "gravity 20 mGal, map exact": ["gravimeter.sigma=2e-4"],
-    "disturbance 0.1 mGal, map exact": ["gravimeter.quantity=disturbance", "gravimeter.sigma=1e-6"],
-    "gravity 1 mGal, map error 3 mGal": ["gravimeter.sigma=1e-5", "map_error.sigma=3e-5", "matcher.map_sigma=3e-5"],
-    "gravity 1 mGal, map error 8 mGal": ["gravimeter.sigma=1e-5", "map_error.sigma=8e-5", "matcher.map_sigma=8e-5"],
+    "disturbance 0.1 mGal, map exact": [
+        "gravimeter.quantity=disturbance",
+        "gravimeter.sigma=1e-6",
+    ],
+    "gravity 1 mGal, map error 3 mGal": [
+        "gravimeter.sigma=1e-5",
+        "map_error.sigma=3e-5",
+        "matcher.map_sigma=3e-5",
+    ],
+    "gravity 1 mGal, map error 8 mGal": [
+        "gravimeter.sigma=1e-5",
+        "map_error.sigma=8e-5",
+        "matcher.map_sigma=8e-5",
+    ],
 }
 
 
@@ -70,8 +82,21 @@ def draw(results: dict[str, dict[str, dict[str, float]]]) -> Figure:
     for ax, case in zip(axes, names, strict=False):
         for name, row in results[case].items():
             colour = "black" if name == "pmht" else "0.55"
-            ax.plot(row["fix_ms"], row["ratio"], markers[name], color=colour, markersize=5, linestyle="none")
-            ax.annotate(name, (row["fix_ms"], row["ratio"]), xytext=(5, 3), textcoords="offset points", fontsize=7)
+            ax.plot(
+                row["fix_ms"],
+                row["ratio"],
+                markers[name],
+                color=colour,
+                markersize=5,
+                linestyle="none",
+            )
+            ax.annotate(
+                name,
+                (row["fix_ms"], row["ratio"]),
+                xytext=(5, 3),
+                textcoords="offset points",
+                fontsize=7,
+            )
         ax.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
         ax.set(xscale="log", yscale="log", title=case)
     for ax in axes[len(names) :]:
@@ -83,12 +108,20 @@ def draw(results: dict[str, dict[str, dict[str, float]]]) -> Figure:
 
 def main() -> None:
     """Measure, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=8)
     parser.add_argument("--map", help="map file; default: the synthetic map")
     parser.add_argument("--batch-length", type=int, default=30)
     parser.add_argument("--matchers", nargs="+", default=list(MATCHERS), choices=list(MATCHERS))
-    parser.add_argument("--cases", nargs="+", type=int, default=list(range(len(CASES))), help="indices of the cases")
+    parser.add_argument(
+        "--cases",
+        nargs="+",
+        type=int,
+        default=list(range(len(CASES))),
+        help="indices of the cases",
+    )
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
@@ -98,18 +131,28 @@ def main() -> None:
         results[case] = {}
         if not arguments.json:
             print(
-                f"\n{case}\n{'matcher':12} {'RMS/bound':>9} {'RMS m':>8} {'NEES':>9} {'div.':>5} {'decl.':>6} {'ms':>7} {'ms/pmht':>8}"
+                f"\n{case}\n{'matcher':12} {'RMS/bound':>9} {'RMS m':>8} {'NEES':>9} {'div.':>5}"
+                f" {'decl.':>6} {'ms':>7} {'ms/pmht':>8}"
             )
         for name in arguments.matchers:
-            overrides = [*settings, f"matcher.name={name}", f"matcher.batch_length={arguments.batch_length}"]
+            overrides = [
+                *settings,
+                f"matcher.name={name}",
+                f"matcher.batch_length={arguments.batch_length}",
+            ]
             if arguments.map:
                 overrides.append(f"map.source={arguments.map}")
             row = results[case][name] = measure(load_scenario(None, overrides), arguments.runs)
             if not arguments.json:
-                relative = row["fix_ms"] / results[case]["pmht"]["fix_ms"] if "pmht" in results[case] else np.nan
+                relative = (
+                    row["fix_ms"] / results[case]["pmht"]["fix_ms"]
+                    if "pmht" in results[case]
+                    else np.nan
+                )
                 print(
-                    f"{name:12} {row['ratio']:9.2f} {row['rms_after_1h_m']:8.1f} {row['nees_per_axis']:9.2f} {row['diverged']:5d}"
-                    f" {row['declined']:6d} {row['fix_ms']:7.2f} {relative:8.2f}",
+                    f"{name:12} {row['ratio']:9.2f} {row['rms_after_1h_m']:8.1f}"
+                    f" {row['nees_per_axis']:9.2f} {row['diverged']:5d} {row['declined']:6d}"
+                    f" {row['fix_ms']:7.2f} {relative:8.2f}",
                     flush=True,
                 )
     if arguments.json:

@@ -1,14 +1,17 @@
-"""How much navigation a second of CPU time buys: Isogal's Monte Carlo beside filterpy's filter and Stone Soup's PMHT, in one call.
+"""How much navigation a second of CPU time buys: Isogal's Monte Carlo beside filterpy's filter and
+Stone Soup's PMHT, in one call.
 
     python benchmarks/montecarlo.py [--runs 8] [--matcher pmht-paper] [--json]
 
-Isogal runs the default scenario in closed loop (all runs and all 3.6 h). filterpy's UnscentedKalmanFilter navigates the first minutes of
-run 0: the same 15 states, the same IMU readings, Isogal's strapdown step as fx, the known height as measurement. Stone Soup's PMHTTracker
-matches batches of run 0: the same scans, candidates and prior, as many iterations. Both results are checked against Isogal's before they
-are timed, so the same work is compared. Times are CPU times of this process with one thread; rates are extrapolated to an hour of one run.
+Isogal runs the default scenario in closed loop (all runs and all 3.6 h). filterpy's
+UnscentedKalmanFilter navigates the first minutes of run 0: the same 15 states, the same IMU
+readings, Isogal's strapdown step as fx, the known height as measurement. Stone Soup's PMHTTracker
+matches batches of run 0: the same scans, candidates and prior, as many iterations. Both results
+are checked against Isogal's before they are timed, so the same work is compared. Times are CPU
+times of this process with one thread; rates are extrapolated to an hour of one run.
 
-Stone Soup is not a dependency: pip install -r benchmarks/requirements.txt. Without it that part is left out, and said so.
-"""
+Stone Soup is not a dependency: pip install -r benchmarks/requirements.txt. Without it that part is
+left out, and said so."""
 
 import argparse
 import datetime
@@ -79,7 +82,9 @@ class WatchedMatcher:
         return answer
 
 
-def isogal_closed_loop(scenario: Scenario, field_map: FieldMap, runs: int) -> tuple[dict[str, float], WatchedMatcher]:
+def isogal_closed_loop(
+    scenario: Scenario, field_map: FieldMap, runs: int
+) -> tuple[dict[str, float], WatchedMatcher]:
     """CPU seconds of a Monte Carlo, in all and by part."""
     clock = Clock()
     matcher = WatchedMatcher(build_matcher(scenario.matcher), clock)
@@ -100,13 +105,25 @@ def _sigma_points_through_strapdown(count, position, velocity, attitude, bias, f
     points = np.full((ukf.N, ukf.LANES), 1e-9)
     ends = np.empty((10, ukf.LANES))
     for _ in range(count):
-        ukf.propagate_points(position, velocity, attitude, bias, bias, force, rate, dt, points, ends)
+        ukf.propagate_points(
+            position, velocity, attitude, bias, bias, force, rate, dt, points, ends
+        )
     return ends
 
 
-def strapdown_share(state: FilterState, force: Array, rate: Array, dt: float, count: int = 20000) -> float:
+def strapdown_share(
+    state: FilterState, force: Array, rate: Array, dt: float, count: int = 20000
+) -> float:
     """CPU seconds that the strapdown of all sigma points takes in one step of the filter."""
-    arguments = state.position[0], state.velocity[0], state.attitude[0], np.zeros(3), force, rate, dt
+    arguments = (
+        state.position[0],
+        state.velocity[0],
+        state.attitude[0],
+        np.zeros(3),
+        force,
+        rate,
+        dt,
+    )
     _sigma_points_through_strapdown(1, *arguments)
     start = time.thread_time()
     _sigma_points_through_strapdown(count, *arguments)
@@ -114,15 +131,20 @@ def strapdown_share(state: FilterState, force: Array, rate: Array, dt: float, co
 
 
 class FilterpyNavigator:
-    """The same navigator built from filterpy: state latitude, longitude, height, velocity, rotation vector, biases."""
+    """The same navigator built from filterpy: state latitude, longitude, height, velocity,
+    rotation vector, biases."""
 
     def __init__(self, state: FilterState, model: FilterModel) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         points = MerweScaledSigmaPoints(15, model.alpha, model.beta, model.kappa)
-        self.filter = UnscentedKalmanFilter(15, 1, model.dt, hx=lambda x: x[2:3], fx=self._move, points=points)
+        self.filter = UnscentedKalmanFilter(
+            15, 1, model.dt, hx=lambda x: x[2:3], fx=self._move, points=points
+        )
         north, east = metres_per_radian(state.position[0, 0], state.position[0, 2])
-        scale = np.array([1 / north, 1 / east, -1.0, *np.ones(12)])  # error states in metres to states in rad
+        scale = np.array(
+            [1 / north, 1 / east, -1.0, *np.ones(12)]
+        )  # error states in metres to states in rad
         turn = to_rotation_vector(*state.attitude[0])
         biases = np.concatenate([state.accelerometer_bias[0], state.gyroscope_bias[0]])
         self.filter.x = np.concatenate([state.position[0], state.velocity[0], turn, biases])
@@ -148,7 +170,11 @@ def filterpy_filter(scenario: Scenario) -> dict[str, float]:
     trajectory = build_trajectory(scenario)
     steps = min(FILTERPY_STEPS, len(trajectory))
     imu = simulate_imu(scenario, trajectory, [0])
-    force, rate, height = imu.specific_force[:, :steps], imu.angular_rate[:, :steps], trajectory.height[1 : steps + 1]
+    force, rate, height = (
+        imu.specific_force[:, :steps],
+        imu.angular_rate[:, :steps],
+        trajectory.height[1 : steps + 1],
+    )
     model = FilterModel.from_scenario(scenario)
     start = FilterState.start(draw_initial_state(scenario, trajectory, [0]), model)
     ours, theirs = start.copy(), FilterpyNavigator(start, model)
@@ -159,9 +185,13 @@ def filterpy_filter(scenario: Scenario) -> dict[str, float]:
     for k in range(steps):
         theirs.advance(force[0, k], rate[0, k], float(height[k]))
     seconds = time.thread_time() - begin
-    apart = (ours.position[0, :2] - theirs.filter.x[:2]) * np.array(metres_per_radian(ours.position[0, 0]))
+    apart = (ours.position[0, :2] - theirs.filter.x[:2]) * np.array(
+        metres_per_radian(ours.position[0, 0])
+    )
     if not np.hypot(*apart) < 1.0:
-        raise SystemExit(f"filterpy's filter ends {np.hypot(*apart):.1f} m from ours: not the same work")
+        raise SystemExit(
+            f"filterpy's filter ends {np.hypot(*apart):.1f} m from ours: not the same work"
+        )
     begin = time.thread_time()
     repeats = 20
     for _ in range(repeats):
@@ -178,9 +208,13 @@ def filterpy_filter(scenario: Scenario) -> dict[str, float]:
 
 
 def stonesoup_batch(batch: Batch, fix: Fix) -> Callable[[], Array]:
-    """Return a function that lets Stone Soup match a batch from the candidates of the paper's matcher; it gives (T, 2) m."""
+    """Return a function that lets Stone Soup match a batch from the candidates of the paper's
+    matcher; it gives (T, 2) m."""
     from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
+    from stonesoup.models.transition.linear import (
+        CombinedLinearGaussianTransitionModel,
+        ConstantVelocity,
+    )
     from stonesoup.predictor.kalman import KalmanPredictor
     from stonesoup.smoother.kalman import KalmanSmoother
     from stonesoup.tracker.pmht import PMHTTracker
@@ -197,13 +231,20 @@ def stonesoup_batch(batch: Batch, fix: Fix) -> Callable[[], Array]:
     for t, stamp in enumerate(batch.time):
         when = epoch + datetime.timedelta(seconds=float(stamp))
         mine = places[fix.candidates.scan == t]
-        scans.append((when, {Detection(place[:, None], when, measurement_model=measurement) for place in mine}))
+        scans.append(
+            (
+                when,
+                {Detection(place[:, None], when, measurement_model=measurement) for place in mine},
+            )
+        )
     start = plane.metres(batch.latitude[:1], batch.longitude[:1])[0]
     F = constant_velocity(np.diff(batch.time[:2]), 1e-5)[0][0]
     order = np.array([0, 2, 1, 3])  # Stone Soup interleaves position and velocity
     prior = (np.linalg.inv(F) @ batch.prior @ np.linalg.inv(F).T)[np.ix_(order, order)]
     mean = np.array([start[0], batch.velocity[0, 0], start[1], batch.velocity[0, 1]])[:, None]
-    transition = CombinedLinearGaussianTransitionModel([ConstantVelocity(1e-5), ConstantVelocity(1e-5)])
+    transition = CombinedLinearGaussianTransitionModel(
+        [ConstantVelocity(1e-5), ConstantVelocity(1e-5)]
+    )
 
     def match() -> Array:
         tracker = PMHTTracker(
@@ -223,13 +264,16 @@ def stonesoup_batch(batch: Batch, fix: Fix) -> Callable[[], Array]:
         tracker.detector_iter = iter(scans)
         _, tracks = next(tracker)
         (track,) = tracks
-        return np.array([[float(state.mean[0]), float(state.mean[2])] for state in track[-len(scans) :]])
+        return np.array(
+            [[float(state.mean[0]), float(state.mean[2])] for state in track[-len(scans) :]]
+        )
 
     return match
 
 
 def stonesoup_matching(batches: list[Batch], field_map: FieldMap) -> dict[str, float] | None:
-    """CPU seconds per batch of both PMHTs, and how far apart they put its last scan (m, median); None without Stone Soup."""
+    """CPU seconds per batch of both PMHTs, and how far apart they put its last scan (m, median);
+    None without Stone Soup."""
     try:
         import stonesoup.tracker.pmht  # noqa: F401
     except ImportError:
@@ -252,8 +296,14 @@ def stonesoup_matching(batches: list[Batch], field_map: FieldMap) -> dict[str, f
         there = LocalPlane.of(batch).metres(np.array([fix.latitude]), np.array([fix.longitude]))[0]
         apart.append(np.hypot(*(track[-1] - there)))
     if not np.median(apart) < 1500.0:
-        raise SystemExit(f"Stone Soup's fixes are {np.median(apart):.0f} m from ours: not the same work")
-    return {"stonesoup": float(np.mean(theirs)), "isogal": float(np.mean(mine)), "apart_m": float(np.median(apart))}
+        raise SystemExit(
+            f"Stone Soup's fixes are {np.median(apart):.0f} m from ours: not the same work"
+        )
+    return {
+        "stonesoup": float(np.mean(theirs)),
+        "isogal": float(np.mean(mine)),
+        "apart_m": float(np.median(apart)),
+    }
 
 
 def measure(runs: int, matcher: str) -> dict[str, Any]:
@@ -262,7 +312,9 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
     duration = float(trajectory.time[-1])
-    warm = validate_scenario({"matcher": {"name": matcher, "batch_length": 30}, "route": {"duration": 600.0}})
+    warm = validate_scenario(
+        {"matcher": {"name": matcher, "batch_length": 30}, "route": {"duration": 600.0}}
+    )
     engine.simulate(warm, [0], field_map)  # compiles
     seconds, watched = isogal_closed_loop(scenario, field_map, runs)
     hours = runs * duration / HOUR
@@ -274,7 +326,10 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
         "run_hours": hours,
         "closed_loop": {
             "run_hours_per_cpu_second": hours / seconds["all"],
-            "share": {part: seconds[part] / seconds["all"] for part in ("strapdown", "filter", "matching")},
+            "share": {
+                part: seconds[part] / seconds["all"]
+                for part in ("strapdown", "filter", "matching")
+            },
             "share_strapdown_in_filter": filters["strapdown_in_filter"] / filters["isogal"],
         },
         "filter": {
@@ -293,7 +348,9 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
             "ratio": soup["stonesoup"] / soup["isogal"],
             "apart_m": soup["apart_m"],
         }
-        result["closed_loop_over_stonesoup_matching"] = hours / seconds["all"] * HOUR / batch * soup["stonesoup"]
+        result["closed_loop_over_stonesoup_matching"] = (
+            hours / seconds["all"] * HOUR / batch * soup["stonesoup"]
+        )
     return result
 
 
@@ -301,31 +358,45 @@ def show(result: dict[str, Any]) -> None:
     loop, filters = result["closed_loop"], result["filter"]
     share = loop["share"]
     rest = 1.0 - sum(share.values())
-    print(f"Run-hours of navigation per CPU second, one core ({result['runs']} runs of the default scenario)\n")
-    print(f"  Isogal, closed loop with {result['matcher']:<12} {loop['run_hours_per_cpu_second']:10.2f}")
+    print(
+        f"Run-hours of navigation per CPU second, one core ({result['runs']} runs of the default"
+        " scenario)\n"
+    )
+    print(
+        f"  Isogal, closed loop with {result['matcher']:<12}"
+        f" {loop['run_hours_per_cpu_second']:10.2f}"
+    )
     print(f"    strapdown {share['strapdown']:.0%}, filter {share['filter']:.0%} (of which strapdown of the sigma points "
           f"{loop['share_strapdown_in_filter']:.0%}), matching {share['matching']:.0%}, rest {rest:.0%}")  # fmt: skip
     print(
-        f"  filter alone:    Isogal {filters['isogal']:8.1f}   filterpy {filters['filterpy']:8.4f}   ratio {filters['ratio']:7.0f}"
+        f"  filter alone:    Isogal {filters['isogal']:8.1f}   filterpy {filters['filterpy']:8.4f}"
+        f"   ratio {filters['ratio']:7.0f}"
     )
     if "matching" in result:
         m = result["matching"]
         print(
-            f"  PMHT alone:      Isogal {m['isogal']:8.1f}   Stone Soup {m['stonesoup']:6.4f}   ratio {m['ratio']:7.0f}"
+            f"  PMHT alone:      Isogal {m['isogal']:8.1f}   Stone Soup {m['stonesoup']:6.4f}  "
+            f" ratio {m['ratio']:7.0f}"
         )
     else:
-        print("  PMHT alone:      Stone Soup is not installed (pip install -r benchmarks/requirements.txt)")
+        print(
+            "  PMHT alone:      Stone Soup is not installed (pip install -r"
+            " benchmarks/requirements.txt)"
+        )
     print(
-        f"\n  Isogal's closed loop over filterpy's filter alone: {result['closed_loop_over_filterpy_filter']:.0f} times"
+        "\n  Isogal's closed loop over filterpy's filter alone:"
+        f" {result['closed_loop_over_filterpy_filter']:.0f} times"
     )
     if "matching" in result:
         print(
-            f"  Isogal's closed loop over Stone Soup's PMHT alone: {result['closed_loop_over_stonesoup_matching']:.0f} times"
+            "  Isogal's closed loop over Stone Soup's PMHT alone:"
+            f" {result['closed_loop_over_stonesoup_matching']:.0f} times"
         )
     checks = [f"filterpy's filter ends {filters['apart_m']:.2g} m from ours"]
     if "matching" in result:
         checks.append(
-            f"Stone Soup's fixes are {result['matching']['apart_m']:.0f} m from ours (median; it has one covariance for all candidates)"
+            f"Stone Soup's fixes are {result['matching']['apart_m']:.0f} m from ours (median; it"
+            " has one covariance for all candidates)"
         )
     print(f"  Checked: {'; '.join(checks)}.")
 
@@ -337,7 +408,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    if any(os.environ.get(name) != value for name, value in threads.items()):  # read when NumPy is loaded: start anew
+    if any(
+        os.environ.get(name) != value for name, value in threads.items()
+    ):  # read when NumPy is loaded: start anew
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | threads)
     result = measure(arguments.runs, arguments.matcher)
     if arguments.json:

@@ -1,11 +1,12 @@
-"""Matching measurements that nobody simulated: gravity stations at Clear Lake, aeromagnetic lines over Scotland.
+"""Matching measurements that nobody simulated: gravity stations at Clear Lake, aeromagnetic lines
+over Scotland.
 
     python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json]
 
-DATA (default ../shared/data) holds the two maps and the measurements that were kept out of them; docs/real-data.md says what they are and
-what comes out. Nothing is tuned on what it is reported on: correlation length and sensor noise for a line at Clear Lake come from the other
-lines, those for the tie lines of Scotland from its flight lines.
-"""
+DATA (default ../shared/data) holds the two maps and the measurements that were kept out of them;
+docs/real-data.md says what they are and what comes out. Nothing is tuned on what it is reported
+on: correlation length and sensor noise for a line at Clear Lake come from the other lines, those
+for the tie lines of Scotland from its flight lines."""
 
 import os
 
@@ -47,7 +48,8 @@ GROWTH = (10, 15, 20, 30, 45, 60, 90, 120)
 """Readings after which a line's fix is looked at."""
 MGAL = 1e-5
 UNLEARNT = (4000.0, 0.5 * MGAL)
-"""Correlation length (m) and sensor noise of somebody who has learnt nothing here: the default of `isogal match`, and 0.5 mGal."""
+"""Correlation length (m) and sensor noise of somebody who has learnt nothing here: the default of
+`isogal match`, and 0.5 mGal."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +70,16 @@ class Line:
     def track(self, sensor_sigma: float, shift: tuple[float, float] = (0.0, 0.0)) -> Track:
         """Return what a navigator that is off by a shift (north, east m) records.
 
-        A gravimeter's reading is compared with normal gravity + map + terrain effect; normal gravity is taken at the navigator's latitude.
-        """
+        A gravimeter's reading is compared with normal gravity + map + terrain effect; normal
+        gravity is taken at the navigator's latitude."""
         north, east = metres_per_radian(self.latitude)
         latitude, longitude = self.latitude + shift[0] / north, self.longitude + shift[1] / east
         gravity = self.height is not None
-        offset = normal_gravity(latitude, self.height) + self.terrain if gravity else np.zeros(self.value.size)
+        offset = (
+            normal_gravity(latitude, self.height) + self.terrain
+            if gravity
+            else np.zeros(self.value.size)
+        )
         return Track(
             time=60.0 * np.arange(self.value.size),
             latitude=latitude,
@@ -87,7 +93,11 @@ class Line:
 
     def part(self, count: int) -> "Line":
         """Return the first readings."""
-        cut = {key: None if value is None else value[:count] for key, value in vars(self).items() if key != "name"}
+        cut = {
+            key: None if value is None else value[:count]
+            for key, value in vars(self).items()
+            if key != "name"
+        }
         return Line(self.name, **cut)
 
 
@@ -95,24 +105,35 @@ def clear_lake(data: Path) -> tuple[FieldMap, list[Line], Line]:
     """Return the map (with its own 1-sigma), the four lines, and the scattered stations."""
     field_map = load_map(data / "clear_lake_gravity_map.nc", "bouguer_disturbance")
     with netCDF4.Dataset(data / "clear_lake_gravity_stations.nc") as dataset:
-        v = {name: np.ma.filled(variable[:].astype(float), np.nan) for name, variable in dataset.variables.items()}
+        v = {
+            name: np.ma.filled(variable[:].astype(float), np.nan)
+            for name, variable in dataset.variables.items()
+        }
 
     def line(rows: Any, name: str) -> Line:
         place = np.radians(v["lat"][rows]), np.radians(v["lon"][rows])
-        return Line(name, *place, v["observed_gravity"][rows], v["height"][rows], v["terrain_effect"][rows])
+        return Line(
+            name, *place, v["observed_gravity"][rows], v["height"][rows], v["terrain_effect"][rows]
+        )
 
     lines = []
     for number in range(4):
         rows = np.flatnonzero(v["line"] == number)
-        lines.append(line(rows[np.argsort(v["along_track"][rows], kind="stable")], f"line {number}"))
+        lines.append(
+            line(rows[np.argsort(v["along_track"][rows], kind="stable")], f"line {number}")
+        )
     return field_map, lines, line(np.flatnonzero(v["line"] < 0), "scattered")
 
 
 def scotland(data: Path) -> tuple[FieldMap, list[Line], list[Line]]:
-    """Return the map, its flight lines and its tie lines (of 100 readings and more), each ordered along itself."""
+    """Return the map, its flight lines and its tie lines (of 100 readings and more), each ordered
+    along itself."""
     field_map = load_map(data / "scotland_magnetic_map.nc", "magnetic_anomaly")
     with netCDF4.Dataset(data / "scotland_magnetic_lines.nc") as dataset:
-        v = {name: np.ma.filled(variable[:].astype(float), np.nan) for name, variable in dataset.variables.items()}
+        v = {
+            name: np.ma.filled(variable[:].astype(float), np.nan)
+            for name, variable in dataset.variables.items()
+        }
     groups: dict[int, list[Line]] = {1: [], 2: []}
     for role, found in groups.items():
         for number in np.unique(v["line"][v["role"] == role]):
@@ -126,21 +147,29 @@ def scotland(data: Path) -> tuple[FieldMap, list[Line], list[Line]]:
 
 
 def residuals(line: Line, field_map: FieldMap) -> tuple[Array, NDArray[np.bool_]]:
-    """Return readings less map at the true positions, and where the map has a value and an error."""
+    """Return readings less map at the true positions, and where the map has a value and an
+    error."""
     track = line.track(1.0)
     value = track.value - track.offset - field_map.value(line.latitude, line.longitude)
-    return value, np.isfinite(value) & np.isfinite(field_map.sigma_at(line.latitude, line.longitude))
+    return value, np.isfinite(value) & np.isfinite(
+        field_map.sigma_at(line.latitude, line.longitude)
+    )
 
 
-def nis(line: Line, field_map: FieldMap, length: float, sensor_sigma: float) -> tuple[float, float]:
-    """Return the normalised innovation squared per reading, r' R⁻¹ r / n, and that of the line's mean residual alone.
+def nis(
+    line: Line, field_map: FieldMap, length: float, sensor_sigma: float
+) -> tuple[float, float]:
+    """Return the normalised innovation squared per reading, r' R⁻¹ r / n, and that of the line's
+    mean residual alone.
 
-    The second is one number with mean 1, too: it shows what a model says about errors that many readings share.
-    """
+    The second is one number with mean 1, too: it shows what a model says about errors that many
+    readings share."""
     value, keep = residuals(line, field_map)
     latitude, longitude, value = line.latitude[keep], line.longitude[keep], value[keep]
     white = np.full(value.size, sensor_sigma**2)
-    covariance = residual_covariance(latitude, longitude, white, field_map.sigma_at(latitude, longitude), length, 0.0)
+    covariance = residual_covariance(
+        latitude, longitude, white, field_map.sigma_at(latitude, longitude), length, 0.0
+    )
     mean = value.mean() ** 2 / (covariance.sum() / value.size**2)
     return float(value @ np.linalg.solve(covariance, value)) / value.size, float(mean)
 
@@ -152,7 +181,12 @@ def bearings(count: int) -> list[tuple[float, float]]:
 
 
 def match_line(
-    line: Line, field_map: FieldMap, length: float, sensor_sigma: float, shift: tuple[float, float], **keys: Any
+    line: Line,
+    field_map: FieldMap,
+    length: float,
+    sensor_sigma: float,
+    shift: tuple[float, float],
+    **keys: Any,
 ) -> list[Match]:
     """Match a line that the navigator sees AWAY from where it is."""
     how = {"chained": keys.pop("chained", False), "checked": keys.pop("checked", True)}
@@ -162,7 +196,8 @@ def match_line(
 
 
 def row_of(line: Line, match: Match, aided: bool = False) -> dict[str, Any]:
-    """Return error, 1-sigma axes and NEES of a match; `aided` = of the track after it, with the prior and all earlier fixes."""
+    """Return error, 1-sigma axes and NEES of a match; `aided` = of the track after it, with the
+    prior and all earlier fixes."""
     last = match.rows.stop - 1
     place = match.position if aided else (match.fix.latitude, match.fix.longitude)
     covariance = match.covariance[:2, :2] if aided else match.fix.covariance
@@ -197,8 +232,11 @@ def summary_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return result
 
 
-def rigid_search(line: Line, field_map: FieldMap, shift: tuple[float, float], reach: float = 6000.0) -> float:
-    """Return the error (m) of the place with the least squares of the residuals about their mean, within a reach of the navigator."""
+def rigid_search(
+    line: Line, field_map: FieldMap, shift: tuple[float, float], reach: float = 6000.0
+) -> float:
+    """Return the error (m) of the place with the least squares of the residuals about their mean,
+    within a reach of the navigator."""
     track = line.track(1.0, shift)
     level = track.value - track.offset
     slope = track.jacobian(field_map.quantity)[:, 0]
@@ -221,7 +259,9 @@ def rigid_search(line: Line, field_map: FieldMap, shift: tuple[float, float], re
     return float(np.hypot(*(found - shift)))
 
 
-def study_clear_lake(data: Path, directions: int = 4, growth: Sequence[int] = GROWTH) -> dict[str, Any]:
+def study_clear_lake(
+    data: Path, directions: int = 4, growth: Sequence[int] = GROWTH
+) -> dict[str, Any]:
     """Return everything about Clear Lake."""
     field_map, lines, scattered = clear_lake(data)
     result: dict[str, Any] = {
@@ -239,14 +279,25 @@ def study_clear_lake(data: Path, directions: int = 4, growth: Sequence[int] = GR
     everything = fit_map_error([line.track(1.0) for line in lines], field_map)
     result["settings"]["all lines"] = vars_of(everything)
     length, sensor = everything.correlation_length, everything.sensor_sigma
-    result["nis"]["scattered"] = [*nis(scattered, field_map, 1.0, sensor), *nis(scattered, field_map, length, sensor)]
-    batches: dict[str, list[dict[str, Any]]] = {"independent": [], "bare": [], "chained": [], "white": []}
+    result["nis"]["scattered"] = [
+        *nis(scattered, field_map, 1.0, sensor),
+        *nis(scattered, field_map, length, sensor),
+    ]
+    batches: dict[str, list[dict[str, Any]]] = {
+        "independent": [],
+        "bare": [],
+        "chained": [],
+        "white": [],
+    }
     for line in lines:
         others = [other.track(1.0) for other in lines if other is not line]
         fit = fit_map_error(others, field_map)
         length, sensor = fit.correlation_length, fit.sensor_sigma
         result["settings"][line.name] = vars_of(fit)
-        result["nis"][line.name] = [*nis(line, field_map, 1.0, sensor), *nis(line, field_map, length, sensor)]
+        result["nis"][line.name] = [
+            *nis(line, field_map, 1.0, sensor),
+            *nis(line, field_map, length, sensor),
+        ]
         for kind, own, noise, checked in (
             ("whole", length, sensor, True),
             ("bare", length, sensor, False),
@@ -258,7 +309,9 @@ def study_clear_lake(data: Path, directions: int = 4, growth: Sequence[int] = GR
                 for shift in bearings(directions)
             ]
             result[kind][line.name] = {"rows": rows, **summary_of(rows)}
-        result["rigid_m"][line.name] = [rigid_search(line, field_map, shift) for shift in bearings(directions)]
+        result["rigid_m"][line.name] = [
+            rigid_search(line, field_map, shift) for shift in bearings(directions)
+        ]
         result["growth"][line.name] = [
             {"readings": n} | growth_at(line.part(n), field_map, length, sensor, 2)
             for n in [*(n for n in growth if n < line.value.size), line.value.size]
@@ -271,21 +324,35 @@ def study_clear_lake(data: Path, directions: int = 4, growth: Sequence[int] = GR
                 ("white", 1.0, False, False),
             ):
                 matches = match_line(
-                    line, field_map, own, sensor, shift, batch_length=30, chained=chained, checked=checked
+                    line,
+                    field_map,
+                    own,
+                    sensor,
+                    shift,
+                    batch_length=30,
+                    chained=chained,
+                    checked=checked,
                 )
                 batches[kind] += [row_of(line, match, aided=chained) for match in matches]
     result["batches"] = {kind: summary_of(rows) | {"rows": rows} for kind, rows in batches.items()}
     return result
 
 
-def growth_at(line: Line, field_map: FieldMap, length: float, sensor: float, directions: int) -> dict[str, Any]:
-    """Return medians over directions of error and 1-sigma after some readings, prior and fix together; white: the likelihood alone."""
+def growth_at(
+    line: Line, field_map: FieldMap, length: float, sensor: float, directions: int
+) -> dict[str, Any]:
+    """Return medians over directions of error and 1-sigma after some readings, prior and fix
+    together; white: the likelihood alone."""
     result = {}
     on_map = [shift for shift in bearings(directions) if _starts_on_map(line, field_map, shift)]
     for kind, own in (("correlated", length), ("white", 1.0)):
         checked = kind == "correlated"
         rows = [
-            row_of(line, match_line(line, field_map, own, sensor, shift, checked=checked)[0], aided=True)
+            row_of(
+                line,
+                match_line(line, field_map, own, sensor, shift, checked=checked)[0],
+                aided=True,
+            )
             for shift in on_map
         ]
         result[kind] = {
@@ -300,8 +367,11 @@ def _starts_on_map(line: Line, field_map: FieldMap, shift: tuple[float, float]) 
     return int(np.isfinite(field_map.value(track.latitude, track.longitude)).sum()) >= 4
 
 
-def study_scotland(data: Path, directions: int = 2, thin: int = 3, swap: bool = True) -> dict[str, Any]:
-    """Return everything about Scotland: settings from the flight lines, applied to the tie lines, and the other way round."""
+def study_scotland(
+    data: Path, directions: int = 2, thin: int = 3, swap: bool = True
+) -> dict[str, Any]:
+    """Return everything about Scotland: settings from the flight lines, applied to the tie lines,
+    and the other way round."""
     field_map, flights, ties = scotland(data)
     result: dict[str, Any] = {}
     for name, references, lines in (("tie lines", flights, ties), ("flight lines", ties, flights)):
@@ -309,14 +379,18 @@ def study_scotland(data: Path, directions: int = 2, thin: int = 3, swap: bool = 
         own = fit.apply(field_map)
         sensor = max(fit.sensor_sigma, 1.0)  # no aeromagnetic reading of the time was better
         spread = np.concatenate([residuals(line, field_map)[0] for line in references])
-        even = replace(field_map, sigma=np.full(field_map.values.shape, float(np.sqrt(np.nanmean(spread**2)))))
+        even = replace(
+            field_map, sigma=np.full(field_map.values.shape, float(np.sqrt(np.nanmean(spread**2))))
+        )
         runs = {
             "own": (own, fit.correlation_length, True),
             "bare": (own, fit.correlation_length, False),
             "even": (even, fit.correlation_length, True),
             "white": (own, 1.0, False),
         }
-        part: dict[str, Any] = {"settings": vars_of(fit) | {"even_sigma": float(even.sigma.flat[0])}}  # type: ignore[union-attr]
+        part: dict[str, Any] = {
+            "settings": vars_of(fit) | {"even_sigma": float(even.sigma.flat[0])}
+        }  # type: ignore[union-attr]
         part["nis"] = {
             kind: np.mean([nis(line, used, length, sensor) for line in lines], axis=0).tolist()
             for kind, (used, length, _) in runs.items()
@@ -328,8 +402,15 @@ def study_scotland(data: Path, directions: int = 2, thin: int = 3, swap: bool = 
                 for shift in bearings(directions)
             ]
             part[kind] = summary_of(rows) | {"rows": rows}
-        errors = [rigid_search(line, field_map, shift) for line in lines for shift in bearings(directions)[:1]]
-        part["rigid"] = {"error_median_m": float(np.median(errors)), "error_90_m": float(np.percentile(errors, 90.0))}
+        errors = [
+            rigid_search(line, field_map, shift)
+            for line in lines
+            for shift in bearings(directions)[:1]
+        ]
+        part["rigid"] = {
+            "error_median_m": float(np.median(errors)),
+            "error_90_m": float(np.percentile(errors, 90.0)),
+        }
         result[name] = part
         if not swap:
             break
@@ -346,15 +427,22 @@ def vars_of(fit: MapError) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", nargs="?", type=Path, default=Path("../shared/data"), help="folder of the data")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "data", nargs="?", type=Path, default=Path("../shared/data"), help="folder of the data"
+    )
     parser.add_argument("--out", type=Path, help="write the results there as real_data.json")
     parser.add_argument("--figures", type=Path, help="write the figures there")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     options = parser.parse_args()
     if not options.data.is_dir():
         raise InputError(f"{options.data}: no such folder; name the folder of the data")
-    results = {"clear_lake": study_clear_lake(options.data), "scotland": study_scotland(options.data)}
+    results = {
+        "clear_lake": study_clear_lake(options.data),
+        "scotland": study_scotland(options.data),
+    }
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "real_data.json").write_text(json.dumps(results, indent=1))

@@ -42,7 +42,9 @@ def write_figures(data: Path, results: dict[str, Any], folder: Path) -> None:
         picture.quantize(256).save(folder / f"{name}.png", optimize=True)
 
 
-def _image(panel: Axes, field_map: FieldMap, values: Array, label: str, percent: float = 1.0) -> None:
+def _image(
+    panel: Axes, field_map: FieldMap, values: Array, label: str, percent: float = 1.0
+) -> None:
     west, east = (math.degrees(field_map.longitude[i]) for i in (0, -1))
     south, north = (math.degrees(field_map.latitude[i]) for i in (0, -1))
     low, high = np.nanpercentile(values, [percent, 100.0 - percent])
@@ -55,7 +57,9 @@ def _image(panel: Axes, field_map: FieldMap, values: Array, label: str, percent:
         vmax=high,
         aspect=1.0 / math.cos(float(field_map.latitude.mean())),
     )
-    panel.figure.colorbar(image, ax=panel, label=label, shrink=0.8, pad=0.03, aspect=28, extend="both")
+    panel.figure.colorbar(
+        image, ax=panel, label=label, shrink=0.8, pad=0.03, aspect=28, extend="both"
+    )
     panel.grid(False)
     panel.set_facecolor("0.9")
     panel.set_xlabel("longitude (deg)")
@@ -65,29 +69,62 @@ def _image(panel: Axes, field_map: FieldMap, values: Array, label: str, percent:
 
 
 def _path(panel: Axes, latitude: Array, longitude: Array, line: style.Line, label: str) -> None:
-    panel.plot(np.degrees(longitude), np.degrees(latitude), color="white", linewidth=line.width + 1.6)
+    panel.plot(
+        np.degrees(longitude), np.degrees(latitude), color="white", linewidth=line.width + 1.6
+    )
     panel.plot(np.degrees(longitude), np.degrees(latitude), **line.options(), label=label)
 
 
 @style.journal
 def clear_lake_figure(data: Path, result: dict[str, Any]) -> Figure:
-    """The four lines on the map, where a navigator 3 km off says they are and where the match puts them; beside it, the map's own error."""
+    """The four lines on the map, where a navigator 3 km off says they are and where the match puts
+    them; beside it, the map's own error."""
     field_map, lines, _ = clear_lake(data)
     figure = style.new_figure(5.2)
     left, right = figure.subplots(1, 2, sharey=True)
     _image(left, field_map, field_map.values / MGAL, "Bouguer disturbance ($10^{-5}$ m/s²)")
-    _image(right, field_map, np.asarray(field_map.sigma) / MGAL, r"the map's own $1\sigma$ ($10^{-5}$ m/s²)", 0.0)
+    _image(
+        right,
+        field_map,
+        np.asarray(field_map.sigma) / MGAL,
+        r"the map's own $1\sigma$ ($10^{-5}$ m/s²)",
+        0.0,
+    )
     shift = bearings(8)[1]
     for number, line in enumerate(lines):
         fit = result["settings"][line.name]
-        matches = match_line(line, field_map, fit["correlation_length"], fit["sensor_sigma"], shift)
+        matches = match_line(
+            line, field_map, fit["correlation_length"], fit["sensor_sigma"], shift
+        )
         track = line.track(1.0, shift)
-        names = ["as the navigator says", "as matched", "stations, where they are"] if number == 0 else ["_"] * 3
+        names = (
+            ["as the navigator says", "as matched", "stations, where they are"]
+            if number == 0
+            else ["_"] * 3
+        )
         _path(left, track.latitude, track.longitude, RECORDED, names[0])
         _path(left, *matched_positions(track, matches), MATCHED, names[1])
-        left.plot(np.degrees(line.longitude), np.degrees(line.latitude), "k.", markersize=1.8, label=names[2])
-        right.plot(np.degrees(line.longitude), np.degrees(line.latitude), ".", color="white", markersize=3.4)
-        right.plot(np.degrees(line.longitude), np.degrees(line.latitude), ".", color="black", markersize=2.0)
+        left.plot(
+            np.degrees(line.longitude),
+            np.degrees(line.latitude),
+            "k.",
+            markersize=1.8,
+            label=names[2],
+        )
+        right.plot(
+            np.degrees(line.longitude),
+            np.degrees(line.latitude),
+            ".",
+            color="white",
+            markersize=3.4,
+        )
+        right.plot(
+            np.degrees(line.longitude),
+            np.degrees(line.latitude),
+            ".",
+            color="black",
+            markersize=2.0,
+        )
         end = line.latitude.argmax() if number in (0, 3) else line.latitude.argmin()
         right.annotate(
             str(number),
@@ -96,7 +133,12 @@ def clear_lake_figure(data: Path, result: dict[str, Any]) -> Figure:
             textcoords="offset points",
             ha="center",
             fontweight="bold",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+            bbox={
+                "boxstyle": "round,pad=0.15",
+                "facecolor": "white",
+                "edgecolor": "none",
+                "alpha": 0.85,
+            },
         )
     right.set_ylabel("")
     style.legend_below(figure)
@@ -105,13 +147,16 @@ def clear_lake_figure(data: Path, result: dict[str, Any]) -> Figure:
 
 @style.journal
 def correlation_figure(data: Path, results: dict[str, Any]) -> Figure:
-    """How alike the map's errors are at two readings of a line, by their distance: measured, and as assumed."""
+    """How alike the map's errors are at two readings of a line, by their distance: measured, and
+    as assumed."""
     figure = style.new_figure(2.7)
     panels = figure.subplots(1, 2, sharey=True)
     lake, lines, _ = clear_lake(data)
     magnetic, flights, _ = scotland(data)
     lake_fit = results["clear_lake"]["settings"]["all lines"]
-    settings = {k: v for k, v in results["scotland"]["tie lines"]["settings"].items() if k != "even_sigma"}
+    settings = {
+        k: v for k, v in results["scotland"]["tie lines"]["settings"].items() if k != "even_sigma"
+    }
     own = MapError(**settings).apply(magnetic)
     for panel, field_map, group, length, title in (
         (panels[0], lake, lines, lake_fit["correlation_length"], "Clear Lake, four lines"),
@@ -121,7 +166,12 @@ def correlation_figure(data: Path, results: dict[str, Any]) -> Figure:
         middle, value = _correlation(group, field_map, edges)
         distance = np.linspace(0.0, 15.0, 200)
         panel.axhline(0.0, color="0.5", linewidth=0.6)
-        panel.plot(distance, np.exp(-distance * 1e3 / length), **CORRELATED.options(), label=r"assumed, $e^{-d/L}$")
+        panel.plot(
+            distance,
+            np.exp(-distance * 1e3 / length),
+            **CORRELATED.options(),
+            label=r"assumed, $e^{-d/L}$",
+        )
         panel.plot([0.0, 1e-9, 15.0], [1.0, 0.0, 0.0], **WHITE.options(), label="white noise")
         panel.plot(middle / 1e3, value, "o", color="black", markersize=3.5, label="measured")
         panel.set_title(f"{title}, L = {length / 1e3:.1f} km", loc="left")
@@ -134,7 +184,11 @@ def correlation_figure(data: Path, results: dict[str, Any]) -> Figure:
 
 
 def _correlation(lines: Sequence[Line], field_map: FieldMap, edges: Array) -> tuple[Array, Array]:
-    total, weight, far = np.zeros(edges.size - 1), np.zeros(edges.size - 1), np.zeros(edges.size - 1)
+    total, weight, far = (
+        np.zeros(edges.size - 1),
+        np.zeros(edges.size - 1),
+        np.zeros(edges.size - 1),
+    )
     scale = []
     for line in lines:
         value, keep = residuals(line, field_map)
@@ -142,7 +196,11 @@ def _correlation(lines: Sequence[Line], field_map: FieldMap, edges: Array) -> tu
         z = value[keep] / field_map.sigma_at(latitude, longitude)
         scale.append(z**2)
         apart = np.hypot(
-            *np.moveaxis(horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude), -1, 0)
+            *np.moveaxis(
+                horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude),
+                -1,
+                0,
+            )
         )
         i, j = np.triu_indices(z.size, 1)
         which = np.digitize(apart[i, j], edges) - 1
@@ -156,14 +214,20 @@ def _correlation(lines: Sequence[Line], field_map: FieldMap, edges: Array) -> tu
 
 @style.journal
 def growth_figure(result: dict[str, Any]) -> Figure:
-    """Error and 1-sigma of the fix on each line as it gets longer, with correlated and with white map errors."""
+    """Error and 1-sigma of the fix on each line as it gets longer, with correlated and with white
+    map errors."""
     figure = style.new_figure(4.4)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for panel, (name, steps) in zip(panels.flat, result["growth"].items(), strict=True):
         count = [step["readings"] for step in steps]
         for kind, line, marker in (("correlated", CORRELATED, "o"), ("white", WHITE, "^")):
-            error, sigma = (np.array([step[kind][key] for step in steps]) / 1e3 for key in ("error_m", "sigma_long_m"))
-            panel.plot(count, sigma, **line.options(), label=rf"$1\sigma$ claimed, {kind} map error")
+            error, sigma = (
+                np.array([step[kind][key] for step in steps]) / 1e3
+                for key in ("error_m", "sigma_long_m")
+            )
+            panel.plot(
+                count, sigma, **line.options(), label=rf"$1\sigma$ claimed, {kind} map error"
+            )
             panel.plot(
                 *(count, error, marker), color=line.colour, markersize=4.0, markeredgecolor="black", markeredgewidth=0.4,
                 label=f"error, {kind} map error",
@@ -192,12 +256,17 @@ def honesty_figure(results: dict[str, Any]) -> Figure:
     }
     groups = (
         ("Clear Lake", whole),
-        ("Scotland, tie lines", {"correlated": ties["own"]["rows"], "white": ties["white"]["rows"]}),
+        (
+            "Scotland, tie lines",
+            {"correlated": ties["own"]["rows"], "white": ties["white"]["rows"]},
+        ),
     )
     for panel, (title, kinds) in zip(panels, groups, strict=True):
         for kind, rows in kinds.items():
             fixes = [row for row in rows if "error_m" in row]
-            sigma = np.array([math.hypot(row["sigma_long_m"], row["sigma_short_m"]) for row in fixes])
+            sigma = np.array(
+                [math.hypot(row["sigma_long_m"], row["sigma_short_m"]) for row in fixes]
+            )
             error = np.array([row["error_m"] for row in fixes])
             marker, colour = _MARKS[kind]
             panel.plot(
@@ -206,7 +275,14 @@ def honesty_figure(results: dict[str, Any]) -> Figure:
             )  # fmt: skip
         x = np.array([50.0, 2000.0])
         panel.plot(x, x, color="black", linewidth=0.9, label=r"error = $1\sigma$")
-        panel.plot(x, 2.5 * x, color="black", linewidth=0.9, linestyle=(0, (4, 2)), label=r"error = $2.5\sigma$")
+        panel.plot(
+            x,
+            2.5 * x,
+            color="black",
+            linewidth=0.9,
+            linestyle=(0, (4, 2)),
+            label=r"error = $2.5\sigma$",
+        )
         panel.set_xscale("log")
         style.logarithmic(panel)
         panel.set_xlim(60.0, 1500.0)
@@ -222,7 +298,8 @@ def honesty_figure(results: dict[str, Any]) -> Figure:
 
 @style.journal
 def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
-    """The map with flight lines and tie lines; the map error that was learnt from the flight lines."""
+    """The map with flight lines and tie lines; the map error that was learnt from the flight
+    lines."""
     field_map, flights, ties = scotland(data)
     settings = {k: v for k, v in part["settings"].items() if k != "even_sigma"}
     own = MapError(**settings).apply(field_map)
@@ -236,7 +313,13 @@ def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
             (ties, MATCHED, "tie lines (matched)"),
         ):
             for number, one in enumerate(group):
-                _path(panel, one.latitude, one.longitude, replace(line, width=1.0), label if number == 0 else "_")
+                _path(
+                    panel,
+                    one.latitude,
+                    one.longitude,
+                    replace(line, width=1.0),
+                    label if number == 0 else "_",
+                )
         panel.set_xlim(*(math.degrees(field_map.longitude[i]) for i in (0, -1)))
         panel.set_ylim(*(math.degrees(field_map.latitude[i]) for i in (0, -1)))
     lower.set_ylabel("")
@@ -244,7 +327,11 @@ def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
     for row in part["own"]["rows"]:
         rows.setdefault(row["line"], []).append(row.get("error_m", math.nan))
     for line in ties:
-        error = float(np.nanmedian(rows[line.name])) if np.isfinite(rows[line.name]).any() else math.nan
+        error = (
+            float(np.nanmedian(rows[line.name]))
+            if np.isfinite(rows[line.name]).any()
+            else math.nan
+        )
         upper.annotate(
             f"{error:.0f} m" if math.isfinite(error) else "no fix",
             (math.degrees(line.longitude[-1]), math.degrees(line.latitude[-1])),

@@ -1,4 +1,5 @@
-"""The tables of docs/real-data.md, from the results of real_data.py. Lengths in km, gravity in mGal, magnetic anomalies in nT."""
+"""The tables of docs/real-data.md, from the results of real_data.py. Lengths in km, gravity in
+mGal, magnetic anomalies in nT."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -27,7 +28,8 @@ def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def nis_table(lake: dict[str, Any]) -> str:
-    """NIS per reading and of a line's mean residual, with independent and with correlated errors."""
+    """NIS per reading and of a line's mean residual, with independent and with correlated
+    errors."""
     header = (
         "stations", "L", "sensor", "NIS, independent errors", "NIS, correlated",
         "NIS of the mean, independent", "NIS of the mean, correlated",
@@ -36,10 +38,29 @@ def nis_table(lake: dict[str, Any]) -> str:
     for name, (white, white_mean, correlated, mean) in lake["nis"].items():
         fit = lake["settings"].get(name, lake["settings"]["all lines"])
         settings = [f"{fit['correlation_length'] / 1e3:.2f}", f"{fit['sensor_sigma'] / MGAL:.2f}"]
-        rows.append([name, *settings, f"{white:.2f}", f"{correlated:.2f}", f"{white_mean:.1f}", f"{mean:.1f}"])
+        rows.append(
+            [
+                name,
+                *settings,
+                f"{white:.2f}",
+                f"{correlated:.2f}",
+                f"{white_mean:.1f}",
+                f"{mean:.1f}",
+            ]
+        )
     sizes = np.array([lake["stations"][name] for name in lake["whole"]], dtype=float)
     means = sizes @ np.array([lake["nis"][name] for name in lake["whole"]]) / sizes.sum()
-    rows.append(["all lines, mean", "", "", f"{means[0]:.2f}", f"{means[2]:.2f}", f"{means[1]:.1f}", f"{means[3]:.1f}"])
+    rows.append(
+        [
+            "all lines, mean",
+            "",
+            "",
+            f"{means[0]:.2f}",
+            f"{means[2]:.2f}",
+            f"{means[1]:.1f}",
+            f"{means[3]:.1f}",
+        ]
+    )
     return _markdown(header, rows)
 
 
@@ -51,7 +72,11 @@ def whole_table(lake: dict[str, Any]) -> str:
     )  # fmt: skip
     rows = []
     for name in lake["whole"]:
-        cells = [cell for kind in ("whole", "bare", "unlearnt", "white") for cell in _whole(lake[kind][name])]
+        cells = [
+            cell
+            for kind in ("whole", "bare", "unlearnt", "white")
+            for cell in _whole(lake[kind][name])
+        ]
         cells[3:6] = cells[5:6]
         rows.append([name, *cells, f"{np.median(lake['rigid_m'][name]) / 1e3:.2f}"])
     return _markdown(header, rows)
@@ -77,7 +102,12 @@ def growth_table(lake: dict[str, Any]) -> str:
         for kind in ("correlated", "white"):
             at = {step["readings"]: step[kind] for step in steps}
             cells = [
-                f"{at[n]['error_m'] / 1e3:.2f} / {at[n]['sigma_long_m'] / 1e3:.2f}" if n in at else "" for n in counts
+                (
+                    f"{at[n]['error_m'] / 1e3:.2f} / {at[n]['sigma_long_m'] / 1e3:.2f}"
+                    if n in at
+                    else ""
+                )
+                for n in counts
             ]
             rows.append([f"{name}, {kind}", *cells])
     return _markdown(["line", *map(str, counts)], rows)
@@ -91,7 +121,9 @@ def batch_table(lake: dict[str, Any]) -> str:
         "chained": "correlated, chained",
         "white": "white noise",
     }
-    return _summaries("batches", {names[kind]: summary for kind, summary in lake["batches"].items()})
+    return _summaries(
+        "batches", {names[kind]: summary for kind, summary in lake["batches"].items()}
+    )
 
 
 def scotland_table(scotland: dict[str, Any]) -> str:
@@ -100,8 +132,9 @@ def scotland_table(scotland: dict[str, Any]) -> str:
     for name, part in scotland.items():
         fit = part["settings"]
         learnt = (
-            f"L {fit['correlation_length'] / 1e3:.2f}, sensor {fit['sensor_sigma']:.1f}, sigma = hypot({fit['floor']:.1f},"
-            f" {fit['reach'] / 1e3:.2f} km x gradient over {fit['smoothing'] / 1e3:.0f} km)"
+            f"L {fit['correlation_length'] / 1e3:.2f}, sensor {fit['sensor_sigma']:.1f}, sigma ="
+            f" hypot({fit['floor']:.1f}, {fit['reach'] / 1e3:.2f} km x gradient over"
+            f" {fit['smoothing'] / 1e3:.0f} km)"
         )
         kinds[f"{name}: {learnt}"] = part["own"] | {"nis": part["nis"]["own"][0]}
         kinds[f"{name}: its likelihood alone"] = part["bare"] | {"nis": part["nis"]["bare"][0]}
@@ -115,7 +148,15 @@ def scotland_table(scotland: dict[str, Any]) -> str:
 
 
 def _summaries(title: str, kinds: dict[str, dict[str, Any]]) -> str:
-    header = [title, "fixes", "error, median", "error, 90 %", "1-sigma, median", "NEES, mean", "NEES, median"]
+    header = [
+        title,
+        "fixes",
+        "error, median",
+        "error, 90 %",
+        "1-sigma, median",
+        "NEES, mean",
+        "NEES, median",
+    ]
     with_nis = any("nis" in summary for summary in kinds.values())
     rows = []
     for kind, s in kinds.items():

@@ -19,8 +19,8 @@ from isogal.maps.field_map import FieldMap  # noqa: E402
 settings.register_profile("isogal", deadline=None, derandomize=True)
 settings.load_profile("isogal")
 
-# Commands that the tests interrupt must hear it, also where a shell without job control has started the tests in the background: then
-# SIGINT is ignored, and a child inherits that.
+# Commands that the tests interrupt must hear it, also where a shell without job control has
+# started the tests in the background: then SIGINT is ignored, and a child inherits that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]

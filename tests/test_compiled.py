@@ -37,7 +37,10 @@ def twice(x):
 """
 BY_NAME = CALLER.format(how="from callee import scaled", name="scaled")
 BY_MODULE = CALLER.format(how="import callee", name="callee.scaled")
-ASK = "from caller import twice; print(twice(3.0), *(sum(getattr(twice.stats, n).values()) for n in ('cache_hits', 'cache_misses')))"
+ASK = (
+    "from caller import twice; print(twice(3.0), *(sum(getattr(twice.stats, n).values()) for n in"
+    " ('cache_hits', 'cache_misses')))"
+)
 
 
 @pytest.fixture
@@ -52,7 +55,12 @@ def run(folder: Path, code: str, **environment: str) -> str:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")} | environment
     environment["PYTHONPATH"] = str(folder)
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code], env=environment, capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, "-B", "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -78,7 +86,9 @@ def test_change_in_another_file_reaches_the_caller(folder: Path, caller: str) ->
     (folder / "constants.py").write_text("FACTOR = 20.0\nOTHER = 1\n")  # two files below
     assert ask(folder) == (124.0, "compiler")
     assert ask(folder) == (124.0, "disk")
-    assert len(files(folder, "caller.twice")) == 2  # index and code of this version, none of the earlier ones
+    assert (
+        len(files(folder, "caller.twice")) == 2
+    )  # index and code of this version, none of the earlier ones
 
 
 def test_change_of_nothing_compiled_keeps_the_code(folder: Path) -> None:
@@ -113,7 +123,9 @@ def test_no_folder_at_all(folder: Path) -> None:
 def test_many_processes_at_once(folder: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(folder)}
     started = [
-        subprocess.Popen([sys.executable, "-B", "-c", ASK], env=environment, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [sys.executable, "-B", "-c", ASK], env=environment, stdout=subprocess.PIPE, text=True
+        )
         for _ in range(4)
     ]
     assert [process.communicate(timeout=100)[0].split()[0] for process in started] == ["62.0"] * 4
@@ -121,17 +133,22 @@ def test_many_processes_at_once(folder: Path) -> None:
 
 
 def test_disk_is_full(folder: Path) -> None:
-    code = f"from numba.core import caching as c\ndef full(*_): raise OSError(28, 'full')\nc.IndexDataCacheFile.save = full\n{ASK}"
+    code = (
+        "from numba.core import caching as c\ndef full(*_): raise OSError(28,"
+        f" 'full')\nc.IndexDataCacheFile.save = full\n{ASK}"
+    )
     assert run(folder, code).split() == ["62.0", "0", "1"]
 
 
 def test_edited_library_gives_other_numbers(tmp_path: Path) -> None:
-    """The strapdown step, in a copy of the library, after an edit of the quaternion product that it calls."""
+    """The strapdown step, in a copy of the library, after an edit of the quaternion product that
+    it calls."""
     copy = tmp_path / "isogal"
     shutil.copytree(LIBRARY, copy, ignore=shutil.ignore_patterns("__pycache__"))
     code = (
-        "import isogal; from isogal.inertial.strapdown import step;"
-        "print(isogal.__file__, step(0.5, 1.0, 100.0, *(20.0, 5.0, 0.0), *(0.6, 0.8, 0.0, 0.0), *(0.1, 0.2, -9.8), *(0.1, 0.2, 0.3), 1.0))"
+        "import isogal; from isogal.inertial.strapdown import step;print(isogal.__file__,"
+        " step(0.5, 1.0, 100.0, *(20.0, 5.0, 0.0), *(0.6, 0.8, 0.0, 0.0), *(0.1, 0.2, -9.8),"
+        " *(0.1, 0.2, 0.3), 1.0))"
     )
     first = run(tmp_path, code)
     assert first.startswith(str(copy))
@@ -154,7 +171,12 @@ def modules() -> Iterator[ModuleType]:
 
 
 def test_every_compiled_function_is_a_kernel() -> None:
-    found = {value for module in modules() for value in vars(module).values() if isinstance(value, Dispatcher)}
+    found = {
+        value
+        for module in modules()
+        for value in vars(module).values()
+        if isinstance(value, Dispatcher)
+    }
     assert len(found) > 50
     for compiled in found:
         assert digest(compiled), compiled

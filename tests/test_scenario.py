@@ -1,4 +1,5 @@
-"""The scenario: defaults of the contract, files and overrides, one clear line for whatever is wrong."""
+"""The scenario: defaults of the contract, files and overrides, one clear line for whatever is
+wrong."""
 
 import pytest
 
@@ -14,22 +15,48 @@ def test_defaults_are_those_of_the_contract():
     assert (it.route.speed, it.route.height, it.route.duration) == (22.0, 100.0, 12960.0)
     assert (it.imu.grade, it.imu.rate) == ("precision", 1.0)
     errors = it.initial_error
-    assert (errors.position, errors.velocity, errors.tilt, errors.heading) == (50.0, 0.05, 2.5e-5, 3e-4)
-    assert (it.gravimeter.quantity, it.gravimeter.sigma, it.gravimeter.interval) == ("gravity", 1e-5, 10.0)
+    assert (errors.position, errors.velocity, errors.tilt, errors.heading) == (
+        50.0,
+        0.05,
+        2.5e-5,
+        3e-4,
+    )
+    assert (it.gravimeter.quantity, it.gravimeter.sigma, it.gravimeter.interval) == (
+        "gravity",
+        1e-5,
+        10.0,
+    )
     assert (it.map.source, it.map.path, it.map.variable) == ("synthetic", None, None)
     assert (it.map_error.sigma, it.map_error.correlation_length) == (0.0, 4000.0)
     matcher = it.matcher
-    assert (matcher.name, matcher.batch_length, matcher.stride, matcher.mode) == ("pmht", 30, None, "standard")
-    assert (matcher.map_sigma, matcher.map_correlation_length, matcher.bias_sigma) == (0.0, 4000.0, 0.0)
+    assert (matcher.name, matcher.batch_length, matcher.stride, matcher.mode) == (
+        "pmht",
+        30,
+        None,
+        "standard",
+    )
+    assert (matcher.map_sigma, matcher.map_correlation_length, matcher.bias_sigma) == (
+        0.0,
+        4000.0,
+        0.0,
+    )
     assert it.steps_per_scan == 10
     assert matcher.scans_between_fixes == 30
 
 
 def test_file_and_overrides(tmp_path):
     path = tmp_path / "s.yaml"
-    path.write_text("seed: 3\nroute: {height: 250}\nmatcher:\n  name: pmht-paper\n  batch_length: 20\n")
+    path.write_text(
+        "seed: 3\nroute: {height: 250}\nmatcher:\n  name: pmht-paper\n  batch_length: 20\n"
+    )
     it = load_scenario(
-        path, ["matcher.batch_length=15", "gravimeter.sigma=2e-4", "map.variable=ga", "route.duration=null"]
+        path,
+        [
+            "matcher.batch_length=15",
+            "gravimeter.sigma=2e-4",
+            "map.variable=ga",
+            "route.duration=null",
+        ],
     )
     assert (it.seed, it.route.height, it.matcher.name) == (3, 250.0, "pmht-paper")
     assert (it.matcher.batch_length, it.gravimeter.sigma, it.map.variable) == (15, 2e-4, "ga")
@@ -43,7 +70,8 @@ def test_an_empty_file_is_the_default(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("1e-5", 1e-5), ("2E-4", 2e-4), (".5e-4", 5e-5), ("+1e-4", 1e-4), ("1.0e-5", 1e-5)]
+    ("text", "value"),
+    [("1e-5", 1e-5), ("2E-4", 2e-4), (".5e-4", 5e-5), ("+1e-4", 1e-4), ("1.0e-5", 1e-5)],
 )
 def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
     """YAML 1.1 reads 1e-5 as a string."""
@@ -60,7 +88,12 @@ def test_words_with_an_e_stay_words():
 
 def test_waypoints():
     it = load_scenario(
-        None, ["route.waypoints=[[-38, 144.5, 22], [-37, 146, 30]]", "route.start=null", "route.end=null"]
+        None,
+        [
+            "route.waypoints=[[-38, 144.5, 22], [-37, 146, 30]]",
+            "route.start=null",
+            "route.end=null",
+        ],
     )
     assert it.route.waypoints == ((-38.0, 144.5, 22.0), (-37.0, 146.0, 30.0))
 
@@ -73,7 +106,12 @@ def test_all_matchers_of_the_contract_may_be_named(name):
 def test_map_sigma_may_be_auto_or_a_number_either_way_it_is_written():
     assert load_scenario(None, ["matcher.map_sigma=3e-5"]).matcher.map_sigma == 3e-5
     assert load_scenario(None, ["matcher.map_sigma=3.0e-5"]).matcher.map_sigma == 3e-5
-    assert load_scenario(None, ["route.waypoints=[[-38, 144, 2e1], [-37, 145, 1e1]]"]).route.waypoints[0][2] == 20.0
+    assert (
+        load_scenario(
+            None, ["route.waypoints=[[-38, 144, 2e1], [-37, 145, 1e1]]"]
+        ).route.waypoints[0][2]
+        == 20.0
+    )
     assert load_scenario(None, ["matcher.map_sigma=auto"]).matcher.map_sigma == "auto"
 
 

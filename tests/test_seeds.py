@@ -10,12 +10,16 @@ from isogal.seeds import generator
 
 
 def test_a_stream_is_always_the_same():
-    assert (generator(5, 2, "imu_noise").random(10) == generator(5, 2, "imu_noise").random(10)).all()
+    assert (
+        generator(5, 2, "imu_noise").random(10) == generator(5, 2, "imu_noise").random(10)
+    ).all()
 
 
 def test_streams_do_not_change_between_releases():
     # recorded results would lose their meaning; numpy keeps PCG64 and SeedSequence fixed
-    np.testing.assert_array_equal(generator(0, 0, "imu_noise").integers(0, 1000, 4), [727, 171, 616, 628])
+    np.testing.assert_array_equal(
+        generator(0, 0, "imu_noise").integers(0, 1000, 4), [727, 171, 616, 628]
+    )
 
 
 @pytest.mark.parametrize("other", [(1, 0, "a"), (0, 1, "a"), (0, 0, "b")])
@@ -30,7 +34,12 @@ def test_seed_and_run_cannot_be_mistaken_for_each_other():
 
 def test_streams_are_uncorrelated():
     n = 20000
-    streams = [generator(s, r, p).standard_normal(n) for s in (0, 1) for r in (0, 1) for p in ("imu_bias", "imu_noise")]
+    streams = [
+        generator(s, r, p).standard_normal(n)
+        for s in (0, 1)
+        for r in (0, 1)
+        for p in ("imu_bias", "imu_noise")
+    ]
     for a, b in combinations(streams, 2):
         assert abs(a @ b / n) < 4.5 / np.sqrt(n)
     low, high = chi2.ppf([1e-5, 1.0 - 1e-5], n)

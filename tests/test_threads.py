@@ -15,7 +15,9 @@ NODES = ("ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node")
 
 def after(code: str, **given: str) -> str:
     """Return the variables at the end of a fresh process."""
-    environment = {name: value for name, value in os.environ.items() if name not in VARIABLES} | given
+    environment = {
+        name: value for name, value in os.environ.items() if name not in VARIABLES
+    } | given
     done = subprocess.run(
         [sys.executable, "-c", code + SHOW],
         env=environment,
@@ -29,12 +31,15 @@ def after(code: str, **given: str) -> str:
 
 
 def test_importing_the_library_sets_nothing() -> None:
-    assert after("import isogal, isogal.matching.pmht.matcher, isogal.fusion.navigator, isogal.cli.main") == str([None] * 3)
+    assert after(
+        "import isogal, isogal.matching.pmht.matcher, isogal.fusion.navigator, isogal.cli.main"
+    ) == str([None] * 3)
 
 
 def test_command_sets_one() -> None:
     code = (
-        "import isogal.cli.main as m, sys; sys.argv = ['isogal', '--version']\ntry: m.main()\nexcept SystemExit: pass"
+        "import isogal.cli.main as m, sys; sys.argv = ['isogal', '--version']\ntry:"
+        " m.main()\nexcept SystemExit: pass"
     )
     assert after(code) == str(["1"] * 3)
 
@@ -44,18 +49,24 @@ def test_command_sets_one() -> None:
 def test_node_sets_one_before_numpy(node: str) -> None:
     if importlib.util.find_spec(node) is None or importlib.util.find_spec("rclpy") is None:
         pytest.skip("the node packages are not here")
-    assert after(f"import {node}, sys; assert 'numpy' not in sys.modules; import {node}.node") == str(["1"] * 3)
+    assert after(
+        f"import {node}, sys; assert 'numpy' not in sys.modules; import {node}.node"
+    ) == str(["1"] * 3)
 
 
 def test_choice_of_the_user_stands() -> None:
-    assert after("from isogal.threads import one_thread; one_thread()", OMP_NUM_THREADS="2") == str(["2", None, None])
+    assert after(
+        "from isogal.threads import one_thread; one_thread()", OMP_NUM_THREADS="2"
+    ) == str(["2", None, None])
     environment = {"OPENBLAS_NUM_THREADS": "3"}
     one_thread(environment)
     assert environment == {"OPENBLAS_NUM_THREADS": "3"}
 
 
 def test_too_late_for_this_process() -> None:
-    assert after("import numpy; from isogal.threads import one_thread; one_thread()") == str([None] * 3)
+    assert after("import numpy; from isogal.threads import one_thread; one_thread()") == str(
+        [None] * 3
+    )
 
 
 def test_process_to_be_started() -> None:

@@ -13,7 +13,10 @@ setup(
     ],
     zip_safe=False,
     maintainer="The Isogal developers",
-    description="Gravity map matching that stops an inertial navigator from drifting: the algorithms, without ROS.",
+    description=(
+        "Gravity map matching that stops an inertial navigator from drifting: the algorithms,"
+        " without ROS."
+    ),
     license="Apache-2.0",
     python_requires=">=3.11",
     entry_points={"console_scripts": ["isogal = isogal.cli.main:main"]},

@@ -13,7 +13,10 @@ setup(
     ],
     zip_safe=False,
     maintainer="The Isogal developers",
-    description="What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer, launcher.",
+    description=(
+        "What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer,"
+        " launcher."
+    ),
     license="Apache-2.0",
     python_requires=">=3.11",
     entry_points={"console_scripts": ["isogal_recorder = isogal_ros.bags.recorder:main"]},

@@ -18,7 +18,9 @@ HEAVY = ("numpy", "numba", "scipy", "xarray", "pandas", "matplotlib", "pydantic"
 
 
 def isogal_command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False, **options)  # type: ignore[call-overload,no-any-return]
+    return subprocess.run(
+        [ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False, **options
+    )  # type: ignore[call-overload,no-any-return]
 
 
 @pytest.fixture
@@ -66,19 +68,24 @@ def second() -> None:
     monkeypatch.setattr(isogal.cli, "__path__", [*isogal.cli.__path__, str(tmp_path)])
     monkeypatch.delitem(sys.modules, "isogal.cli.sample_commands", raising=False)
     for name in ("plain", "bad_input", "interrupted", "unreadable", "defect", "group"):
-        monkeypatch.setitem(main.COMMANDS, name, main.Command("sample_commands", name, f"Help of {name}."))
-    monkeypatch.setitem(main.COMMANDS, "not_there", main.Command("no_such_module", "x", "Must not be listed."))
+        monkeypatch.setitem(
+            main.COMMANDS, name, main.Command("sample_commands", name, f"Help of {name}.")
+        )
+    monkeypatch.setitem(
+        main.COMMANDS, "not_there", main.Command("no_such_module", "x", "Must not be listed.")
+    )
 
 
 def test_version_and_help_start_without_the_numerical_packages() -> None:
     for flag in ("--version", "--help"):
         code = (
-            "import sys\nfrom isogal.cli.main import app\n"
-            f"sys.argv = ['isogal', {flag!r}]\n"
-            "try:\n    app()\nfinally:\n"
-            f"    loaded = [m for m in {HEAVY!r} if m in sys.modules]\n    assert not loaded, loaded\n"
+            f"import sys\nfrom isogal.cli.main import app\nsys.argv = ['isogal', {flag!r}]\ntry:\n"
+            f"    app()\nfinally:\n    loaded = [m for m in {HEAVY!r} if m in sys.modules]\n   "
+            " assert not loaded, loaded\n"
         )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+        )
         assert done.returncode == 0, done.stderr
 
 
@@ -95,7 +102,11 @@ def test_help_lists_the_commands_whose_modules_exist(sample: None) -> None:
 
 
 def test_every_listed_command_has_help() -> None:
-    listed = [name for name, where in main.COMMANDS.items() if main.find_spec(f"isogal.cli.{where.module}")]
+    listed = [
+        name
+        for name, where in main.COMMANDS.items()
+        if main.find_spec(f"isogal.cli.{where.module}")
+    ]
     for name in listed:
         result = CliRunner().invoke(main.app, [name, "--help"])
         assert result.exit_code == 0, (name, result.output)
@@ -104,7 +115,9 @@ def test_every_listed_command_has_help() -> None:
 
 def test_the_help_fills_the_line(sample: None) -> None:
     result = CliRunner().invoke(main.app, ["plain", "--help"], env={"COLUMNS": "100"})
-    assert any("A sentence that the source breaks goes on." in line for line in result.output.splitlines())
+    assert any(
+        "A sentence that the source breaks goes on." in line for line in result.output.splitlines()
+    )
 
 
 def test_a_function_and_a_group_become_commands(sample: None) -> None:
@@ -130,7 +143,9 @@ def test_a_function_and_a_group_become_commands(sample: None) -> None:
         (["--no-such-flag"], 2, "isogal: No such option: --no-such-flag"),
     ],
 )
-def test_failures_end_in_one_line(sample: None, arguments: list[str], status: int, message: str) -> None:
+def test_failures_end_in_one_line(
+    sample: None, arguments: list[str], status: int, message: str
+) -> None:
     result = CliRunner().invoke(main.app, arguments)
     assert result.exit_code == status
     assert result.stderr.startswith(message)
@@ -165,7 +180,12 @@ def test_a_reader_that_leaves_is_not_reported() -> None:
     os.close(read_end)
     with os.fdopen(write_end, "wb") as closed_pipe:
         done = subprocess.run(
-            [ISOGAL, "--version"], stdout=closed_pipe, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+            [ISOGAL, "--version"],
+            stdout=closed_pipe,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
         )
     assert (done.returncode, done.stderr) == (141, "")
 
@@ -173,9 +193,17 @@ def test_a_reader_that_leaves_is_not_reported() -> None:
 def test_a_full_disk_is_one_line() -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [ISOGAL, "--version"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+            [ISOGAL, "--version"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
         )
-    assert (done.returncode, done.stderr) == (2, "isogal: the output cannot be written: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "isogal: the output cannot be written: No space left on device\n",
+    )
 
 
 def test_clean_errors_keeps_the_result_and_the_signature() -> None:

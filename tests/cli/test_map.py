@@ -48,9 +48,9 @@ def test_help(command):
 def test_info(file, small_map):
     found = json.loads(isogal_map("info", file, "--json"))
     assert (found["quantity"], found["unit"], found["nodes"]) == ("disturbance", "m/s²", [20, 24])
-    assert found["minimum"] == pytest.approx(small_map.values.min()) and found["maximum"] == pytest.approx(
-        small_map.values.max()
-    )
+    assert found["minimum"] == pytest.approx(small_map.values.min()) and found[
+        "maximum"
+    ] == pytest.approx(small_map.values.max())
     assert found["mean"] == pytest.approx(small_map.values.mean())
     assert found["standard_deviation"] == pytest.approx(small_map.values.std())
     assert (found["south"], found["east"]) == (pytest.approx(-37.0), pytest.approx(145.65))
@@ -61,13 +61,25 @@ def test_info(file, small_map):
 def test_info_along_a_route(file, tmp_path):
     picture = tmp_path / "picture.png"
     found = json.loads(
-        isogal_map("info", file, "--route", ROUTE, "--set", "gravimeter.sigma=1e-6", "--figure", picture, "--json")
+        isogal_map(
+            "info",
+            file,
+            "--route",
+            ROUTE,
+            "--set",
+            "gravimeter.sigma=1e-6",
+            "--figure",
+            picture,
+            "--json",
+        )
     )
     route = found["route"]
     assert len(route["stretches"]) == round(route["length_km"] / 5.0)
     assert all(0.0 < part["sigma_best"] <= part["sigma_worst"] for part in route["stretches"])
     assert is_png(picture)
-    worse = json.loads(isogal_map("info", file, "--route", ROUTE, "--sensor-sigma", "1e-5", "--json"))["route"]
+    worse = json.loads(
+        isogal_map("info", file, "--route", ROUTE, "--sensor-sigma", "1e-5", "--json")
+    )["route"]
     assert worse["stretches"][0]["sigma_best"] > 5.0 * route["stretches"][0]["sigma_best"]
     assert "worst (m)" in isogal_map("info", file, "--route", ROUTE)
 
@@ -92,7 +104,9 @@ def test_pictures_of_odd_maps(small_map, tmp_path):
 def test_variability(file, tmp_path):
     picture = tmp_path / "picture.png"
     found = json.loads(
-        isogal_map("variability", file, "--route", ROUTE, "--samples", "50", "--figure", picture, "--json")
+        isogal_map(
+            "variability", file, "--route", ROUTE, "--samples", "50", "--figure", picture, "--json"
+        )
     )
     assert found["samples"] == 50 and len(found["places"]) > 300
     assert found["places"][0]["normalised"] == pytest.approx(1.0)
@@ -103,7 +117,18 @@ def test_variability(file, tmp_path):
 
 def test_synth_and_convert(tmp_path):
     out = tmp_path / "synthetic.nc"
-    isogal_map("synth", "--window", "-37.1", "-37.0", "145.0", "145.1", "--quantity", "disturbance", "--out", out)
+    isogal_map(
+        "synth",
+        "--window",
+        "-37.1",
+        "-37.0",
+        "145.0",
+        "145.1",
+        "--quantity",
+        "disturbance",
+        "--out",
+        out,
+    )
     field_map = read_netcdf(out)
     assert (field_map.quantity, field_map.quantisation) == ("disturbance", 1e-6)
     found = json.loads(isogal_map("convert", out, tmp_path / "tiles", "--to", "ggmplus", "--json"))
@@ -131,9 +156,13 @@ def test_synth_and_convert(tmp_path):
 
 def test_info_of_the_synthetic_map():
     found = json.loads(
-        isogal_map("info", "synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", "5", "--json")
+        isogal_map(
+            "info", "synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", "5", "--json"
+        )
     )
-    assert found["quantity"] == "gravity" and found["route"]["length_km"] == pytest.approx(10.5, abs=0.5)
+    assert found["quantity"] == "gravity" and found["route"]["length_km"] == pytest.approx(
+        10.5, abs=0.5
+    )
 
 
 def test_fetch(tmp_path, monkeypatch):
@@ -152,7 +181,9 @@ def test_fetch(tmp_path, monkeypatch):
 
     monkeypatch.setattr("isogal.maps.ggmplus.fetch.CELLS", 100)
     server = HTTPServer(("127.0.0.1", 0), Mirror)
-    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    threading.Thread(
+        target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True
+    ).start()
     options = [
         "--base-url",
         f"http://127.0.0.1:{server.server_address[1]}",
@@ -170,7 +201,9 @@ def test_fetch(tmp_path, monkeypatch):
         server.shutdown()
         server.server_close()
     options[1] = "http://127.0.0.1:9"
-    assert "offline?" in isogal_map("fetch", "--window", "-32", "-31", "146", "147", *options, "--tries", "1", status=2)
+    assert "offline?" in isogal_map(
+        "fetch", "--window", "-32", "-31", "146", "147", *options, "--tries", "1", status=2
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,15 +213,32 @@ def test_fetch(tmp_path, monkeypatch):
         (("info", "{file}", "--variable", "nix"), "no variable 'nix'"),
         (("info", "{file}", "--route", "1,2 x,4"), "'x,4' must be LATITUDE,LONGITUDE"),
         (("info", "{file}", "--route", "1,2"), "at least two points"),
-        (("info", "{file}", "--route", "-36.9,144.7 -35.0,144.7"), "does not cover the route: no value at -36."),
+        (
+            ("info", "{file}", "--route", "-36.9,144.7 -35.0,144.7"),
+            "does not cover the route: no value at -36.",
+        ),
         (("info", "{file}", "--window", "3", "2", "1", "4"), "must be SOUTH NORTH WEST EAST"),
         (("info", "{file}", "--set", "rute.speed=3"), "unknown key 'rute'"),
         (("info", "{file}", "--figure", "a.gif"), "must end in .png"),
         (("info", "{file}", "--format", "nix"), "unknown format 'nix'"),
         (("info", "{file}", "--crs", "EPSG:4326"), "crs can only be given for geotiff"),
-        (("synth", "--out", "/nowhere/x.nc", "--window", "-37.1", "-37.0", "145.0", "145.1"), "cannot be written"),
         (
-            ("synth", "--out", "x.nc", "--window", "-37.1", "-37.0", "145.0", "145.1", "--quantity", "geoid"),
+            ("synth", "--out", "/nowhere/x.nc", "--window", "-37.1", "-37.0", "145.0", "145.1"),
+            "cannot be written",
+        ),
+        (
+            (
+                "synth",
+                "--out",
+                "x.nc",
+                "--window",
+                "-37.1",
+                "-37.0",
+                "145.0",
+                "145.1",
+                "--quantity",
+                "geoid",
+            ),
             "not geoid",
         ),
         (("convert", "{file}", "out.tif"), "must end in .nc"),

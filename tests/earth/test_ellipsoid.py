@@ -27,7 +27,9 @@ def test_radii_at_pole_and_equator():
     meridian, normal = radii([0.0, np.pi / 2])
     assert normal[0] == A
     assert meridian[0] == pytest.approx(6335439.3271, abs=1e-4)  # b² / a
-    np.testing.assert_allclose([meridian[1], normal[1]], 6399593.6259, atol=1e-4)  # Moritz: polar radius of curvature
+    np.testing.assert_allclose(
+        [meridian[1], normal[1]], 6399593.6259, atol=1e-4
+    )  # Moritz: polar radius of curvature
 
 
 def test_meridian_quadrant_is_the_published_one():
@@ -36,7 +38,9 @@ def test_meridian_quadrant_is_the_published_one():
 
 
 def test_prime_vertical_radius_equals_boule():
-    np.testing.assert_allclose(radii(LATITUDES)[1], boule.GRS80.prime_vertical_radius(np.sin(LATITUDES)), rtol=1e-14)
+    np.testing.assert_allclose(
+        radii(LATITUDES)[1], boule.GRS80.prime_vertical_radius(np.sin(LATITUDES)), rtol=1e-14
+    )
 
 
 def test_kernel_equals_array_function():

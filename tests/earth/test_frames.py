@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Transformer
 
-from isogal.earth.frames import LocalFrame, ecef_to_geodetic, enu_axes, geodetic_to_ecef, horizontal_difference
+from isogal.earth.frames import (
+    LocalFrame,
+    ecef_to_geodetic,
+    enu_axes,
+    geodetic_to_ecef,
+    horizontal_difference,
+)
 
 latitudes = st.floats(-np.pi / 2, np.pi / 2)
 longitudes = st.floats(-np.pi, np.pi)
@@ -27,17 +33,23 @@ def test_geodetic_ecef_and_back(latitude, longitude, height):
 def test_geodetic_to_ecef_equals_proj(latitude, longitude, height):
     proj = Transformer.from_pipeline("+proj=cart +ellps=GRS80")
     expected = proj.transform(longitude, latitude, height, radians=True)
-    np.testing.assert_allclose(geodetic_to_ecef(latitude, longitude, height), expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        geodetic_to_ecef(latitude, longitude, height), expected, rtol=0, atol=1e-7
+    )
 
 
 def test_ecef_to_geodetic_equals_boule():
     random = np.random.default_rng(1)
     x, y, z = 6.4e6 * (random.standard_normal((3, 200)) + 0.1)
     longitude, latitude, height = boule.GRS80.cartesian_to_geodetic((x, y, z))
-    deep = np.hypot(np.hypot(x, y), z) < 2e6  # nothing flies there and boule's formula loses digits
+    deep = (
+        np.hypot(np.hypot(x, y), z) < 2e6
+    )  # nothing flies there and boule's formula loses digits
     lat, lon, h = ecef_to_geodetic(np.stack([x, y, z], axis=-1))
     np.testing.assert_allclose(np.degrees(lat)[~deep], latitude[~deep], atol=1e-11)
-    np.testing.assert_allclose(np.degrees(lon), np.remainder(longitude + 180, 360) - 180, atol=1e-11)
+    np.testing.assert_allclose(
+        np.degrees(lon), np.remainder(longitude + 180, 360) - 180, atol=1e-11
+    )
     np.testing.assert_allclose(h[~deep], height[~deep], atol=1e-6)
 
 
@@ -91,6 +103,9 @@ def test_rotation_from_another_point():
 def test_horizontal_difference_crosses_the_date_line(longitude):
     step = 0.001
     difference = horizontal_difference(
-        np.radians(-30.0), np.radians(np.remainder(longitude + step, 360.0)), np.radians(-30.001), np.radians(longitude)
+        np.radians(-30.0),
+        np.radians(np.remainder(longitude + step, 360.0)),
+        np.radians(-30.001),
+        np.radians(longitude),
     )
     np.testing.assert_allclose(difference, [110.85, 96.49], atol=0.02)

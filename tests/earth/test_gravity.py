@@ -1,4 +1,5 @@
-"""Normal gravity and the Eötvös acceleration against published values and boule's closed formula."""
+"""Normal gravity and the Eötvös acceleration against published values and boule's closed
+formula."""
 
 import boule
 import numpy as np
@@ -22,7 +23,8 @@ KNOT = 1852.0 / 3600.0
 
 
 @pytest.mark.parametrize(
-    ("latitude", "published"), [(0.0, 9.7803267715), (45.0, 9.806199203), (-45.0, 9.806199203), (90.0, 9.8321863685)]
+    ("latitude", "published"),
+    [(0.0, 9.7803267715), (45.0, 9.806199203), (-45.0, 9.806199203), (90.0, 9.8321863685)],
 )
 def test_normal_gravity_is_the_published_one(latitude, published):
     assert normal_gravity(np.radians(latitude)) == pytest.approx(published, abs=1e-9)
@@ -36,8 +38,12 @@ def test_derived_constants_are_the_published_ones():
 @pytest.mark.parametrize(("height", "within"), [(0.0, 1e-9), (100.0, 1.5e-8), (9000.0, 2e-6)])
 def test_normal_gravity_equals_boule(height, within):
     latitude = np.linspace(-90.0, 90.0, 37)
-    expected = boule.GRS80.normal_gravity((np.zeros(37), latitude, np.full(37, height)), si_units=True)
-    np.testing.assert_allclose(normal_gravity(np.radians(latitude), height), expected, rtol=0, atol=within)
+    expected = boule.GRS80.normal_gravity(
+        (np.zeros(37), latitude, np.full(37, height)), si_units=True
+    )
+    np.testing.assert_allclose(
+        normal_gravity(np.radians(latitude), height), expected, rtol=0, atol=within
+    )
 
 
 def test_kernel_equals_array_function():
@@ -58,18 +64,28 @@ def test_gradient_to_the_north_against_finite_differences(latitude):
     step = 1e-5
     metres = 6335439.3271 / (1.0 - 0.00669438 * np.sin(latitude) ** 2) ** 1.5 * 2 * step
     difference = (normal_gravity(latitude + step) - normal_gravity(latitude - step)) / metres
-    assert normal_gravity_gradient_north(latitude) == pytest.approx(float(difference), abs=1e-15, rel=1e-6)
+    assert normal_gravity_gradient_north(latitude) == pytest.approx(
+        float(difference), abs=1e-15, rel=1e-6
+    )
 
 
 def test_gradient_to_the_north_is_the_text_books():
     # 0.812 sin(2 lat) mGal/km (Telford et al. 1990, Applied Geophysics, section 2.3)
-    assert normal_gravity_gradient_north(np.radians(45.0)) * 1000.0 / MGAL == pytest.approx(0.812, abs=3e-3)
+    assert normal_gravity_gradient_north(np.radians(45.0)) * 1000.0 / MGAL == pytest.approx(
+        0.812, abs=3e-3
+    )
 
 
-@pytest.mark.parametrize(("latitude", "course", "knots"), [(36.5, 57.0, 43.0), (0.0, 90.0, 10.0), (60.0, 270.0, 20.0)])
+@pytest.mark.parametrize(
+    ("latitude", "course", "knots"), [(36.5, 57.0, 43.0), (0.0, 90.0, 10.0), (60.0, 270.0, 20.0)]
+)
 def test_eotvos_against_the_published_formula(latitude, course, knots):
-    # 7.503 v cos(lat) sin(course) + 0.004154 v² mGal, v in knots (Glicken 1962; Dehlinger 1978, Marine Gravity)
-    published = (7.503 * knots * np.cos(np.radians(latitude)) * np.sin(np.radians(course)) + 0.004154 * knots**2) * MGAL
+    # 7.503 v cos(lat) sin(course) + 0.004154 v² mGal, v in knots (Glicken 1962; Dehlinger 1978,
+    # Marine Gravity)
+    published = (
+        7.503 * knots * np.cos(np.radians(latitude)) * np.sin(np.radians(course))
+        + 0.004154 * knots**2
+    ) * MGAL
     speed, course = knots * KNOT, np.radians(course)
     value = eotvos(np.radians(latitude), 0.0, speed * np.cos(course), speed * np.sin(course))
     assert value == pytest.approx(published, rel=2e-4)
@@ -86,7 +102,11 @@ def test_eotvos_is_the_loss_of_weight_on_a_rotating_sphere():
 def test_eotvos_jacobian_against_finite_differences(latitude, north, east):
     by_north, by_east = eotvos_jacobian(latitude, north, east)
     step = 1e-2
-    difference = (eotvos(latitude, 0.0, north + step, east) - eotvos(latitude, 0.0, north - step, east)) / (2 * step)
+    difference = (
+        eotvos(latitude, 0.0, north + step, east) - eotvos(latitude, 0.0, north - step, east)
+    ) / (2 * step)
     assert by_north == pytest.approx(float(difference), abs=1e-11)
-    difference = (eotvos(latitude, 0.0, north, east + step) - eotvos(latitude, 0.0, north, east - step)) / (2 * step)
+    difference = (
+        eotvos(latitude, 0.0, north, east + step) - eotvos(latitude, 0.0, north, east - step)
+    ) / (2 * step)
     assert by_east == pytest.approx(float(difference), abs=1e-11)

@@ -19,7 +19,8 @@ def _make(
     detail: bool = False,
     **changes: Any,
 ) -> Runs:
-    """Errors of a navigator that knows its own covariance (scale² on either axis), and an unaided one that drifts."""
+    """Errors of a navigator that knows its own covariance (scale² on either axis), and an unaided
+    one that drifts."""
     random = np.random.default_rng(seed)
     time = np.arange(states) * step
     covariance = np.broadcast_to(scale**2 * np.eye(2), (runs, states, 2, 2))
@@ -30,7 +31,9 @@ def _make(
         "longitude": np.radians(np.linspace(144.5, 146.0, states)),
         "error": scale * random.standard_normal((runs, states, 2)),
         "covariance": covariance,
-        "unaided_error": scale * (1 + time[None, :, None] / 600.0) * random.standard_normal((runs, 1, 2)),
+        "unaided_error": scale
+        * (1 + time[None, :, None] / 600.0)
+        * random.standard_normal((runs, 1, 2)),
         "fix_time": np.linspace(time[0], time[-1], batches + 1)[1:],
         "fix_error": 1.5 * scale * random.standard_normal((runs, batches, 2)),
         "fix_covariance": fix_covariance,
@@ -51,7 +54,8 @@ def _make(
             map_value_navigator=signal + 1e-5 * random.standard_normal(scans),
             feature_variability=0.5 + 0.4 * np.sin(np.linspace(0.0, 9.0, scans)),
             candidate_latitude=values["latitude"][at] + 1e-4 * random.standard_normal(candidates),
-            candidate_longitude=values["longitude"][at] + 1e-4 * random.standard_normal(candidates),
+            candidate_longitude=values["longitude"][at]
+            + 1e-4 * random.standard_normal(candidates),
             candidate_weight=random.uniform(0.0, 1.0, candidates),
             candidate_batch=batch,
             candidate_scan=np.tile(np.arange(15), batches),

@@ -1,4 +1,5 @@
-"""The bound against independent computations: dense conditioning, the non-linear strapdown, an exhaustive point-mass filter."""
+"""The bound against independent computations: dense conditioning, the non-linear strapdown, an
+exhaustive point-mass filter."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,7 +9,12 @@ import pytest
 from scipy.linalg import expm
 
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import BoundResult, effective_noise_variance, posterior_cramer_rao, unaided_covariance
+from isogal.evaluation.bound import (
+    BoundResult,
+    effective_noise_variance,
+    posterior_cramer_rao,
+    unaided_covariance,
+)
 from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
@@ -33,7 +39,9 @@ def field(function: Any, step_deg: float = 0.01, **changes: Any) -> FieldMap:
     latitude = np.radians(np.arange(-38.2, -37.2, step_deg))
     longitude = np.radians(np.arange(144.3, 146.0, step_deg))
     north, east = metres_per_radian(np.radians(-38.0))
-    values = function((latitude[:, None] - latitude[0]) * north, (longitude[None, :] - longitude[0]) * east)
+    values = function(
+        (latitude[:, None] - latitude[0]) * north, (longitude[None, :] - longitude[0]) * east
+    )
     return FieldMap(latitude, longitude, values, "m/s²", "gravity", **changes)
 
 
@@ -45,11 +53,13 @@ def waves(n: np.ndarray, e: np.ndarray) -> np.ndarray:
     return 9.8 + 2e-4 * np.sin(n / 2e3) * np.cos(e / 2.5e3) + 1e-4 * np.sin((n + 2 * e) / 4e3)
 
 
-# ---------------------------------------------------------------------------------------------------------------- unaided
+# ----------------------------------------------------------------------------------------------------------------
+# unaided
 
 
 def test_the_unaided_spread_is_that_of_the_full_strapdown():
-    """150 runs of the non-linear strapdown with noise, biases and initial errors drawn as the simulation draws them."""
+    """150 runs of the non-linear strapdown with noise, biases and initial errors drawn as the
+    simulation draws them."""
     settings = scenario()
     trajectory = build_trajectory(settings)
     instants = np.array([600, 1800, 3600, 7200, 12600])
@@ -59,10 +69,17 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
         imu = simulate_imu(settings, trajectory, runs)
         start = draw_initial_state(settings, trajectory, runs)
         _, track = propagate(
-            start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+            start,
+            imu.specific_force,
+            imu.angular_rate,
+            trajectory.dt,
+            trajectory.height,
+            history=True,
         )
         truth = np.stack([trajectory.latitude, trajectory.longitude], axis=-1)[instants]
-        metres = np.stack(metres_per_radian(trajectory.latitude, trajectory.height), axis=-1)[instants]
+        metres = np.stack(metres_per_radian(trajectory.latitude, trajectory.height), axis=-1)[
+            instants
+        ]
         errors.append((track[:, instants - 1] - truth) * metres)
     covariance = unaided_covariance(settings, trajectory).covariance[instants // 10]
     test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
@@ -87,12 +104,18 @@ def test_the_unscented_filter_without_aiding_claims_the_same(grade):
 
 @pytest.mark.parametrize("state", range(STATES))
 def test_every_column_of_the_error_model_is_the_strapdowns(state):
-    """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where the linear model says."""
+    """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where
+    the linear model says."""
     settings = scenario(
-        route={"waypoints": [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]], "duration": 3000.0},
+        route={
+            "waypoints": [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]],
+            "duration": 3000.0,
+        },
     )
     trajectory = build_trajectory(settings)
-    size = np.array([50, 50, 0.05, 0.05, 2.5e-5, 2.5e-5, 3e-4, 2e-5, 2e-5, 2e-5, 5e-9, 5e-9, 5e-9])[state]
+    size = np.array(
+        [50, 50, 0.05, 0.05, 2.5e-5, 2.5e-5, 3e-4, 2e-5, 2e-5, 2e-5, 5e-9, 5e-9, 5e-9]
+    )[state]
     nominal, disturbed = (_strapdown(trajectory, state, s) for s in (0.0, size))
     metres = np.stack(metres_per_radian(trajectory.latitude[1:], trajectory.height[1:]), axis=-1)
     moved = (disturbed - nominal) * metres
@@ -102,7 +125,9 @@ def test_every_column_of_the_error_model_is_the_strapdowns(state):
     error[state] = size
     F = np.zeros((STATES, STATES))
     predicted = []
-    for geometry, force, rotation in zip(segments.geometry, segments.force, segments.rotation, strict=True):
+    for geometry, force, rotation in zip(
+        segments.geometry, segments.force, segments.rotation, strict=True
+    ):
         fill_dynamics(F, geometry, force, rotation)
         step = F * segments.dt
         error = error + step @ error + 0.5 * step @ (step @ error)
@@ -128,26 +153,31 @@ def _strapdown(trajectory: Trajectory, state: int, size: float) -> np.ndarray:
     attitude = multiply(*from_rotation_vector(*error[4:7]), *trajectory.attitude[0])
     start = NavState(np.array([position]), np.array([velocity]), np.array([attitude]))
     force, rate = trajectory.specific_force + error[7:10], trajectory.angular_rate + error[10:13]
-    return propagate(start, force[None], rate[None], trajectory.dt, trajectory.height, history=True)[1][0]
+    return propagate(
+        start, force[None], rate[None], trajectory.dt, trajectory.height, history=True
+    )[1][0]
 
 
 def test_the_unaided_spread_is_near_the_published_study():
-    """Within the scatter of the study's 40 runs, whose spread rests on 40 heading errors: 11 % 1-sigma, 30 % allowed."""
+    """Within the scatter of the study's 40 runs, whose spread rests on 40 heading errors: 11 %
+    1-sigma, 30 % allowed."""
     settings = scenario()
     rms = unaided_covariance(settings, build_trajectory(settings)).rms_at(HOURS * 3600.0)
     np.testing.assert_allclose(rms, [410, 490, 730, 870, 1100], rtol=0.3)
 
 
-# ------------------------------------------------------------------------------------------------------------------ aided
+# ------------------------------------------------------------------------------------------------------------------
+# aided
 
 
 def _dense(
     settings: Scenario, trajectory: Trajectory, gradient: tuple[float, float], quantisation: float
 ) -> np.ndarray:
-    """Covariance of the position error at the last scan given all readings, by conditioning one big Gaussian vector.
+    """Covariance of the position error at the last scan given all readings, by conditioning one
+    big Gaussian vector.
 
-    Matrix exponentials, Van Loan's noise integral and the full map error covariance: nothing in common with the recursion.
-    """
+    Matrix exponentials, Van Loan's noise integral and the full map error covariance: nothing in
+    common with the recursion."""
     segments = divide(settings, trajectory)
     density = noise_density(settings)
     P = initial_covariance(settings)
@@ -193,7 +223,8 @@ def _dense(
 
 
 @pytest.mark.parametrize(
-    ("map_error", "bias", "drift"), [(0.0, 0.0, 0.0), (3e-5, 0.0, 0.0), (0.0, 3e-5, 1e-7), (2e-5, 2e-5, 1e-7)]
+    ("map_error", "bias", "drift"),
+    [(0.0, 0.0, 0.0), (3e-5, 0.0, 0.0), (0.0, 3e-5, 1e-7), (2e-5, 2e-5, 1e-7)],
 )
 def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drift):
     settings = scenario(
@@ -208,7 +239,8 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drif
     _, north, east = field_map.value_and_gradient(trajectory.latitude[i], trajectory.longitude[i])
     assert (north, east) == pytest.approx((1e-7, -6e-8), rel=0.01)
     bound = posterior_cramer_rao(settings, trajectory, field_map)
-    # the dense covariance takes one gradient for the whole route, so the map's is taken at its middle
+    # the dense covariance takes one gradient for the whole route, so the map's is taken at its
+    # middle
     middle = trajectory.latitude[i // 2], trajectory.longitude[i // 2]
     _, north, east = field_map.value_and_gradient(*middle)
     dense = _dense(settings, trajectory, (float(north), float(east)), 2e-6)
@@ -218,7 +250,8 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drif
 
 
 def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
-    """Exhaustive grid posterior of a constant position error, 300 draws: never better than the bound, and close to it."""
+    """Exhaustive grid posterior of a constant position error, 300 draws: never better than the
+    bound, and close to it."""
     settings = scenario(
         route={"duration": 400.0},
         imu={"grade": "quantum"},
@@ -240,9 +273,12 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
     for _ in range(300):
         error = 300.0 * random.standard_normal(2)
         reading = truth + 1e-5 * random.standard_normal(scans.size)
-        offset = error - shift  # a navigator at `error` whose error were `shift` would be here, seen from the truth
+        offset = (
+            error - shift
+        )  # a navigator at `error` whose error were `shift` would be here, seen from the truth
         value = field_map.value(
-            latitude[:, None] + offset[:, 0] / north[:, None], longitude[:, None] + offset[:, 1] / east[:, None]
+            latitude[:, None] + offset[:, 0] / north[:, None],
+            longitude[:, None] + offset[:, 1] / east[:, None],
         )
         log = prior - 0.5 * (((reading[:, None] - value) / 1e-5) ** 2).sum(axis=0)
         weight = np.exp(log - log.max())
@@ -282,7 +318,9 @@ def test_worse_sensors_and_maps_give_larger_bounds():
     field_map = field(waves)
 
     def rms(**changes: Any) -> float:
-        return float(posterior_cramer_rao(scenario(**base, **changes), trajectory, field_map).rms[-1])
+        return float(
+            posterior_cramer_rao(scenario(**base, **changes), trajectory, field_map).rms[-1]
+        )
 
     good = rms()
     assert good < rms(gravimeter={"sigma": 1e-4})
@@ -342,11 +380,14 @@ def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, ex
     assert np.sqrt(np.mean(bound.rms**2)) == pytest.approx(expected, rel=0.15)
 
 
-# ------------------------------------------------------------------------------------------------------------------ small
+# ------------------------------------------------------------------------------------------------------------------
+# small
 
 
 def test_effective_noise():
-    assert effective_noise_variance(Gravimeter(sigma=2e-5)) == pytest.approx(4e-10, rel=1e-9, abs=0)
+    assert effective_noise_variance(Gravimeter(sigma=2e-5)) == pytest.approx(
+        4e-10, rel=1e-9, abs=0
+    )
     assert effective_noise_variance(Gravimeter(sigma=1e-6), 1e-6) == pytest.approx(
         1e-12 * (1 + 1 / 12), rel=1e-9, abs=0
     )
@@ -355,15 +396,20 @@ def test_effective_noise():
 
 
 def test_rms_between_scans():
-    bound = BoundResult(np.array([0.0, 10.0]), np.array([np.diag([9.0, 16.0]), np.diag([36.0, 64.0])]))
+    bound = BoundResult(
+        np.array([0.0, 10.0]), np.array([np.diag([9.0, 16.0]), np.diag([36.0, 64.0])])
+    )
     np.testing.assert_allclose(bound.rms_at(np.array([0.0, 5.0, 10.0])), [5.0, 7.5, 10.0])
     assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
 
 
 def test_told_at_batch_ends_only():
-    """At a batch end all is known that is known with every reading at once; in between the navigator goes on alone, and is worse."""
+    """At a batch end all is known that is known with every reading at once; in between the
+    navigator goes on alone, and is worse."""
     settings = scenario(
-        route={"duration": 3000.0}, matcher={"batch_length": 20, "stride": 10}, map_error={"sigma": 2e-5}
+        route={"duration": 3000.0},
+        matcher={"batch_length": 20, "stride": 10},
+        map_error={"sigma": 2e-5},
     )
     trajectory = build_trajectory(settings)
     at_once, batchwise = (
@@ -375,11 +421,15 @@ def test_told_at_batch_ends_only():
     alone = unaided_covariance(settings, trajectory).covariance
     np.testing.assert_allclose(batchwise[:20], alone[:20], rtol=1e-12)
     between = np.setdiff1d(np.arange(20, 301), ends)
-    assert (np.trace(batchwise[between], axis1=1, axis2=2) > np.trace(at_once[between], axis1=1, axis2=2)).all()
+    assert (
+        np.trace(batchwise[between], axis1=1, axis2=2)
+        > np.trace(at_once[between], axis1=1, axis2=2)
+    ).all()
     assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
 
 
-# ---------------------------------------------------------------------------------------------------- several channels
+# ----------------------------------------------------------------------------------------------------
+# several channels
 
 
 class TestChannels:
@@ -387,7 +437,9 @@ class TestChannels:
 
     FIELD = field(lambda n, e: 1e-8 * np.sin(n / 3e3 + e / 5e3))
 
-    def bound(self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any) -> np.ndarray:
+    def bound(
+        self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any
+    ) -> np.ndarray:
         names = ("nn", "ne", "nd")[: len(covariance)]
         settings = scenario(
             field="gradient",
@@ -397,14 +449,21 @@ class TestChannels:
             **keys,
         )
         one = replace(self.FIELD, unit="1/s²", quantity="gradient")
-        return posterior_cramer_rao(settings, build_trajectory(settings), ChannelMap([one] * len(names))).covariance
+        return posterior_cramer_rao(
+            settings, build_trajectory(settings), ChannelMap([one] * len(names))
+        ).covariance
 
     def test_noise_of_one_and_of_two(self) -> None:
-        np.testing.assert_allclose(self.bound([[8.0, 0.0], [0.0, 8.0]]), self.bound([[4.0]]), rtol=1e-9)
+        np.testing.assert_allclose(
+            self.bound([[8.0, 0.0], [0.0, 8.0]]), self.bound([[4.0]]), rtol=1e-9
+        )
 
     def test_correlated_noise(self) -> None:
-        # the mean of both is the best there is: its variance is (a + b) / 2, or by weights (1' R⁻¹ 1)⁻¹
-        np.testing.assert_allclose(self.bound([[4.0, 2.0], [2.0, 4.0]]), self.bound([[3.0]]), rtol=1e-9)
+        # the mean of both is the best there is: its variance is (a + b) / 2, or by weights (1' R⁻¹
+        # 1)⁻¹
+        np.testing.assert_allclose(
+            self.bound([[4.0, 2.0], [2.0, 4.0]]), self.bound([[3.0]]), rtol=1e-9
+        )
         three = [[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 6.0]]
         weighted = 1.0 / np.linalg.inv(three).sum()
         np.testing.assert_allclose(self.bound(three), self.bound([[weighted]]), rtol=1e-9)
@@ -416,5 +475,7 @@ class TestChannels:
 
     def test_outliers(self) -> None:
         keys = {"gravimeter": {"outlier_fraction": 0.2, "outlier_sigma": 30.0}}
-        np.testing.assert_allclose(self.bound([[8.0, 0.0], [0.0, 8.0]], **keys), self.bound([[4.0]], **keys), rtol=1e-9)
+        np.testing.assert_allclose(
+            self.bound([[8.0, 0.0], [0.0, 8.0]], **keys), self.bound([[4.0]], **keys), rtol=1e-9
+        )
         assert self.bound([[4.0]], **keys)[-1, 0, 0] > self.bound([[4.0]])[-1, 0, 0]

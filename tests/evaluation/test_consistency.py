@@ -32,15 +32,21 @@ def test_nees_by_hand():
 def test_nees_does_not_depend_on_the_axes_or_the_unit(scale, angle, seed):
     random = np.random.default_rng(seed)
     error = draw(random, 4)
-    turn = scale * np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turn = scale * np.array(
+        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    )
     turned = nees_per_axis(error @ turn.T, turn @ COVARIANCE @ turn.T)
     np.testing.assert_allclose(turned, nees_per_axis(error, COVARIANCE), rtol=1e-9)
 
 
 def test_what_is_not_known_is_nan_and_impossible_certainty_infinite():
     error = np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 2.0], [1.0, 2.0], [1.0, 0.0]])
-    covariance = np.array([np.eye(2), np.eye(2), np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.zeros((2, 2))])
-    np.testing.assert_array_equal(nees_per_axis(error, covariance), [2.5, np.nan, np.nan, np.inf, np.inf])
+    covariance = np.array(
+        [np.eye(2), np.eye(2), np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.zeros((2, 2))]
+    )
+    np.testing.assert_array_equal(
+        nees_per_axis(error, covariance), [2.5, np.nan, np.nan, np.inf, np.inf]
+    )
 
 
 def test_the_interval_is_the_chi_square_one():
@@ -59,7 +65,9 @@ def test_the_interval_covers_as_often_as_it_says():
     assert low < 1.0 < high
 
 
-@pytest.mark.parametrize("bad", [{"samples": 0}, {"samples": 5, "axes": 0}, {"samples": 5, "confidence": 1.0}])
+@pytest.mark.parametrize(
+    "bad", [{"samples": 0}, {"samples": 5, "axes": 0}, {"samples": 5, "confidence": 1.0}]
+)
 def test_a_senseless_interval_is_refused(bad):
     with pytest.raises(ValueError, match="samples > 0"):
         chi_square_interval(**bad)
@@ -73,7 +81,8 @@ def test_independent_values_count_in_full_and_correlated_ones_by_their_autocorre
     correlated[:, 0] = white[:, 0]
     for k in range(1, 40):
         correlated[:, k] = 0.8 * correlated[:, k - 1] + 0.6 * white[:, k]
-    # first-order autoregression with coefficient a: tau = (1 + a) / (1 - a) = 9 for long runs, a little less for 40 values
+    # first-order autoregression with coefficient a: tau = (1 + a) / (1 - a) = 9 for long runs, a
+    # little less for 40 values
     assert 8000 / 9 < effective_samples(correlated) < 8000 / 6
     assert effective_samples(np.repeat(white[:, :1], 40, axis=1)) == pytest.approx(200)
 
@@ -87,7 +96,9 @@ def test_the_mean_of_a_consistent_correlated_filter_lies_in_its_interval():
         for k in range(1, 40):
             error[:, k] = 0.9 * error[:, k - 1] + math.sqrt(1 - 0.81) * noise[:, k]
         hits += mean_nees(nees_per_axis(error, np.eye(2))).consistent
-    assert hits / 200 > 0.87  # 95 % less 4 sigma of 200 trials and the error of an estimated autocorrelation
+    assert (
+        hits / 200 > 0.87
+    )  # 95 % less 4 sigma of 200 trials and the error of an estimated autocorrelation
 
 
 def test_overconfidence_is_seen():

@@ -12,7 +12,13 @@ import pytest
 from PIL import Image
 
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import Curve, aided_curve, ensemble_figure, rms_figure, unaided_curve
+from isogal.evaluation.figures.ensemble import (
+    Curve,
+    aided_curve,
+    ensemble_figure,
+    rms_figure,
+    unaided_curve,
+)
 from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
@@ -20,15 +26,22 @@ from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 
 
-def field(unit: str = "m/s²", quantity: str = "gravity", level: float = 9.8, turn: float = 0.0) -> FieldMap:
-    latitude, longitude = np.radians(np.arange(-38.5, -36.5, 0.02)), np.radians(np.arange(144.0, 146.6, 0.02) + turn)
+def field(
+    unit: str = "m/s²", quantity: str = "gravity", level: float = 9.8, turn: float = 0.0
+) -> FieldMap:
+    latitude, longitude = (
+        np.radians(np.arange(-38.5, -36.5, 0.02)),
+        np.radians(np.arange(144.0, 146.6, 0.02) + turn),
+    )
     values = level + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
     return FieldMap(latitude, longitude, values, unit, quantity)
 
 
 def declining(runs: Runs) -> Runs:
     count = runs.fix_time.size
-    reasons = tuple(tuple("flat" if b % 3 == 0 else None for b in range(count)) for _ in range(len(runs)))
+    reasons = tuple(
+        tuple("flat" if b % 3 == 0 else None for b in range(count)) for _ in range(len(runs))
+    )
     gone = np.array([r is not None for r in reasons[0]])
     error, covariance = runs.fix_error.copy(), runs.fix_covariance.copy()
     error[:, gone], covariance[:, gone] = np.nan, np.nan
@@ -49,14 +62,26 @@ def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
 
 
 def labels(figure: Any) -> set[str]:
-    return {label for panel in figure.axes for label in (panel.get_xlabel(), panel.get_ylabel()) if label}
+    return {
+        label
+        for panel in figure.axes
+        for label in (panel.get_xlabel(), panel.get_ylabel())
+        if label
+    }
 
 
 def test_every_axis_names_its_unit_and_every_curve_is_in_a_legend(make_runs):
     for name, figure in all_figures(declining(make_runs(runs=1, detail=True)), field()).items():
         assert labels(figure), name
-        assert all(label.rstrip().endswith(")") for label in labels(figure)), (name, labels(figure))
-        named = {text.get_text() for legend in figure.findobj(mpl.legend.Legend) for text in legend.get_texts()}
+        assert all(label.rstrip().endswith(")") for label in labels(figure)), (
+            name,
+            labels(figure),
+        )
+        named = {
+            text.get_text()
+            for legend in figure.findobj(mpl.legend.Legend)
+            for text in legend.get_texts()
+        }
         drawn = {label for panel in figure.axes for label in panel.get_legend_handles_labels()[1]}
         assert drawn == named, name
 
@@ -132,19 +157,26 @@ def test_the_ensemble_shows_the_rms_over_runs(make_runs):
     panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
     drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
     np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
-    np.testing.assert_allclose(drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0)))
+    np.testing.assert_allclose(
+        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
+    )
     np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
     np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
 
 
 def test_studies_side_by_side(make_runs):
-    curves = [aided_curve(make_runs(seed=seed), f"T = {seed}") for seed in range(8)] + [unaided_curve(make_runs())]
+    curves = [aided_curve(make_runs(seed=seed), f"T = {seed}") for seed in range(8)] + [
+        unaided_curve(make_runs())
+    ]
     figure = rms_figure(curves, logarithmic=False, title="both batch lengths")
     assert len(figure.axes[0].lines) == 9
     colours = [line.get_color() for line in figure.axes[0].lines]
     assert colours[-1] not in colours[:-1] and len(set(colours[:5])) == 5
     assert figure.axes[0].get_ylim()[0] == 0.0
-    long = [Curve(f"a matcher with many settings, sigma = {k}", c.time, c.rms) for k, c in enumerate(curves[:3])]
+    long = [
+        Curve(f"a matcher with many settings, sigma = {k}", c.time, c.rms)
+        for k, c in enumerate(curves[:3])
+    ]
     picture = np.asarray(Image.open(io.BytesIO(style.png(rms_figure(long), dpi=100))).convert("L"))
     assert min(picture[:, 0].min(), picture[:, -1].min()) == 255
     short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5))])
@@ -165,13 +197,17 @@ def test_scales_of_fields():
     gravity = style.field_scale(field())
     np.testing.assert_allclose(gravity([9.8, 9.8 + 2e-5]), [0.0, 2.0], atol=1e-6)
     assert "9.80 m/s²" in gravity.label
-    assert style.field_scale(field(quantity="disturbance", level=0.0))([3e-5]) == pytest.approx(3.0)
+    assert style.field_scale(field(quantity="disturbance", level=0.0))([3e-5]) == pytest.approx(
+        3.0
+    )
     magnetic = style.field_scale(field("nT", "magnetic_anomaly", 0.0))
     assert magnetic([40.0]) == 40.0 and magnetic.two_lines == "Magnetic anomaly\n(nT)"
 
 
 def test_nice_limits():
-    assert [style.nice_limit(x) for x in (0.9, 1.0, 130.0, 5.5e4, np.nan)] == pytest.approx([1.0, 1.0, 150.0, 6e4, 1.0])
+    assert [style.nice_limit(x) for x in (0.9, 1.0, 130.0, 5.5e4, np.nan)] == pytest.approx(
+        [1.0, 1.0, 150.0, 6e4, 1.0]
+    )
 
 
 def test_signal_needs_a_detail(make_runs):
@@ -180,6 +216,9 @@ def test_signal_needs_a_detail(make_runs):
 
 
 def test_importing_the_reports_does_not_import_matplotlib():
-    code = "import sys, isogal.evaluation.run_report; print([m for m in ('matplotlib', 'jinja2', 'scipy.stats') if m in sys.modules])"
+    code = (
+        "import sys, isogal.evaluation.run_report; print([m for m in ('matplotlib', 'jinja2',"
+        " 'scipy.stats') if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

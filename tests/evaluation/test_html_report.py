@@ -63,22 +63,36 @@ def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
 
 
 def field() -> FieldMap:
-    latitude, longitude = np.radians(np.arange(-38.5, -36.5, 0.02)), np.radians(np.arange(144.0, 146.6, 0.02))
+    latitude, longitude = (
+        np.radians(np.arange(-38.5, -36.5, 0.02)),
+        np.radians(np.arange(144.0, 146.6, 0.02)),
+    )
     values = 9.8 + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
-    return FieldMap(latitude, longitude, values, "m/s²", "gravity", provenance="made up <for> tests")
+    return FieldMap(
+        latitude, longitude, values, "m/s²", "gravity", provenance="made up <for> tests"
+    )
 
 
 def bound(states: int = 121) -> BoundResult:
-    return BoundResult(np.arange(states) * 60.0, np.broadcast_to(400.0 * np.eye(2), (states, 2, 2)))
+    return BoundResult(
+        np.arange(states) * 60.0, np.broadcast_to(400.0 * np.eye(2), (states, 2, 2))
+    )
 
 
 def test_the_page_is_whole_and_refers_to_nothing_outside(make_runs, tmp_path):
     figure = error_figure(make_runs(runs=1))
     sections = [
-        Section("Errors", ["A paragraph."], [Illustration("errors", figure, "North & east.")], listing="a: 1"),
+        Section(
+            "Errors",
+            ["A paragraph."],
+            [Illustration("errors", figure, "North & east.")],
+            listing="a: 1",
+        ),
         Section("More", tables=[Table("Folded.", ("a",), [("1",)], folded=True)]),
     ]
-    path = write_report(tmp_path / "out", "Title", sections, [Table("Numbers.", ("what", "m"), [("x", "1.5")])])
+    path = write_report(
+        tmp_path / "out", "Title", sections, [Table("Numbers.", ("what", "m"), [("x", "1.5")])]
+    )
     text = path.read_text(encoding="utf-8")
     page = Page(text)
     assert not re.search(r"https?://|//cdn|<script|<link|url\(", text)
@@ -93,7 +107,13 @@ def test_the_page_is_whole_and_refers_to_nothing_outside(make_runs, tmp_path):
 def test_text_is_escaped(tmp_path):
     nasty = '<script>alert(1)</script> & "quotes" {{ 7 * 7 }}'
     sections = [
-        Section(nasty, [nasty], tables=[Table(nasty, (nasty,), [(nasty,)])], listing=nasty, listing_title=nasty)
+        Section(
+            nasty,
+            [nasty],
+            tables=[Table(nasty, (nasty,), [(nasty,)])],
+            listing=nasty,
+            listing_title=nasty,
+        )
     ]
     text = write_report(tmp_path, nasty, sections, subtitle=nasty).read_text(encoding="utf-8")
     assert "<script" not in text and "49" not in text
@@ -128,7 +148,14 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
     runs = make_runs(runs=1, detail=True)
     page = Page((report_of_a_run / "report.html").read_text(encoding="utf-8"))
     names = {p.stem for p in report_of_a_run.glob("*.png")}
-    assert names == {"track", "north_east_error", "nees", "position_error", "measured", "feature_variability"}
+    assert names == {
+        "track",
+        "north_east_error",
+        "nees",
+        "position_error",
+        "measured",
+        "feature_variability",
+    }
     assert len(page.all("img")) == len(names)
     rms = np.sqrt(np.mean(runs.horizontal_error**2))
     assert number(rms) in page.text
@@ -138,9 +165,13 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
 
 
 def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_path):
-    reasons = (("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),) * 3
+    reasons = (
+        ("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),
+    ) * 3
     runs = make_runs(runs=3, fix_reason=reasons)
-    page = Page(run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8"))
+    page = Page(
+        run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8")
+    )
     assert page.text.count("flat (misfit … per degree)") == 1
     assert "3 runs" in page.text and "66 / 6" in page.text
     assert {p.stem for p in tmp_path.glob("*.png")} == {

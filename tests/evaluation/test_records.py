@@ -55,7 +55,9 @@ def test_joined_chunks_are_the_whole(make_runs):
         }
         return replace(whole, **own)
 
-    assert_equal(Runs.concatenate([part(slice(0, 2)), part(slice(2, 3)), part(slice(3, 5))]), whole)
+    assert_equal(
+        Runs.concatenate([part(slice(0, 2)), part(slice(2, 3)), part(slice(3, 5))]), whole
+    )
 
 
 def test_the_detail_of_the_first_chunk_stays(make_runs):
@@ -134,7 +136,9 @@ def test_a_failed_write_leaves_the_old_file(make_runs, tmp_path, monkeypatch):
 
 
 def test_candidates_are_flattened_with_their_batch():
-    one = Candidates(np.array([0.1, 0.2]), np.array([1.0, 1.1]), np.array([0.4, 0.6]), np.array([0, 3]))
+    one = Candidates(
+        np.array([0.1, 0.2]), np.array([1.0, 1.1]), np.array([0.4, 0.6]), np.array([0, 3])
+    )
     two = Candidates(np.array([0.3]), np.array([1.2]), np.array([1.0]), np.array([2]))
     flat = RunDetail.flatten([None, one, None, two])
     np.testing.assert_array_equal(flat["candidate_batch"], [1, 1, 3])

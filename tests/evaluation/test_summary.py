@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import canonical_json, diverged, fix_nees, posterior_nees, summarise, write_json
+from isogal.evaluation.summary import (
+    canonical_json,
+    diverged,
+    fix_nees,
+    posterior_nees,
+    summarise,
+    write_json,
+)
 from isogal.scenario import Scenario
 
 CONTRACT = {
@@ -83,7 +90,9 @@ def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
 
 
 def with_declined(runs: Runs, batch: int) -> Runs:
-    reasons = tuple(tuple("flat" if b == batch else None for b in range(len(row))) for row in runs.fix_reason)
+    reasons = tuple(
+        tuple("flat" if b == batch else None for b in range(len(row))) for row in runs.fix_reason
+    )
     return replace(runs, fix_reason=reasons)
 
 

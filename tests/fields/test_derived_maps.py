@@ -20,7 +20,9 @@ from isogal.sensors.trajectory import build_trajectory
 @pytest.fixture(scope="module")
 def disturbance(tmp_path_factory):
     path = tmp_path_factory.mktemp("map") / "wavy.nc"
-    write_netcdf(field_map_of(wavy, half=60e3, step=500.0, sigma=1e-5, correlation_length=5000.0), path)
+    write_netcdf(
+        field_map_of(wavy, half=60e3, step=500.0, sigma=1e-5, correlation_length=5000.0), path
+    )
     return path
 
 
@@ -45,7 +47,9 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
     assert maps.grid[0].dtype == np.float32
     assert np.shares_memory(maps.channels[1].values, maps.grid[0])
     assert maps.channels[0].values.size < 0.3 * expected.channels[0].values.size
-    assert [one.sigma for one in maps.channels] == pytest.approx([one.sigma for one in expected.channels], rel=1e-3)
+    assert [one.sigma for one in maps.channels] == pytest.approx(
+        [one.sigma for one in expected.channels], rel=1e-3
+    )
     assert maps.channels[0].sigma > 0.0
     assert source_map(it).quantity == "disturbance"
 
@@ -68,10 +72,16 @@ def test_another_process_computes_what_this_one_would(disturbance, monkeypatch):
     ("overrides", "words"),
     [
         (["route.height=-50"], "route.height: must be >= 0 m where field is gradient, is -50"),
-        (["route.end=[-36.0, 147.6]", "route.duration=null"], "does not cover the route: no value at -36."),
+        (
+            ["route.end=[-36.0, 147.6]", "route.duration=null"],
+            "does not cover the route: no value at -36.",
+        ),
         (["map.source=nowhere.nc"], "nowhere.nc: no such file or folder"),
         (["map.variable=height"], "no variable 'height'"),
-        (["map.source=synthetic", "map.variable=ga"], "is gradient, which needs one of disturbance"),
+        (
+            ["map.source=synthetic", "map.variable=ga"],
+            "is gradient, which needs one of disturbance",
+        ),
     ],
 )
 def test_refusals_are_one_line(disturbance, overrides, words):

@@ -1,4 +1,5 @@
-"""The registry of scalar fields: each reduction undoes what its sensor feels and tells how it depends on the navigator's errors."""
+"""The registry of scalar fields: each reduction undoes what its sensor feels and tells how it
+depends on the navigator's errors."""
 
 import typing
 
@@ -15,7 +16,12 @@ from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.reduction import State, reduction_variance
 
 VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": 250.0, "terrain": 400.0}
-ROUTE = ["route.start=[55.6, -4.5]", "route.end=[56.2, -3.5]", "route.duration=600", "route.height=1500"]
+ROUTE = [
+    "route.start=[55.6, -4.5]",
+    "route.end=[56.2, -3.5]",
+    "route.duration=600",
+    "route.height=1500",
+]
 SIGMA = {"gravity": 1e-5, "disturbance": 1e-5, "magnetic": 2.0, "terrain": 3.0}
 STEPS = {"north": 100.0, "east": 100.0, "v_north": 0.1, "v_east": 0.1, "up": 10.0}
 
@@ -29,7 +35,9 @@ SCALARS = [name for name, field in FIELDS.items() if field.vector is None]
 """Vectors have tests of their own."""
 REDUCTIONS = {name: reduction_of(name) for name in SCALARS}
 speeds = st.floats(-80.0, 80.0)
-places = st.builds(State, st.floats(0.965, 0.985), st.floats(-0.08, -0.06), st.floats(1e3, 2e3), speeds, speeds)
+places = st.builds(
+    State, st.floats(0.965, 0.985), st.floats(-0.08, -0.06), st.floats(1e3, 2e3), speeds, speeds
+)
 
 
 def test_the_names_are_those_of_the_scenario():
@@ -43,15 +51,23 @@ def test_the_names_are_those_of_the_scenario():
 
 def test_without_field_the_gravimeters_quantity_counts():
     assert measured_field(Scenario()).name == "gravity"
-    assert measured_field(load_scenario(None, ["gravimeter.quantity=disturbance"])).name == "disturbance"
-    both = load_scenario(None, ["gravimeter.quantity=disturbance", "field=terrain", "gravimeter.sigma=1"])
+    assert (
+        measured_field(load_scenario(None, ["gravimeter.quantity=disturbance"])).name
+        == "disturbance"
+    )
+    both = load_scenario(
+        None, ["gravimeter.quantity=disturbance", "field=terrain", "gravimeter.sigma=1"]
+    )
     assert measured_field(both).name == "terrain"
     assert [field.name for field in of_instrument("gravimeter")] == ["gravity", "disturbance"]
 
 
 @pytest.mark.parametrize(("name", "unit"), [("magnetic", "nT"), ("terrain", "m")])
 def test_a_gravimeters_sigma_is_not_taken_for_another_fields(name, unit):
-    with pytest.raises(InputError, match=rf"gravimeter\.sigma: must be in {unit} where field is {name}, .* is 1e-05"):
+    with pytest.raises(
+        InputError,
+        match=rf"gravimeter\.sigma: must be in {unit} where field is {name}, .* is 1e-05",
+    ):
         measured_field(load_scenario(None, [*ROUTE, f"field={name}"]))
 
 
@@ -63,7 +79,9 @@ def test_a_reduction_with_the_true_state_undoes_what_is_felt(name, at):
     raw = reduction.raw(VALUE[name], at)
     assert reduction.reduce(raw, at) == pytest.approx(VALUE[name], rel=1e-12, abs=1e-12)
     step = 1e-3 * abs(VALUE[name])
-    assert (reduction.raw(VALUE[name] + step, at) - raw) / step == pytest.approx(FIELDS[name].sign, rel=1e-6)
+    assert (reduction.raw(VALUE[name] + step, at) - raw) / step == pytest.approx(
+        FIELDS[name].sign, rel=1e-6
+    )
     assert reduction.report(raw) == pytest.approx(raw, rel=1e-7)
 
 
@@ -79,9 +97,13 @@ def test_jacobian_against_finite_differences(name, at):
         [0, 1, 4, 2, 3]
     ]  # of latitude, longitude, height, velocity
     for slope, step, unit in zip(expected, STEPS.values(), units.T, strict=True):
-        ends = [reduction.reduce(raw, State(*(np.array(at) + sign * step * unit))) for sign in (1, -1)]
+        ends = [
+            reduction.reduce(raw, State(*(np.array(at) + sign * step * unit))) for sign in (1, -1)
+        ]
         # to 0.5 % of what one sigma of a good sensor is worth over 1 km, 1 m/s or 100 m
-        assert slope * 10 * step == pytest.approx((ends[0] - ends[1]) * 5, rel=2e-2, abs=1e-3 * SIGMA[name])
+        assert slope * 10 * step == pytest.approx(
+            (ends[0] - ends[1]) * 5, rel=2e-2, abs=1e-3 * SIGMA[name]
+        )
 
 
 @pytest.mark.parametrize("name", SCALARS)
@@ -95,4 +117,6 @@ def test_arrays_of_any_shape_broadcast(name):
 
 def test_an_error_of_height_is_one_of_terrain():
     at = State(0.97, -0.07, 1500.0, 10.0, 10.0)
-    assert reduction_variance(REDUCTIONS["terrain"], at, 1e6 * np.eye(4), 9.0) == pytest.approx(9.0)
+    assert reduction_variance(REDUCTIONS["terrain"], at, 1e6 * np.eye(4), 9.0) == pytest.approx(
+        9.0
+    )

@@ -27,7 +27,9 @@ def simulate(runs, field_map, **keys):
     simulator = ReadingSimulator(it, trajectory, field_map, runs)
     i = simulator.index
     velocity = trajectory.velocity[i]
-    surface = reduce_gravity(simulator.felt, trajectory.latitude[i], 100.0, velocity[:, 0], velocity[:, 1])
+    surface = reduce_gravity(
+        simulator.felt, trajectory.latitude[i], 100.0, velocity[:, 0], velocity[:, 1]
+    )
     return surface, trajectory.latitude[i], trajectory.longitude[i], simulator
 
 
@@ -67,7 +69,9 @@ def test_outliers_come_at_their_share_and_size():
         (noise[~far] ** 2).sum() / 1.035, (~far).sum()
     )  # the rest is ordinary, but for the few small outliers
     plain, _, _, _ = simulate(range(50), flat, gravimeter=Gravimeter(sigma=1e-5))
-    assert (plain[~far] == surface[~far]).mean() > 0.98  # switching outliers on leaves the other readings as they were
+    assert (
+        plain[~far] == surface[~far]
+    ).mean() > 0.98  # switching outliers on leaves the other readings as they were
 
 
 def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
@@ -77,7 +81,9 @@ def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
     error = surface - normal_gravity(latitude)
     time = build_trajectory(scenario()).time[it.index]
     slope, offset = np.polyfit(time, error.T, 1)
-    assert np.abs(error - (offset[:, None] + slope[:, None] * time)).max() < 1e-8  # nothing else but noise of 1e-9
+    assert (
+        np.abs(error - (offset[:, None] + slope[:, None] * time)).max() < 1e-8
+    )  # nothing else but noise of 1e-9
     assert within((offset**2).sum() / 5e-5**2, 200)
     assert within((slope**2).sum() / 1e-7**2, 200)
     assert abs(np.corrcoef(offset, slope)[0, 1]) < 0.3
@@ -99,7 +105,9 @@ def test_map_error_has_the_stated_covariance():
     )
     covariance = 3e-5**2 * np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / 4000.0)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), error.T)
-    assert within((whitened**2).sum(), runs * len(index))  # variance and correlation at once, every length scale
+    assert within(
+        (whitened**2).sum(), runs * len(index)
+    )  # variance and correlation at once, every length scale
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
     assert not draw_map_error(scenario(), trajectory, index, [0, 1]).any()
@@ -147,7 +155,9 @@ def hills(field_map_top=500.0):
 
 
 def over_hills(height, **keys):
-    route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0, height=height)
+    route = Route(
+        start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0, height=height
+    )
     return Scenario(route=route, field="terrain", **({"gravimeter": Gravimeter(sigma=3.0)} | keys))
 
 
@@ -155,7 +165,9 @@ def clearance(runs, height, field_map, **keys):
     it = over_hills(height, **keys)
     trajectory = build_trajectory(it)
     simulator = ReadingSimulator(it, trajectory, field_map, runs)
-    ground = field_map.value(trajectory.latitude[simulator.index], trajectory.longitude[simulator.index])
+    ground = field_map.value(
+        trajectory.latitude[simulator.index], trajectory.longitude[simulator.index]
+    )
     return simulator.felt, ground
 
 
@@ -176,7 +188,11 @@ def test_a_map_error_lifts_the_ground():
 
 def test_beyond_its_range_the_meter_says_nothing():
     felt, ground = clearance(
-        [0], 900.0, hills(), altimeter=Altimeter(max_range=800.0), gravimeter=Gravimeter(sigma=1e-3)
+        [0],
+        900.0,
+        hills(),
+        altimeter=Altimeter(max_range=800.0),
+        gravimeter=Gravimeter(sigma=1e-3),
     )
     out = 900.0 - ground > 800.0
     assert 0 < out.sum() < out.size
@@ -184,7 +200,9 @@ def test_beyond_its_range_the_meter_says_nothing():
 
 
 def test_nobody_flies_under_the_ground():
-    with pytest.raises(InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"):
+    with pytest.raises(
+        InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"
+    ):
         clearance([0], 300.0, hills())
 
 

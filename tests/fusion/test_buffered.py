@@ -1,4 +1,5 @@
-"""A late fix equals an on-time fix, bit for bit, in any order of arrival; what cannot be used changes nothing."""
+"""A late fix equals an on-time fix, bit for bit, in any order of arrival; what cannot be used
+changes nothing."""
 
 import re
 from itertools import permutations
@@ -9,7 +10,14 @@ import pytest
 from helpers.navigators import ROUTE, error_between, fly
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.navigator import FilterState, jump_between, propagate, update_information, update_position, widen
+from isogal.fusion.navigator import (
+    FilterState,
+    jump_between,
+    propagate,
+    update_information,
+    update_position,
+    widen,
+)
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
@@ -24,7 +32,10 @@ def navigator(**keys) -> BufferedNavigator:
 def advance(it: BufferedNavigator, until: int) -> None:
     for k in range(round(it.time), until):
         it.propagate(
-            k + 1.0, FLIGHT.imu.specific_force[0, k], FLIGHT.imu.angular_rate[0, k], FLIGHT.trajectory.height[k + 1]
+            k + 1.0,
+            FLIGHT.imu.specific_force[0, k],
+            FLIGHT.imu.angular_rate[0, k],
+            FLIGHT.trajectory.height[k + 1],
         )
 
 
@@ -32,7 +43,10 @@ def reference(until: int, fixes) -> FilterState:
     """The same by the functions of `fusion.navigator`, in order of the stamps."""
     state = FLIGHT.start.copy()
     for k in range(until):
-        force, rate = FLIGHT.imu.specific_force[:, k : k + 1], FLIGHT.imu.angular_rate[:, k : k + 1]
+        force, rate = (
+            FLIGHT.imu.specific_force[:, k : k + 1],
+            FLIGHT.imu.angular_rate[:, k : k + 1],
+        )
         propagate(state, FLIGHT.model, force, rate, FLIGHT.trajectory.height[k + 1 : k + 2])
         for update in fixes.get(k + 1, []):
             update(state)
@@ -45,13 +59,16 @@ def position_fix(stamp: int):
 
 
 def information_at(state: FilterState, stamp: int, attitude: bool = False):
-    """The information that a fix holds on the error of a state; its attitude is compared with that of an unaided one."""
+    """The information that a fix holds on the error of a state; its attitude is compared with that
+    of an unaided one."""
     metres = metres_per_radian(state.position[0, 0], state.position[0, 2])
     error = (state.position[0, :2] - FLIGHT.fix(stamp, *FIXES[stamp])) * metres
     M = np.zeros((4, 4))
     M[:2, :2] = np.linalg.inv(R)
     M[2:, 2:] = np.eye(2) / 0.1**2
-    error = np.append(error, state.velocity[0, :2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01])
+    error = np.append(
+        error, state.velocity[0, :2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01]
+    )
     if attitude:
         turn = jump_between(reference(stamp, {}), state, 0)[4:]
         M = np.block([[M, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3) / 1e-4**2]])
@@ -118,7 +135,8 @@ def test_position_fixes_in_any_order_of_arrival(order):
 @pytest.mark.parametrize("attitude", [False, True])
 @pytest.mark.parametrize("order", list(permutations(FIXES)))
 def test_information_in_any_order_of_arrival(order, attitude):
-    """Each piece refers to the estimate of its stamp when it comes, whatever older ones change later."""
+    """Each piece refers to the estimate of its stamp when it comes, whatever older ones change
+    later."""
     expected = navigator()
     for stamp in FIXES:
         advance(expected, stamp)
@@ -132,7 +150,9 @@ def test_information_in_any_order_of_arrival(order, attitude):
     advance(it, 120)
     scale = np.sqrt(np.diag(expected.state.covariance[0]))
     apart = error_between(it.state, expected.state) / scale
-    assert np.abs(apart).max() < 1e-4  # the fix is linear in the error, metres are not quite linear in the place
+    assert (
+        np.abs(apart).max() < 1e-4
+    )  # the fix is linear in the error, metres are not quite linear in the place
     unlike = (it.state.covariance[0] - expected.state.covariance[0]) / scale / scale[:, None]
     assert np.abs(unlike).max() < 1e-6
 
@@ -153,7 +173,9 @@ def test_two_fixes_of_one_stamp_in_either_order():
     deviation = np.sqrt(np.diag(ends[0].covariance[0]))
     np.testing.assert_allclose(error_between(ends[0], ends[1]) / deviation, 0.0, atol=1e-4)
     np.testing.assert_allclose(
-        (ends[0].covariance - ends[1].covariance)[0] / deviation / deviation[:, None], 0.0, atol=1e-6
+        (ends[0].covariance - ends[1].covariance)[0] / deviation / deviation[:, None],
+        0.0,
+        atol=1e-6,
     )
 
 
@@ -163,7 +185,9 @@ def test_a_stamp_between_samples_counts_at_the_nearest(stamp, sample):
     advance(it, 40)
     fix = FLIGHT.fix(20, *FIXES[20])
     assert it.update(stamp, *fix, R).accepted
-    assert identical(it.state, reference(40, {sample: [lambda state: update_position(state, 0, *fix, R)]}))
+    assert identical(
+        it.state, reference(40, {sample: [lambda state: update_position(state, 0, *fix, R)]})
+    )
 
 
 @pytest.mark.parametrize(("stamp", "covariance", "reason"), [
@@ -231,12 +255,17 @@ def test_samples_that_cannot_be_used_change_nothing(time, force, height, message
 def test_a_longer_interval_is_one_step_of_its_length():
     it = navigator()
     advance(it, 10)
-    mean = FLIGHT.imu.specific_force[0, 10:12].mean(axis=0), FLIGHT.imu.angular_rate[0, 10:12].mean(axis=0)
+    mean = (
+        FLIGHT.imu.specific_force[0, 10:12].mean(axis=0),
+        FLIGHT.imu.angular_rate[0, 10:12].mean(axis=0),
+    )
     it.propagate(12.0, *mean, 100.0)
     whole = reference(12, {})
     deviation = np.sqrt(np.diag(whole.covariance[0]))
     assert np.abs(error_between(it.state, whole) / deviation).max() < 1e-2
-    np.testing.assert_allclose(np.sqrt(np.diag(it.state.covariance[0]))[:2], deviation[:2], rtol=1e-3)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(it.state.covariance[0]))[:2], deviation[:2], rtol=1e-3
+    )
 
 
 def test_one_run_only():

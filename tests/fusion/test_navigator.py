@@ -1,4 +1,5 @@
-"""The filter of many runs: prediction against the linear error model, updates against each other, consistency, trouble."""
+"""The filter of many runs: prediction against the linear error model, updates against each other,
+consistency, trouble."""
 
 import numpy as np
 import pytest
@@ -26,7 +27,9 @@ from isogal.seeds import generator
 from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import build_trajectory
 
-SIGMA = np.array([300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8])
+SIGMA = np.array(
+    [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
+)
 SCALE = SIGMA * SIGMA[:, None]
 
 
@@ -39,8 +42,17 @@ def with_covariance(seed=0):
 def test_prediction_equals_the_linear_error_model_for_small_errors():
     scenario = Scenario(route=Route(duration=300.0, speed=60.0))
     trajectory = build_trajectory(scenario)
-    noise = (8e-5, 8e-5, 1e-2, 5e-9, 5e-9, 1.5e-7)  # unknown gravity: the known height tells nothing about the rest
-    sigma = np.array([1.0, 1.0, 1e-3, 0.01, 0.01, 1e-5, 1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-10, 1e-10, 5e-9])
+    noise = (
+        8e-5,
+        8e-5,
+        1e-2,
+        5e-9,
+        5e-9,
+        1.5e-7,
+    )  # unknown gravity: the known height tells nothing about the rest
+    sigma = np.array(
+        [1.0, 1.0, 1e-3, 0.01, 0.01, 1e-5, 1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-10, 1e-10, 5e-9]
+    )
     model = FilterModel(noise, tuple(sigma), 1.0, height_sigma=1e-3)
     state = FilterState(
         np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]), trajectory.velocity[:1].copy(),
@@ -49,7 +61,9 @@ def test_prediction_equals_the_linear_error_model_for_small_errors():
     keep = np.array([0, 1, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14])
     P = state.covariance[0][np.ix_(keep, keep)]
     segments = divide(scenario, trajectory)
-    for geometry, force, rotation in zip(segments.geometry, segments.force, segments.rotation, strict=True):
+    for geometry, force, rotation in zip(
+        segments.geometry, segments.force, segments.rotation, strict=True
+    ):
         F = np.zeros((STATES, STATES))
         fill_dynamics(F, geometry, force, rotation)
         step = expm(F)
@@ -57,8 +71,15 @@ def test_prediction_equals_the_linear_error_model_for_small_errors():
         Q[2:4, 2:4] = (rotation @ np.diag(np.square(noise[:3])) @ rotation.T)[:2, :2]
         Q[4:7, 4:7] = rotation @ np.diag(np.square(noise[3:])) @ rotation.T
         P = step @ P @ step.T + Q
-    propagate(state, model, trajectory.specific_force[None], trajectory.angular_rate[None], trajectory.height[1:])
-    # a bias error is estimate minus truth, so what the model calls a bias (what is left in the readings) has the opposite sign
+    propagate(
+        state,
+        model,
+        trajectory.specific_force[None],
+        trajectory.angular_rate[None],
+        trajectory.height[1:],
+    )
+    # a bias error is estimate minus truth, so what the model calls a bias (what is left in the
+    # readings) has the opposite sign
     sign = np.where(keep < 9, 1.0, -1.0)
     got = state.covariance[0][np.ix_(keep, keep)] * sign * sign[:, None]
     deviation = np.sqrt(np.diag(P))
@@ -67,24 +88,31 @@ def test_prediction_equals_the_linear_error_model_for_small_errors():
 
 
 def test_errors_keep_to_their_covariance():
-    """Normalised squared errors of 60 flights of half an hour with a fix every 5 min: chi-square, 99.9 %."""
+    """Normalised squared errors of 60 flights of half an hour with a fix every 5 min: chi-square,
+    99.9 %."""
     runs = 60
     flight = fly(range(runs), route=Route(duration=1800.0))
     state, random = flight.start, np.random.default_rng(8)
     R = np.array([[90.0**2, 2000.0], [2000.0, 60.0**2]])
-    keep = np.array([0, 1, 3, 4, 6, 7, 8, 9, 10, 12, 13, 14])  # the vertical channel is aided better than assumed
+    keep = np.array(
+        [0, 1, 3, 4, 6, 7, 8, 9, 10, 12, 13, 14]
+    )  # the vertical channel is aided better than assumed
     fix_nis = []
     for stamp in range(300, 1801, 300):
         part = slice(stamp - 300, stamp)
         force, rate = flight.imu.specific_force[:, part], flight.imu.angular_rate[:, part]
-        propagate(state, flight.model, force, rate, flight.trajectory.height[stamp - 299 : stamp + 1])
+        propagate(
+            state, flight.model, force, rate, flight.trajectory.height[stamp - 299 : stamp + 1]
+        )
         for run in range(runs if stamp < 1800 else 0):
             fix = flight.fix(stamp, *(np.linalg.cholesky(R) @ random.standard_normal(2)))
             fix_nis.append(update_position(state, run, *fix, R)[1])
     trajectory = flight.trajectory
     grade = GRADES["precision"]
     sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
-    bias = np.array([sigma * generator(0, run, "imu_bias").standard_normal(6) for run in range(runs)])
+    bias = np.array(
+        [sigma * generator(0, run, "imu_bias").standard_normal(6) for run in range(runs)]
+    )
     truth = FilterState(
         np.tile([trajectory.latitude[-1], trajectory.longitude[-1], 100.0], (runs, 1)),
         np.tile(trajectory.velocity[-1], (runs, 1)), np.tile(trajectory.attitude[-1], (runs, 1)),
@@ -106,7 +134,9 @@ def test_covariance_stays_symmetric_positive_definite_through_hours(grade):
     for stamp in range(0, len(flight.trajectory), 1620):
         part = slice(stamp, stamp + 1620)
         force, rate = flight.imu.specific_force[:, part], flight.imu.angular_rate[:, part]
-        propagate(state, flight.model, force, rate, flight.trajectory.height[stamp + 1 : stamp + 1621])
+        propagate(
+            state, flight.model, force, rate, flight.trajectory.height[stamp + 1 : stamp + 1621]
+        )
         covariance = state.covariance[0]
         assert (covariance == covariance.T).all()
         deviation = np.sqrt(np.diag(covariance))
@@ -122,7 +152,9 @@ def test_trouble_is_reported_and_not_repaired():
     state = flight.start
     state.covariance[1, 0, 1] = state.covariance[1, 1, 0] = 2.0 * state.covariance[1, 0, 0]
     force, rate = flight.imu.specific_force[:, :5], flight.imu.angular_rate[:, :5]
-    with pytest.raises(FilterDivergenceError, match=r"covariance of run\(s\) \[1\] is not positive definite"):
+    with pytest.raises(
+        FilterDivergenceError, match=r"covariance of run\(s\) \[1\] is not positive definite"
+    ):
         propagate(state, flight.model, force, rate, flight.trajectory.height[1:6])
     assert np.linalg.eigvalsh(state.covariance[1])[0] < 0.0
     force = force.copy()
@@ -150,7 +182,9 @@ def test_information_update_equals_filterpy(rank, states):
     correction, nis = update_information(state, 0, H.T @ z, H.T @ H)
     full = np.zeros((rank, 15))
     full[:, states] = H
-    xi, covariance = filterpy_update(before.covariance[0], full, np.eye(rank), z)  # the error, estimate minus truth
+    xi, covariance = filterpy_update(
+        before.covariance[0], full, np.eye(rank), z
+    )  # the error, estimate minus truth
     np.testing.assert_allclose(state.covariance[0] / SCALE, covariance / SCALE, atol=1e-9)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, -xi / SIGMA, atol=1e-7)
     np.testing.assert_allclose(correction / SIGMA[states], -xi[states] / SIGMA[states], atol=1e-9)
@@ -160,7 +194,8 @@ def test_information_update_equals_filterpy(rank, states):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_negative_information_makes_less_certain(seed):
-    """Of a posterior wider than the prior in some directions: mean and covariance of (position, velocity) become the posterior's."""
+    """Of a posterior wider than the prior in some directions: mean and covariance of (position,
+    velocity) become the posterior's."""
     random = np.random.default_rng(seed)
     state = with_covariance(seed)
     before = state.copy()
@@ -173,20 +208,25 @@ def test_negative_information_makes_less_certain(seed):
     correction, nis = update_information(state, 0, inverse @ mean, inverse - np.linalg.inv(prior))
     scale = SIGMA[HORIZONTAL]
     got = state.covariance[0][np.ix_(HORIZONTAL, HORIZONTAL)]
-    np.testing.assert_allclose(got / scale / scale[:, None], wanted / scale / scale[:, None], atol=1e-8)
+    np.testing.assert_allclose(
+        got / scale / scale[:, None], wanted / scale / scale[:, None], atol=1e-8
+    )
     np.testing.assert_allclose(correction / scale, -mean / scale, atol=1e-7)
     assert (np.linalg.eigvalsh(state.covariance[0] / SCALE) > 0.0).all()
     assert nis >= 0.0
 
 
 def test_negative_information_is_bounded():
-    """Nothing becomes more than twice as uncertain, though a navigator may know less by now than when the batch was matched."""
+    """Nothing becomes more than twice as uncertain, though a navigator may know less by now than
+    when the batch was matched."""
     state = with_covariance()
     prior = state.covariance[0][np.ix_(HORIZONTAL, HORIZONTAL)]
     update_information(state, 0, np.zeros(4), -1.2 * np.linalg.inv(prior))
     got = state.covariance[0][np.ix_(HORIZONTAL, HORIZONTAL)]
     scale = SIGMA[HORIZONTAL]
-    np.testing.assert_allclose(got / scale / scale[:, None], 4.0 * prior / scale / scale[:, None], atol=1e-8)
+    np.testing.assert_allclose(
+        got / scale / scale[:, None], 4.0 * prior / scale / scale[:, None], atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -200,9 +240,13 @@ def test_information_of_a_position_fix_equals_the_position_update(seed):
     _, nis = update_information(by_information, 0, np.append(-M[:2, :2] @ y, [0.0, 0.0]), M)
     latitude, longitude, height = by_position.position[0]
     north, east = metres_per_radian(latitude, height)
-    _, expected = update_position(by_position, 0, latitude + y[0] / north, longitude + y[1] / east, R)
+    _, expected = update_position(
+        by_position, 0, latitude + y[0] / north, longitude + y[1] / east, R
+    )
     assert nis == pytest.approx(expected, rel=1e-6)
-    np.testing.assert_allclose(by_information.covariance / SCALE, by_position.covariance / SCALE, atol=1e-9)
+    np.testing.assert_allclose(
+        by_information.covariance / SCALE, by_position.covariance / SCALE, atol=1e-9
+    )
     np.testing.assert_allclose(error_between(by_information, by_position) / SIGMA, 0.0, atol=1e-7)
 
 
@@ -241,7 +285,9 @@ def test_model_knows_what_the_scenario_draws_from():
     )
     assert model.dt == 0.5
     assert model.initial_sigma[:2] == (70.0, 70.0)
-    assert 0.0 < model.initial_sigma[8] < 1e-8  # a perfect start still has a positive definite covariance
+    assert (
+        0.0 < model.initial_sigma[8] < 1e-8
+    )  # a perfect start still has a positive definite covariance
     assert model.initial_sigma[9:12] == GRADES["precision"].accelerometer_bias
     assert model.noise[3:] == GRADES["precision"].gyroscope_noise
     assert model.noise[2] > 100.0 * GRADES["precision"].accelerometer_noise[2]  # unknown gravity
@@ -253,19 +299,25 @@ def test_a_lost_run_is_widened_alone():
     widen(state, 1, (30e3, 0.5, 1e-4))
     assert (state.covariance[0] == before.covariance[0]).all()
     change = np.sqrt(np.diag(state.covariance[1] - before.covariance[1]))
-    np.testing.assert_allclose(change, [30e3, 30e3, 0, 0.5, 0.5, 0, 1e-4, 1e-4, *[0] * 7], rtol=1e-9)
+    np.testing.assert_allclose(
+        change, [30e3, 30e3, 0, 0.5, 0.5, 0, 1e-4, 1e-4, *[0] * 7], rtol=1e-9
+    )
 
 
 def test_jump_is_the_horizontal_part_of_the_change():
     before = with_covariance()
     before.position[0, 1] = np.pi - 1e-6  # the update crosses the date line
     after = before.copy()
-    update_information(after, 0, np.array([-3e-3, -4e-3, -2.0, 1.0]), np.diag([1e-5, 1e-5, 10.0, 10.0]))
+    update_information(
+        after, 0, np.array([-3e-3, -4e-3, -2.0, 1.0]), np.diag([1e-5, 1e-5, 10.0, 10.0])
+    )
     after.position[0, 1] -= 2.0 * np.pi
     jump = jump_between(before, after, 0)
     after.position[0, 1] += 2.0 * np.pi
     expected = error_between(after, before)[[0, 1, 3, 4, 6, 7, 8]]
     assert np.abs(expected[:2]).max() > 30.0
-    np.testing.assert_allclose(jump, expected, rtol=2e-5, atol=1e-9)  # on the ellipsoid, not 100 m above
+    np.testing.assert_allclose(
+        jump, expected, rtol=2e-5, atol=1e-9
+    )  # on the ellipsoid, not 100 m above
     assert before.batch_prior.shape == (1, 7, 7)
     np.testing.assert_array_equal(before.batch_prior[0, 4:, 4:], before.covariance[0, 6:9, 6:9])

@@ -7,15 +7,21 @@ from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints
 from helpers.navigators import error_between, fly, random_covariance
 from isogal.fusion import ukf
 
-SIGMA = np.array([300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8])
+SIGMA = np.array(
+    [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
+)
 
 
-@pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1e-3, 2.0, 0.0), (1.0, 0.0, 3.0 - 15)])
+@pytest.mark.parametrize(
+    "parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1e-3, 2.0, 0.0), (1.0, 0.0, 3.0 - 15)]
+)
 def test_weights_equal_filterpy(parameters):
     expected = MerweScaledSigmaPoints(15, *parameters)
     ours = ukf.unscented_weights(15, *parameters)
     np.testing.assert_allclose([ours.mean_centre, ours.other], expected.Wm[[0, 1]], rtol=1e-9)
-    np.testing.assert_allclose([ours.covariance_centre, ours.other], expected.Wc[[0, 1]], rtol=1e-9)
+    np.testing.assert_allclose(
+        [ours.covariance_centre, ours.other], expected.Wc[[0, 1]], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0)])
@@ -34,9 +40,13 @@ def test_sigma_points_equal_filterpy(parameters):
 def test_factorise_reports_what_is_not_positive_definite(broken):
     covariance = random_covariance(SIGMA)
     covariance[broken, broken] *= -1e-3
-    assert not ukf.factorise(np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16))
+    assert not ukf.factorise(
+        np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16)
+    )
     covariance[broken, broken] = np.nan
-    assert not ukf.factorise(np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16))
+    assert not ukf.factorise(
+        np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16)
+    )
 
 
 def filterpy_update(covariance, H, R, z):
@@ -52,11 +62,15 @@ def test_known_height_equals_filterpy():
     padded = np.pad(random_covariance(SIGMA), ((0, 0), (0, 1)))
     H = np.zeros((1, 15))
     H[0, 2] = 1.0
-    error, covariance = filterpy_update(padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0])  # down
+    error, covariance = filterpy_update(
+        padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
+    )  # down
     arrays = [array[0] for array in state.arrays()[:5]]
     ukf.update_height(*arrays, padded, 103.0, 0.1, np.zeros(16), np.zeros(16))
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
-    np.testing.assert_allclose(padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9)
+    np.testing.assert_allclose(
+        padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (250.0, -400.0)])
@@ -73,7 +87,9 @@ def test_position_fix_equals_filterpy(offset):
         *(array[0] for array in state.arrays()), latitude, longitude, R[0, 0], R[0, 1], R[1, 1]
     )
     np.testing.assert_allclose([y0, y1], z, atol=1e-9)
-    assert nis == pytest.approx(z @ np.linalg.solve(before.covariance[0, :2, :2] + R, z), rel=1e-9, abs=1e-12)
+    assert nis == pytest.approx(
+        z @ np.linalg.solve(before.covariance[0, :2, :2] + R, z), rel=1e-9, abs=1e-12
+    )
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
     scale = SIGMA * SIGMA[:, None]
     np.testing.assert_allclose(state.covariance[0] / scale, covariance / scale, atol=1e-9)

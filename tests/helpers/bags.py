@@ -1,4 +1,5 @@
-"""Small bags written with the mcap library: a navigator's positions and a gravimeter's readings, without ROS."""
+"""Small bags written with the mcap library: a navigator's positions and a gravimeter's readings,
+without ROS."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,7 +75,9 @@ FIX, READING, TEXT, ANOMALY = TYPES
 
 
 def stamp(time):
-    return SimpleNamespace(stamp=SimpleNamespace(sec=int(time), nanosec=round(1e9 * (time - int(time)))), frame_id="")
+    return SimpleNamespace(
+        stamp=SimpleNamespace(sec=int(time), nanosec=round(1e9 * (time - int(time)))), frame_id=""
+    )
 
 
 def position(time, latitude, longitude, status=0):
@@ -94,14 +97,18 @@ def reading(time, value, variance=1e-10):
     accel = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0, z=value), angular=zero)
     covariance = [0.0] * 36
     covariance[14] = variance
-    return SimpleNamespace(header=stamp(time), accel=SimpleNamespace(accel=accel, covariance=covariance))
+    return SimpleNamespace(
+        header=stamp(time), accel=SimpleNamespace(accel=accel, covariance=covariance)
+    )
 
 
 def anomaly(time, value, sigma=1.0):
     """A reduced reading of a magnetometer, nT."""
     vector = SimpleNamespace(x=float("nan"), y=float("nan"), z=value * 1e-9)
     return SimpleNamespace(
-        header=stamp(time), magnetic_field=vector, magnetic_field_covariance=[0.0] * 8 + [sigma**2 * 1e-18]
+        header=stamp(time),
+        magnetic_field=vector,
+        magnetic_field_covariance=[0.0] * 8 + [sigma**2 * 1e-18],
     )
 
 
@@ -120,17 +127,32 @@ def write_bag(path: Path, *messages: tuple[str, str, object], chunk_size: int = 
     with path.open("wb") as stream, Writer(stream, chunk_size=chunk_size) as writer:
         schemas = {name: writer.register_msgdef(name, text) for name, text in TYPES.items()}
         for number, (topic, kind, message) in enumerate(messages):
-            writer.write_message(topic, schemas[kind], message, log_time=number, publish_time=number)
+            writer.write_message(
+                topic, schemas[kind], message, log_time=number, publish_time=number
+            )
     return path
 
 
 def drive(count=20, prefix="/", variance=1e-10):
-    """Positions each second along a meridian; gravity and disturbance every other second from 2.5 s on."""
+    """Positions each second along a meridian; gravity and disturbance every other second from 2.5
+    s on."""
     messages = []
     for second in range(count):
         messages.append((f"{prefix}nav/fix", FIX, position(second, -36.0 + 1e-3 * second, 147.0)))
         if second % 2 == 0 and second:
             time = second + 0.5
-            messages.append((f"{prefix}gravimeter/gravity", READING, reading(time, 9.8 + 1e-5 * second, variance)))
-            messages.append((f"{prefix}gravimeter/disturbance", READING, reading(time, 1e-5 * second, variance)))
+            messages.append(
+                (
+                    f"{prefix}gravimeter/gravity",
+                    READING,
+                    reading(time, 9.8 + 1e-5 * second, variance),
+                )
+            )
+            messages.append(
+                (
+                    f"{prefix}gravimeter/disturbance",
+                    READING,
+                    reading(time, 1e-5 * second, variance),
+                )
+            )
     return messages

@@ -1,4 +1,5 @@
-"""Batches made up for the matchers' tests: a map, a true track over it, a navigator with a known error."""
+"""Batches made up for the matchers' tests: a map, a true track over it, a navigator with a known
+error."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,12 +28,21 @@ def wavy(north: ArrayLike, east: ArrayLike) -> np.ndarray:
     return 1e-5 * total
 
 
-def field_map_of(function: Callable[..., np.ndarray], half: float = 40e3, step: float = 250.0, **keys) -> FieldMap:
+def field_map_of(
+    function: Callable[..., np.ndarray], half: float = 40e3, step: float = 250.0, **keys
+) -> FieldMap:
     """Map of a function of metres north and east of ORIGIN."""
     side = np.arange(-half, half + step / 2, step)
     metres = metres_per_radian(ORIGIN[0])
     values = function(side[:, None], side[None, :]) + np.zeros((side.size, side.size))
-    return FieldMap(ORIGIN[0] + side / metres[0], ORIGIN[1] + side / metres[1], values, "m/s²", "disturbance", **keys)
+    return FieldMap(
+        ORIGIN[0] + side / metres[0],
+        ORIGIN[1] + side / metres[1],
+        values,
+        "m/s²",
+        "disturbance",
+        **keys,
+    )
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,12 @@ class Truth:
     def error_of(self, fix) -> np.ndarray:
         """North and east error of a fix, m."""
         metres = metres_per_radian(self.latitude)
-        return np.array([(fix.latitude - self.latitude) * metres[0], (fix.longitude - self.longitude) * metres[1]])
+        return np.array(
+            [
+                (fix.latitude - self.latitude) * metres[0],
+                (fix.longitude - self.longitude) * metres[1],
+            ]
+        )
 
 
 def make_batch(
@@ -71,10 +86,16 @@ def make_batch(
     metres = np.array(metres_per_radian(ORIGIN[0] + start[0] / metres_per_radian(ORIGIN[0])[0]))
     true = np.array(start) + np.array(velocity) * (INTERVAL * np.arange(scans))[:, None]
     middle = np.array(metres_per_radian(ORIGIN[0]))
-    latitude, longitude = (np.array(ORIGIN) + np.array(start) / middle + (true - np.array(start)) / metres).T
+    latitude, longitude = (
+        np.array(ORIGIN) + np.array(start) / middle + (true - np.array(start)) / metres
+    ).T
     # the navigator's error counts in metres at the navigator's own latitude
     there = np.stack(metres_per_radian(latitude + at_scan[:, 0] / metres[0]))
-    noise = np.zeros(scans) if seed is None else sigma * np.random.default_rng(seed).standard_normal(scans)
+    noise = (
+        np.zeros(scans)
+        if seed is None
+        else sigma * np.random.default_rng(seed).standard_normal(scans)
+    )
     slope = np.einsum("i,tij->tj", np.array(jacobian)[:2], transition)
     slope[:, 2:] += np.array(jacobian)[2:]
     keys = {

@@ -1,4 +1,5 @@
-"""A short flight with its IMU data, and states of the filter, for the tests of fusion, batching and the engine."""
+"""A short flight with its IMU data, and states of the filter, for the tests of fusion, batching
+and the engine."""
 
 from dataclasses import dataclass
 
@@ -23,7 +24,8 @@ class Flight:
     start: FilterState
 
     def fix(self, stamp: int, north: float, east: float) -> tuple[float, float]:
-        """Latitude and longitude (rad) of a place some metres from the truth at a stamp of a 1 Hz flight."""
+        """Latitude and longitude (rad) of a place some metres from the truth at a stamp of a 1 Hz
+        flight."""
         metres = metres_per_radian(self.trajectory.latitude[stamp])
         return (
             self.trajectory.latitude[stamp] + north / metres[0],

@@ -1,4 +1,5 @@
-"""A bench for single nodes: feeds them messages and hears what they answer, over DDS, in this process."""
+"""A bench for single nodes: feeds them messages and hears what they answer, over DDS, in this
+process."""
 
 import time
 from collections import defaultdict
@@ -31,7 +32,9 @@ PATIENCE = 60.0
 def topics_of(field: str) -> list[Topic]:
     """Topics of a graph that measures a field: not those of other instruments."""
     instruments = {name: {adapter.raw, adapter.reduced} for name, adapter in ADAPTERS.items()}
-    own = set().union(*(instruments[other.name] for other in of_instrument(FIELDS[field].instrument)))
+    own = set().union(
+        *(instruments[other.name] for other in of_instrument(FIELDS[field].instrument))
+    )
     others = set().union(*instruments.values()) - own
     return [topic for topic in topics.ALL if topic not in others]
 
@@ -47,7 +50,9 @@ class Bench:
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.publishers: dict[str, Any] = {}
         for topic in topics.ALL:
-            self.probe.create_subscription(topic.type, topic.name, self.heard[topic.name].append, topics.LOSSLESS)
+            self.probe.create_subscription(
+                topic.type, topic.name, self.heard[topic.name].append, topics.LOSSLESS
+            )
         for node in (self.node, self.probe):
             self.executor.add_node(node)
         self.scenario = scenario
@@ -75,10 +80,14 @@ class Bench:
                 topic.type, topic.name, topics.LOSSLESS
             )
             # the probe hears itself as well
-            self.wait(lambda: publisher.get_subscription_count() >= 2, f"listeners of {topic.name}")
+            self.wait(
+                lambda: publisher.get_subscription_count() >= 2, f"listeners of {topic.name}"
+            )
         self.publishers[topic.name].publish(message)
 
-    def imu(self, seconds: float, force: tuple[float, float, float] = (0.0, 0.0, -9.8), **changes: Any) -> None:
+    def imu(
+        self, seconds: float, force: tuple[float, float, float] = (0.0, 0.0, -9.8), **changes: Any
+    ) -> None:
         """Publish an IMU sample, FRD."""
         message = topics.IMU.type()
         message.header.frame_id = changes.pop("frame", convert.BASE)
@@ -99,12 +108,22 @@ class Bench:
         message = topics.FIX.type()
         message.header.frame_id = frame
         convert.fill_fix(
-            message, from_seconds(seconds), latitude, longitude, 100.0, np.diag([variance, variance, 1e6]), **keys
+            message,
+            from_seconds(seconds),
+            latitude,
+            longitude,
+            100.0,
+            np.diag([variance, variance, 1e6]),
+            **keys,
         )
         self.publish(topics.FIX, message)
 
     def nav(
-        self, seconds: float, latitude: float, longitude: float, velocity: tuple[float, float] = (10.0, 10.0)
+        self,
+        seconds: float,
+        latitude: float,
+        longitude: float,
+        velocity: tuple[float, float] = (10.0, 10.0),
     ) -> None:
         """Publish what a navigator says."""
         ns = from_seconds(seconds)
@@ -142,7 +161,11 @@ class Bench:
     def says(self) -> list[tuple[bytes, str, dict[str, str]]]:
         """Return what the node said about itself: level, message, figures."""
         items = [item for array in self.heard[topics.DIAGNOSTICS.name] for item in array.status]
-        return [(item.level, item.message, figures_of(item)) for item in items if not item.name.endswith("batch")]
+        return [
+            (item.level, item.message, figures_of(item))
+            for item in items
+            if not item.name.endswith("batch")
+        ]
 
 
 @contextmanager

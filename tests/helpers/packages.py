@@ -11,7 +11,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent for path in (ROOT / "src").glob("*/package.xml"))
 NAMES = [package.name for package in PACKAGES]
 
-# Import name -> rosdep key. Each key exists in rosdistro's rosdep/python.yaml with an apt package on Ubuntu 24.04.
+# Import name -> rosdep key. Each key exists in rosdistro's rosdep/python.yaml with an apt package
+# on Ubuntu 24.04.
 APT = {
     "numpy": "python3-numpy",
     "scipy": "python3-scipy",
@@ -33,15 +34,20 @@ ROS = {
 def pip_only() -> set[str]:
     """Import names of what docker/ installs with pip because apt has none or too old a one."""
     lines = (ROOT / "docker" / "requirements.in").read_text(encoding="utf-8").splitlines()
-    names = {re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()}
+    names = {
+        re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()
+    }
     return {{"mcap-ros2-support": "mcap_ros2"}.get(name, name) for name in names}
 
 
 def setup_arguments(package: Path) -> dict[str, Any]:
-    """Return the literal arguments of the setup() call, and those that are the variable PACKAGE."""
+    """Return the literal arguments of the setup() call, and those that are the variable
+    PACKAGE."""
     tree = ast.parse((package / "setup.py").read_text(encoding="utf-8"))
     call = next(
-        node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
     )
     arguments = {}
     for keyword in call.keywords:
@@ -78,7 +84,9 @@ def executables() -> dict[str, set[str]]:
     return {
         package.name: {
             script.partition("=")[0].strip()
-            for script in setup_arguments(package).get("entry_points", {}).get("console_scripts", [])
+            for script in (
+                setup_arguments(package).get("entry_points", {}).get("console_scripts", [])
+            )
         }
         for package in PACKAGES
     }

@@ -31,6 +31,10 @@ def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:
     np.testing.assert_array_equal(a.fix_time, b.fix_time)
     assert a.fix_reason == b.fix_reason
     for name in ("error", "unaided_error", "posterior_error", *(["fix_error"] if fixes else [])):
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=tolerance, rtol=0, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(a, name), getattr(b, name), atol=tolerance, rtol=0, err_msg=name
+        )
     for name in ("covariance", "posterior_covariance", *(["fix_covariance"] if fixes else [])):
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name
+        )

@@ -1,12 +1,12 @@
-"""Runs whose results are kept, so that a change that must not change any result can be seen to have changed none.
+"""Runs whose results are kept, so that a change that must not change any result can be seen to
+have changed none.
 
     PYTHONPATH=tests python -m helpers.reference_runs write FILE.npz       every number, for a comparison on one machine
     PYTHONPATH=tests python -m helpers.reference_runs compare FILE.npz     the largest difference of each case, m
     PYTHONPATH=tests python -m helpers.reference_runs keep                 tests/regression/results.json, for the test
 
-An hour of one run each, on maps that are made up here. What is compared: the navigator's error and its 1-sigma at every scan,
-the fixes, their errors and 1-sigmas; m.
-"""
+An hour of one run each, on maps that are made up here. What is compared: the navigator's error and
+its 1-sigma at every scan, the fixes, their errors and 1-sigmas; m."""
 
 import json
 import sys
@@ -73,9 +73,15 @@ ENGINE: dict[str, list[str]] = (
 
 def _of(runs: Runs) -> Results:
     sigma, fix_sigma = (
-        np.sqrt(np.diagonal(array, axis1=-2, axis2=-1)) for array in (runs.covariance, runs.fix_covariance)
+        np.sqrt(np.diagonal(array, axis1=-2, axis2=-1))
+        for array in (runs.covariance, runs.fix_covariance)
     )
-    return {"error": runs.error[0], "sigma": sigma[0], "fix_error": runs.fix_error[0], "fix_sigma": fix_sigma[0]}
+    return {
+        "error": runs.error[0],
+        "sigma": sigma[0],
+        "fix_error": runs.fix_error[0],
+        "fix_sigma": fix_sigma[0],
+    }
 
 
 def _engine(case: str) -> Results:
@@ -90,24 +96,40 @@ def _magnetic() -> Results:
 def _uneven() -> Results:
     """A map that says how wrong it is, and where."""
     rough = field_map_of(wavy, step=500.0)
-    north, east = rough.value_and_gradient(*np.meshgrid(rough.latitude, rough.longitude, indexing="ij"))[1:]
-    uneven = replace(rough, sigma=np.nan_to_num(300.0 * np.hypot(north, east)) + 5e-6, correlation_length=3000.0)
+    north, east = rough.value_and_gradient(
+        *np.meshgrid(rough.latitude, rough.longitude, indexing="ij")
+    )[1:]
+    uneven = replace(
+        rough, sigma=np.nan_to_num(300.0 * np.hypot(north, east)) + 5e-6, correlation_length=3000.0
+    )
     return _of(simulate(load_scenario(None, [*_ROUTE, "map_error.sigma=1e-5"]), [0], uneven))
 
 
-def _track(matcher: str, uneven: bool = False, chained: bool = False, **settings: object) -> Results:
+def _track(
+    matcher: str, uneven: bool = False, chained: bool = False, **settings: object
+) -> Results:
     field = field_of("magnetic_anomaly", correlation_length=3000.0)
     if uneven:
-        north, east = field.value_and_gradient(*np.meshgrid(field.latitude, field.longitude, indexing="ij"))[1:]
+        north, east = field.value_and_gradient(
+            *np.meshgrid(field.latitude, field.longitude, indexing="ij")
+        )[1:]
         field = replace(field, sigma=np.nan_to_num(200.0 * np.hypot(north, east)) + 5.0)
     track, *_ = made_track(field, count=150, error=(700.0, -900.0), sigma=2.0, seed=4)
     rough = 12.0 * np.sin(np.arange(150) / 6.0)
-    moved = Matcher.model_validate({"name": matcher, "map_sigma": 10.0, "batch_length": 30, **settings})
+    moved = Matcher.model_validate(
+        {"name": matcher, "map_sigma": 10.0, "batch_length": 30, **settings}
+    )
     matches = match_track(
-        replace(track, value=track.value + rough), field, moved, Uncertainty(1500.0, 0.1, 50.0), chained=chained
+        replace(track, value=track.value + rough),
+        field,
+        moved,
+        Uncertainty(1500.0, 0.1, 50.0),
+        chained=chained,
     )
     north, east = metres_per_radian(ORIGIN[0])
-    places = np.array([(m.fix.latitude, m.fix.longitude) if m.fix.published else (np.nan,) * 2 for m in matches])
+    places = np.array(
+        [(m.fix.latitude, m.fix.longitude) if m.fix.published else (np.nan,) * 2 for m in matches]
+    )
     return {
         "error": np.array([m.error[:2] for m in matches]),
         "sigma": np.array([np.sqrt(np.diag(m.covariance))[:2] for m in matches]),
@@ -127,7 +149,9 @@ def _graph(*changes: str, synthetic: bool = False) -> Results:
         write_netcdf(field_map_of(wavy, step=500.0), source)
         base = _HOUR if synthetic else [*_ROUTE, f"map.source={source}"]
         scenario = load_scenario(None, [*base, *changes])
-        return _in_domain(lambda: _of(record(_ran(run_here, scenario, Path(folder) / "bag"), scenario)))
+        return _in_domain(
+            lambda: _of(record(_ran(run_here, scenario, Path(folder) / "bag"), scenario))
+        )
 
 
 def _ran(run: Callable[[Scenario, Path], object], scenario: Scenario, bag: Path) -> Path:
@@ -163,9 +187,13 @@ LIBRARY: dict[str, Callable[[], Results]] = (
 )
 GRAPH: dict[str, Callable[[], Results]] = {
     "graph: pmht": lambda: _graph(*_TOLD),
-    "graph: pmht-paper retrodiction": lambda: _graph("matcher.name=pmht-paper", "matcher.mode=retrodiction"),
+    "graph: pmht-paper retrodiction": lambda: _graph(
+        "matcher.name=pmht-paper", "matcher.mode=retrodiction"
+    ),
     "graph: gradient": lambda: _graph("field=gradient", synthetic=True),
-    "graph: hidden start, auto": lambda: _graph("matcher.map_sigma=auto", "initial_error.hidden_position=6000"),
+    "graph: hidden start, auto": lambda: _graph(
+        "matcher.map_sigma=auto", "initial_error.hidden_position=6000"
+    ),
 }
 
 
@@ -182,7 +210,8 @@ def _thin(array: np.ndarray) -> np.ndarray:
 
 
 def difference(now: Results, before: Results) -> float:
-    """Return the largest difference, m; infinite where there is a fix in one and none in the other."""
+    """Return the largest difference, m; infinite where there is a fix in one and none in the
+    other."""
     worst = 0.0
     for name, array in before.items():
         if now[name].shape != array.shape or (np.isnan(now[name]) != np.isnan(array)).any():
@@ -196,11 +225,17 @@ def main() -> int:
     chosen = LIBRARY | GRAPH
     if command == "keep":
         KEPT.parent.mkdir(exist_ok=True)
-        lines = [f"{json.dumps(name)}: {json.dumps(sampled(make()))}" for name, make in chosen.items()]
+        lines = [
+            f"{json.dumps(name)}: {json.dumps(sampled(make()))}" for name, make in chosen.items()
+        ]
         KEPT.write_text("{\n" + ",\n".join(lines) + "\n}\n")
         return 0
     if command == "write":
-        made = {f"{case}|{name}": array for case, make in chosen.items() for name, array in make().items()}
+        made = {
+            f"{case}|{name}": array
+            for case, make in chosen.items()
+            for name, array in make().items()
+        }
         np.savez(rest[0], **made)
         return 0
     stored = np.load(rest[0])
@@ -208,7 +243,11 @@ def main() -> int:
     for case, make in chosen.items():
         if len(rest) > 1 and not any(word in case for word in rest[1:]):
             continue
-        before = {key.partition("|")[2]: stored[key] for key in stored.files if key.partition("|")[0] == case}
+        before = {
+            key.partition("|")[2]: stored[key]
+            for key in stored.files
+            if key.partition("|")[0] == case
+        }
         apart = difference(make(), before)
         bad += not apart <= 1e-9
         print(f"{case}: {apart:.3g} m", flush=True)

@@ -1,4 +1,5 @@
-"""Recorded tracks made up for tests: a field, a true track over it, and where a navigator said it was."""
+"""Recorded tracks made up for tests: a field, a true track over it, and where a navigator said it
+was."""
 
 from pathlib import Path
 
@@ -25,7 +26,14 @@ def field_of(quantity: str, **keys) -> FieldMap:
 
     unit, factor, offset = FIELDS[quantity]
     field_map = field_map_of(lambda north, east: offset + factor * wavy(north, east))
-    return replace(field_map, unit=unit, quantity=quantity, file_unit=unit, provenance=f"{quantity}.nc", **keys)
+    return replace(
+        field_map,
+        unit=unit,
+        quantity=quantity,
+        file_unit=unit,
+        provenance=f"{quantity}.nc",
+        **keys,
+    )
 
 
 def made_track(
@@ -38,7 +46,8 @@ def made_track(
     step: tuple[float, float] = (140.0, 170.0),
     **keys,
 ) -> tuple[Track, np.ndarray, np.ndarray]:
-    """A straight track with a constant position error (north, east m); also returns the true latitude and longitude (rad)."""
+    """A straight track with a constant position error (north, east m); also returns the true
+    latitude and longitude (rad)."""
     north, east = metres_per_radian(ORIGIN[0])
     position = np.array(start) + np.array(step) * np.arange(count)[:, None]
     latitude, longitude = ORIGIN[0] + position[:, 0] / north, ORIGIN[1] + position[:, 1] / east
@@ -58,7 +67,9 @@ def made_track(
     return track, latitude, longitude
 
 
-def write_csv(path: Path, track: Track, columns: str = "time,latitude,longitude,value", factor: float = 1.0) -> Path:
+def write_csv(
+    path: Path, track: Track, columns: str = "time,latitude,longitude,value", factor: float = 1.0
+) -> Path:
     """Write a track as CSV; values in units of `factor`."""
     known = {
         "time": track.time,
@@ -70,5 +81,7 @@ def write_csv(path: Path, track: Track, columns: str = "time,latitude,longitude,
     }
     names = columns.split(",")
     rows = np.stack([known[name] for name in names], axis=1)
-    path.write_text("\n".join([columns, *(",".join(f"{x:.12g}" for x in row) for row in rows)]) + "\n")
+    path.write_text(
+        "\n".join([columns, *(",".join(f"{x:.12g}" for x in row) for row in rows)]) + "\n"
+    )
     return path

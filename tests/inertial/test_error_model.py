@@ -21,7 +21,9 @@ def metres(nav: NavState) -> np.ndarray:
 
 
 def moved(nav: NavState, error: np.ndarray) -> NavState:
-    attitude = Rotation.from_rotvec(error[4:7]) * Rotation.from_quat(nav.attitude[0], scalar_first=True)
+    attitude = Rotation.from_rotvec(error[4:7]) * Rotation.from_quat(
+        nav.attitude[0], scalar_first=True
+    )
     return NavState(
         nav.position + np.append(error[:2] / metres(nav), 0.0),
         nav.velocity + np.append(error[2:4], 0.0),
@@ -35,7 +37,11 @@ def difference(a: NavState, b: NavState, middle: NavState) -> np.ndarray:
         * Rotation.from_quat(b.attitude[0], scalar_first=True).inv()
     )
     return np.concatenate(
-        [(a.position - b.position)[0, :2] * metres(middle), (a.velocity - b.velocity)[0, :2], turn.as_rotvec()]
+        [
+            (a.position - b.position)[0, :2] * metres(middle),
+            (a.velocity - b.velocity)[0, :2],
+            turn.as_rotvec(),
+        ]
     )
 
 
@@ -45,7 +51,9 @@ def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
     random = np.random.default_rng(7)
     body = Rotation.random(None, random)
     nav = NavState(
-        np.array([[latitude, 2.5, 3000.0]]), np.array([[*velocity, 0.0]]), body.as_quat(scalar_first=True)[None]
+        np.array([[latitude, 2.5, 3000.0]]),
+        np.array([[*velocity, 0.0]]),
+        body.as_quat(scalar_first=True)[None],
     )
     force, rate = body.inv().apply([1.5, -2.0, -9.8]), np.array([1e-4, -2e-4, 1e-4])
     height = np.full(2, 3000.0)
@@ -72,5 +80,7 @@ def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
 
 def test_only_zeros_elsewhere():
     F = np.zeros((STATES, STATES))
-    fill_dynamics(F, np.array([0.5, 10.0, 20.0, 1 / R, 1 / R]), np.array([0.1, 0.2, -9.8]), np.eye(3))
+    fill_dynamics(
+        F, np.array([0.5, 10.0, 20.0, 1 / R, 1 / R]), np.array([0.1, 0.2, -9.8]), np.eye(3)
+    )
     assert not F[7:].any()  # biases are constant

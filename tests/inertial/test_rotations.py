@@ -47,7 +47,9 @@ def test_matrices_of_many_quaternions():
 def test_heading_turns_the_nose_clockwise_from_north(heading_deg):
     heading = np.radians(heading_deg)
     attitude = from_heading(heading)
-    np.testing.assert_allclose(rotate(*attitude, 1.0, 0.0, 0.0), [np.cos(heading), np.sin(heading), 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        rotate(*attitude, 1.0, 0.0, 0.0), [np.cos(heading), np.sin(heading), 0.0], atol=1e-15
+    )
     np.testing.assert_allclose(rotate(*attitude, 0.0, 0.0, 1.0), [0.0, 0.0, 1.0], atol=1e-15)
 
 
@@ -55,9 +57,15 @@ def test_heading_turns_the_nose_clockwise_from_north(heading_deg):
 def test_short_cuts_equal_the_general_functions(angle):
     axis = np.array([0.36, -0.48, 0.8])
     np.testing.assert_allclose(
-        from_short_rotation_vector(*(axis * angle)), from_rotation_vector(*(axis * angle)), atol=1e-15
+        from_short_rotation_vector(*(axis * angle)),
+        from_rotation_vector(*(axis * angle)),
+        atol=1e-15,
     )
     w, x, y, z = from_rotation_vector(*(axis * angle))
     if x * x + y * y + z * z <= SMALL:
-        np.testing.assert_allclose(to_small_rotation_vector(x, y, z), axis * angle, rtol=1e-14, atol=1e-30)
-    np.testing.assert_allclose(to_rotation_vector(-w, -x, -y, -z), axis * angle, rtol=1e-13, atol=1e-30)
+        np.testing.assert_allclose(
+            to_small_rotation_vector(x, y, z), axis * angle, rtol=1e-14, atol=1e-30
+        )
+    np.testing.assert_allclose(
+        to_rotation_vector(-w, -x, -y, -z), axis * angle, rtol=1e-13, atol=1e-30
+    )

@@ -1,4 +1,5 @@
-"""The strapdown: no drift without noise, the Schuler oscillation, the unstable vertical channel, known height, run axis."""
+"""The strapdown: no drift without noise, the Schuler oscillation, the unstable vertical channel,
+known height, run axis."""
 
 import numpy as np
 import pytest
@@ -11,9 +12,16 @@ from isogal.inertial.strapdown import NavState, propagate
 from isogal.scenario import Imu, Route, Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
-CORNERS = ((-38.0, 144.5, 22.0), (-37.0, 146.0, 60.0), (-37.3, 147.0, 30.0), (-36.2, 147.1, 22.0), (-35.0, 150.0, 22.0))
+CORNERS = (
+    (-38.0, 144.5, 22.0),
+    (-37.0, 146.0, 60.0),
+    (-37.3, 147.0, 30.0),
+    (-36.2, 147.1, 22.0),
+    (-35.0, 150.0, 22.0),
+)
 SCHULER = 84.4 * 60.0
-"""s, the period of a pendulum of the Earth's radius (Titterton & Weston 2004, section 3.7.1; Groves 2013, section 5.7.2)."""
+"""s, the period of a pendulum of the Earth's radius (Titterton & Weston 2004, section 3.7.1;
+Groves 2013, section 5.7.2)."""
 
 
 def start_of(trajectory: Trajectory) -> NavState:
@@ -28,7 +36,13 @@ def start_of(trajectory: Trajectory) -> NavState:
         (Route(duration=None, line="geodesic"), 1.0, 1e-3),
         (Route(duration=None, waypoints=CORNERS), 1.0, 1.0),
         (Route(duration=None, waypoints=CORNERS[:3]), 4.0, 0.05),
-        (Route(start=(67.0, 179.0), end=(68.0, -178.0), speed=250.0, height=9000.0, duration=None), 1.0, 0.02),
+        (
+            Route(
+                start=(67.0, 179.0), end=(68.0, -178.0), speed=250.0, height=9000.0, duration=None
+            ),
+            1.0,
+            0.02,
+        ),
     ],
     ids=["rhumb", "geodesic", "corners", "corners at 4 Hz", "fast, high, across the date line"],
 )
@@ -44,7 +58,9 @@ def test_without_noise_it_stays_on_the_route(route, rate, metres):
     )
     drift = horizontal_difference(*track[0].T, trajectory.latitude[1:], trajectory.longitude[1:])
     assert np.hypot(*drift.T).max() < metres
-    np.testing.assert_allclose(end.velocity[0], trajectory.velocity[-1], atol=metres / 800.0)  # the Schuler rate
+    np.testing.assert_allclose(
+        end.velocity[0], trajectory.velocity[-1], atol=metres / 800.0
+    )  # the Schuler rate
     assert abs(end.attitude[0] @ trajectory.attitude[-1]) > 1.0 - 1e-12
 
 
@@ -53,12 +69,21 @@ def standing(latitude: float, seconds: int) -> tuple[NavState, np.ndarray, np.nd
     rate = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
     force = np.array([0.0, 0.0, -float(normal_gravity(latitude))])
     nav = NavState(np.array([[latitude, 2.0, 0.0]]), np.zeros((1, 3)), from_heading(np.zeros(1)))
-    return nav, np.tile(force, (1, seconds, 1)), np.tile(rate, (1, seconds, 1)), np.zeros(seconds + 1)
+    return (
+        nav,
+        np.tile(force, (1, seconds, 1)),
+        np.tile(rate, (1, seconds, 1)),
+        np.zeros(seconds + 1),
+    )
 
 
-def east_error(nav: NavState, force: np.ndarray, rate: np.ndarray, height: np.ndarray) -> np.ndarray:
+def east_error(
+    nav: NavState, force: np.ndarray, rate: np.ndarray, height: np.ndarray
+) -> np.ndarray:
     _, track = propagate(nav, force, rate, 1.0, height, history=True)
-    return horizontal_difference(track[0, :, 0], track[0, :, 1], nav.position[0, 0], nav.position[0, 1])[:, 1]
+    return horizontal_difference(
+        track[0, :, 0], track[0, :, 1], nav.position[0, 0], nav.position[0, 1]
+    )[:, 1]
 
 
 def test_schuler_oscillation_from_a_velocity_error():
@@ -104,7 +129,9 @@ def test_free_height_is_unstable_with_the_published_time_constant():
         nav, _ = propagate(nav, force[:, :600], rate[:, :600], 1.0)
         heights.append(nav.position[0, 2])
     # h'' = 2 g h / R from rest: cosh(t / 570 s) (SCIENCE 1; Titterton & Weston 2004, section 12.4)
-    np.testing.assert_allclose(heights, np.cosh(np.array([600.0, 1200.0, 1800.0]) / 570.0), rtol=0.03)
+    np.testing.assert_allclose(
+        heights, np.cosh(np.array([600.0, 1200.0, 1800.0]) / 570.0), rtol=0.03
+    )
 
 
 def test_known_height_is_followed():

@@ -26,7 +26,13 @@ def test_damage_is_found_and_repaired(tmp_path, damage):
     if damage != "absent":
         flipped = body[:-7] + bytes([body[-7] ^ 1]) + body[-6:]
         path.write_bytes(
-            {"empty": b"", "cut": body[:-3], "longer": body + b"x", "flipped": flipped, "foreign": b"PK" * 40}[damage]
+            {
+                "empty": b"",
+                "cut": body[:-3],
+                "longer": body + b"x",
+                "flipped": flipped,
+                "foreign": b"PK" * 40,
+            }[damage]
         )
     assert read_part(path, 2) is None
     assert dict(read_or_make({path: lambda: PARTS}, 2)) == {path: PARTS[2]}
@@ -57,7 +63,10 @@ assert {p.name: b.decode() for p, b in got.items()} == {n: n for n in "abcdef"}
 
 
 def test_processes_share_the_work(tmp_path):
-    processes = [subprocess.Popen([sys.executable, "-c", SHARE, str(tmp_path)], env=dict(os.environ)) for _ in range(4)]
+    processes = [
+        subprocess.Popen([sys.executable, "-c", SHARE, str(tmp_path)], env=dict(os.environ))
+        for _ in range(4)
+    ]
     assert [p.wait(timeout=60) for p in processes] == [0] * 4
     assert sorted((tmp_path / "log").read_text().split()) == list("abcdef")
 

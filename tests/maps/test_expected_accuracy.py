@@ -15,9 +15,14 @@ NORTH, EAST = (float(m) for m in metres_per_radian(LAT))
 
 def saddle(quantity="height", unit="m", scale=1.0):
     """Values a·north + b·east + c·north·east: gradients (a + c·east, b + c·north)."""
-    lat, lon = LAT + np.radians(0.01) * np.arange(-60, 61), LON + np.radians(0.01) * np.arange(-60, 61)
+    lat, lon = (
+        LAT + np.radians(0.01) * np.arange(-60, 61),
+        LON + np.radians(0.01) * np.arange(-60, 61),
+    )
     north, east = NORTH * (lat - LAT)[:, None], EAST * (lon - LON)[None, :]
-    return FieldMap(lat, lon, scale * (3e-3 * north + 1e-3 * east + 4e-7 * north * east), unit, quantity)
+    return FieldMap(
+        lat, lon, scale * (3e-3 * north + 1e-3 * east + 4e-7 * north * east), unit, quantity
+    )
 
 
 def track(count=60, spacing=500.0):
@@ -30,7 +35,9 @@ def test_white_noise_by_hand():
     found = position_information(saddle(), latitude, longitude, Errors(0.5, 0.0), stretch=0.0)
     east = EAST * (longitude - LON)
     slope = np.stack([3e-3 + 4e-7 * east, np.full(60, 1e-3)], axis=1)
-    np.testing.assert_allclose(found.covariance[0], np.linalg.inv(slope.T @ slope / 0.25), rtol=1e-3)
+    np.testing.assert_allclose(
+        found.covariance[0], np.linalg.inv(slope.T @ slope / 0.25), rtol=1e-3
+    )
     best, worst = found.axes
     assert best[0] < worst[0]
     np.testing.assert_allclose(
@@ -61,13 +68,18 @@ def test_stretches_cover_the_track():
 
 
 def test_a_plane_leaves_a_direction_open_and_a_hole_is_nan():
-    lat, lon = LAT + np.radians(0.01) * np.arange(-40, 41), LON + np.radians(0.01) * np.arange(-40, 41)
+    lat, lon = (
+        LAT + np.radians(0.01) * np.arange(-40, 41),
+        LON + np.radians(0.01) * np.arange(-40, 41),
+    )
     values = np.broadcast_to(3e-3 * NORTH * (lat - LAT)[:, None], (81, 81)).copy()
     plane = FieldMap(lat, lon, values, "m", "height")
     latitude, longitude = track()
     assert np.isinf(position_information(plane, latitude, longitude, Errors(0.5)).axes[1]).all()
     values[:, 40:] = np.nan
-    holed = position_information(FieldMap(lat, lon, values, "m", "height"), latitude, longitude, Errors(0.5))
+    holed = position_information(
+        FieldMap(lat, lon, values, "m", "height"), latitude, longitude, Errors(0.5)
+    )
     assert np.isnan(holed.axes[1][-1])
 
 
@@ -77,13 +89,18 @@ def test_normal_gravity_is_part_of_the_signal_of_a_disturbance():
     latitude, longitude = track()
     errors = Errors(1e-6, 0.0)
     found = position_information(flat, latitude, longitude, errors, stretch=0.0)
-    assert found.gradient[0] == pytest.approx(abs(float(normal_gravity_gradient_north(LAT))), rel=1e-3)
+    assert found.gradient[0] == pytest.approx(
+        abs(float(normal_gravity_gradient_north(LAT))), rel=1e-3
+    )
     gravity = saddle("gravity", "m/s²", 1e-30)
-    assert position_information(gravity, latitude, longitude, errors, stretch=0.0).gradient[0] < 1e-20
+    assert (
+        position_information(gravity, latitude, longitude, errors, stretch=0.0).gradient[0] < 1e-20
+    )
 
 
 def test_the_bound_is_reached_by_least_squares():
-    """Monte Carlo of the rigid shift on a linear map: covariance within 10 % of the bound (4000 draws: its own 1-sigma is 2.2 %)."""
+    """Monte Carlo of the rigid shift on a linear map: covariance within 10 % of the bound (4000
+    draws: its own 1-sigma is 2.2 %)."""
     latitude, longitude = track()
     field_map, errors = saddle(), Errors(0.5, 0.4, 3000.0, 0.3)
     bound = position_information(field_map, latitude, longitude, errors, stretch=0.0).covariance[0]

@@ -23,8 +23,12 @@ def test_gradient_is_per_metre_to_north_and_east():
     lat, lon = np.radians(-37.1234), np.radians(145.4321)
     north, east = metres_per_radian(lat)
     _, g_north, g_east = field_map.value_and_gradient(lat, lon)
-    assert g_north == pytest.approx(1e-4 * 200 * math.cos(200 * lat) * math.cos(150 * lon) / north, rel=1e-3)
-    assert g_east == pytest.approx(-1e-4 * 150 * math.sin(200 * lat) * math.sin(150 * lon) / east, rel=1e-3)
+    assert g_north == pytest.approx(
+        1e-4 * 200 * math.cos(200 * lat) * math.cos(150 * lon) / north, rel=1e-3
+    )
+    assert g_east == pytest.approx(
+        -1e-4 * 150 * math.sin(200 * lat) * math.sin(150 * lon) / east, rel=1e-3
+    )
 
 
 def test_shapes_broadcast():
@@ -34,7 +38,9 @@ def test_shapes_broadcast():
     assert all(x.shape == (2, 3) for x in field_map.value_and_gradient(lat, lon))
     assert field_map.sigma_at(lat, lon).shape == (2, 3)
     assert np.ndim(field_map.value(-0.65, 2.53)) == 0
-    assert field_map.covers(lat, lon).all() and not field_map.covers(np.radians(-39.0), np.radians(145.0))
+    assert field_map.covers(lat, lon).all() and not field_map.covers(
+        np.radians(-39.0), np.radians(145.0)
+    )
 
 
 def test_sigma_of_a_grid_is_interpolated():
@@ -75,14 +81,20 @@ def test_a_window_across_the_seam_of_a_global_map():
         )
     assert np.isnan(part.value(0.01, np.radians(20.0)))
     first = field_map.window(*np.radians([-5.0, 5.0, 1.0, 3.0]))
-    assert first.value(0.01, np.radians(1.0)) == pytest.approx(field_map.value(0.01, np.radians(1.0)), abs=1e-16)
+    assert first.value(0.01, np.radians(1.0)) == pytest.approx(
+        field_map.value(0.01, np.radians(1.0)), abs=1e-16
+    )
     across = field_map.window(*np.radians([-5.0, 5.0, 175.0, -175.0]))
-    assert across.value(0.01, np.radians(-179.9)) == pytest.approx(field_map.value(0.01, np.radians(180.1)), abs=1e-16)
+    assert across.value(0.01, np.radians(-179.9)) == pytest.approx(
+        field_map.value(0.01, np.radians(180.1)), abs=1e-16
+    )
 
 
 def test_a_repeated_meridian_is_dropped():
     lat, lon = np.radians(np.linspace(-10.0, 10.0, 21)), np.radians(np.arange(-180.0, 181.0))
-    field_map = FieldMap(lat, lon, 1e-4 * np.broadcast_to(np.cos(lon), (21, 361)), "m/s²", "disturbance")
+    field_map = FieldMap(
+        lat, lon, 1e-4 * np.broadcast_to(np.cos(lon), (21, 361)), "m/s²", "disturbance"
+    )
     assert field_map.longitude.size == 360
     assert field_map.value(0.0, math.pi) == pytest.approx(-1e-4, abs=1e-7)
 

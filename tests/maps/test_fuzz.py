@@ -1,4 +1,5 @@
-"""Whatever a file holds, a reader gives a map or one clear line; it never crashes and never hangs."""
+"""Whatever a file holds, a reader gives a map or one clear line; it never crashes and never
+hangs."""
 
 import tempfile
 from pathlib import Path
@@ -14,7 +15,9 @@ from isogal.maps.formats.netcdf import write_netcdf
 from isogal.maps.ggmplus import folder as ggmplus
 from isogal.maps.load import load_map
 
-FUZZ = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FUZZ = settings(
+    max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+)
 
 
 def netcdf4(small_map, path):
@@ -65,7 +68,10 @@ def rows(small_map):
 
 
 def gdf(small_map, path):
-    head = "functional gravity_disturbance\nunit mgal\ngapvalue 9999.0\ngridstep 0.05\nlatlimit_north -36.05\nend_of_head ==\n"
+    head = (
+        "functional gravity_disturbance\nunit mgal\ngapvalue 9999.0\ngridstep 0.05\nlatlimit_north"
+        " -36.05\nend_of_head ==\n"
+    )
     path.write_text(head + rows(small_map))
 
 
@@ -82,7 +88,11 @@ def tile(small_map, path):
 MAKERS = {"map.nc": netcdf4, "old.nc": netcdf3, "map.tif": geotiff, "map.gdf": gdf, "map.xyz": xyz}
 change = st.tuples(st.floats(0.0, 1.0), st.binary(min_size=1, max_size=8))
 damage = st.fixed_dictionaries(
-    {"changes": st.lists(change, max_size=6), "cut": st.one_of(st.none(), st.floats(0.0, 1.0)), "early": st.booleans()}
+    {
+        "changes": st.lists(change, max_size=6),
+        "cut": st.one_of(st.none(), st.floats(0.0, 1.0)),
+        "early": st.booleans(),
+    }
 )
 
 
@@ -146,13 +156,16 @@ def test_damaged_tiles(small_map, tmp_path):
 
     @settings(FUZZ, max_examples=20)
     @given(
-        st.lists(st.tuples(st.integers(0, 100_000), st.integers(-(2**15), 2**15 - 1)), max_size=9), st.integers(-3, 3)
+        st.lists(st.tuples(st.integers(0, 100_000), st.integers(-(2**15), 2**15 - 1)), max_size=9),
+        st.integers(-3, 3),
     )
     def check(changes, longer):
         spoilt = good.copy()
         for at, number in changes:
             spoilt[at] = number
-        path.write_bytes(spoilt.tobytes()[: longer or None] if longer < 0 else spoilt.tobytes() + b"x" * longer)
+        path.write_bytes(
+            spoilt.tobytes()[: longer or None] if longer < 0 else spoilt.tobytes() + b"x" * longer
+        )
         try:
             assert ggmplus.read_ggmplus(tmp_path, "dg", window).quantity == "disturbance"
         except InputError as error:

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isogal.maps.interpolation import bilinear_at, column_position, value_and_gradient, values_and_gradients, values_at
+from isogal.maps.interpolation import (
+    bilinear_at,
+    column_position,
+    value_and_gradient,
+    values_and_gradients,
+    values_at,
+)
 
 LAT0, DLAT, LON0, DLON = -0.65, 3.5e-5, 2.5, 4.0e-5
 
@@ -20,7 +26,9 @@ def noise_grid(n=30, m=40, seed=1):
 def test_passes_through_the_nodes(dtype):
     values = noise_grid().astype(dtype)
     for i, j in [(2, 2), (5, 7), (26, 30), (27, 37)]:
-        v, _, _ = value_and_gradient(values, LAT0, DLAT, LON0, DLON, LAT0 + i * DLAT, LON0 + j * DLON)
+        v, _, _ = value_and_gradient(
+            values, LAT0, DLAT, LON0, DLON, LAT0 + i * DLAT, LON0 + j * DLON
+        )
         assert v == pytest.approx(float(values[i, j]), abs=1e-7)
 
 
@@ -29,8 +37,12 @@ def test_exact_for_quadratics():
     i, j = np.mgrid[0:20, 0:25].astype(float)
     values = 3.0 + 2.0 * i - j + 0.5 * i * j + 0.25 * i**2 - 0.125 * j**2
     y, x = 7.3, 11.8
-    v, by_lat, by_lon = value_and_gradient(values, 0.1, DLAT, LON0, DLON, 0.1 + y * DLAT, LON0 + x * DLON)
-    assert v == pytest.approx(3.0 + 2.0 * y - x + 0.5 * y * x + 0.25 * y**2 - 0.125 * x**2, abs=1e-9)
+    v, by_lat, by_lon = value_and_gradient(
+        values, 0.1, DLAT, LON0, DLON, 0.1 + y * DLAT, LON0 + x * DLON
+    )
+    assert v == pytest.approx(
+        3.0 + 2.0 * y - x + 0.5 * y * x + 0.25 * y**2 - 0.125 * x**2, abs=1e-9
+    )
     assert by_lat * DLAT == pytest.approx(2.0 + 0.5 * x + 0.5 * y, abs=1e-8)
     assert by_lon * DLON == pytest.approx(-1.0 + 0.5 * y - 0.25 * x, abs=1e-8)
 
@@ -81,7 +93,10 @@ def test_any_of_the_sixteen_nodes_missing_gives_nan(di, dj):
     ],
 )
 def test_outside_is_nan_never_an_edge_value(y, x):
-    assert all(math.isnan(v) for v in value_and_gradient(noise_grid(), 0.0, 0.01, 0.0, 0.01, 0.01 * y, 0.01 * x))
+    assert all(
+        math.isnan(v)
+        for v in value_and_gradient(noise_grid(), 0.0, 0.01, 0.0, 0.01, 0.01 * y, 0.01 * x)
+    )
 
 
 @pytest.mark.parametrize("turns", [-2, -1, 1])
@@ -99,20 +114,29 @@ def test_a_grid_round_the_earth_wraps():
     lon = np.radians(np.arange(m))
     values = np.repeat(np.sin(3 * lon)[None, :], 8, axis=0)
     for degrees in (-0.3, 0.2, 359.7, 180.5, 719.9):
-        v, _, by_lon = value_and_gradient(values, 0.0, 0.01, 0.0, math.radians(1.0), 0.035, math.radians(degrees))
+        v, _, by_lon = value_and_gradient(
+            values, 0.0, 0.01, 0.0, math.radians(1.0), 0.035, math.radians(degrees)
+        )
         assert v == pytest.approx(math.sin(3 * math.radians(degrees)), abs=1e-4)
         assert by_lon == pytest.approx(3 * math.cos(3 * math.radians(degrees)), abs=1e-2)
 
 
 def test_column_position_of_a_grid_that_passes_180_degrees():
-    assert column_position(21, math.radians(170.0), math.radians(1.0), math.radians(-175.0)) == pytest.approx(15.0)
+    assert column_position(
+        21, math.radians(170.0), math.radians(1.0), math.radians(-175.0)
+    ) == pytest.approx(15.0)
 
 
 def test_array_versions_equal_the_single_point():
     values = noise_grid()
     rng = np.random.default_rng(3)
     lat, lon = rng.uniform(-1.0, 31.0, 500), 0.01 * rng.uniform(-1.0, 41.0, 500)
-    single = np.array([value_and_gradient(values, 0.0, 1.0, 0.0, 0.01, a, b) for a, b in zip(lat, lon, strict=True)])
+    single = np.array(
+        [
+            value_and_gradient(values, 0.0, 1.0, 0.0, 0.01, a, b)
+            for a, b in zip(lat, lon, strict=True)
+        ]
+    )
     many = np.stack(values_and_gradients(values, 0.0, 1.0, 0.0, 0.01, lat, lon), axis=1)
     np.testing.assert_array_equal(single, many)
     np.testing.assert_array_equal(single[:, 0], values_at(values, 0.0, 1.0, 0.0, 0.01, lat, lon))
@@ -125,5 +149,9 @@ def test_bilinear_stays_between_its_nodes_and_is_nan_outside():
     out = bilinear_at(values, 0.0, 1.0, 0.0, 0.01, lat, lon)
     i, j = lat.astype(int), np.minimum((lon / 0.01).astype(int), 38)
     corners = np.stack([values[i, j], values[i + 1, j], values[i, j + 1], values[i + 1, j + 1]])
-    assert (out >= corners.min(axis=0) - 1e-12).all() and (out <= corners.max(axis=0) + 1e-12).all()
-    assert np.isnan(bilinear_at(values, 0.0, 1.0, 0.0, 0.01, np.array([-0.1, 29.1]), np.array([0.1, 0.1]))).all()
+    assert (out >= corners.min(axis=0) - 1e-12).all() and (
+        out <= corners.max(axis=0) + 1e-12
+    ).all()
+    assert np.isnan(
+        bilinear_at(values, 0.0, 1.0, 0.0, 0.01, np.array([-0.1, 29.1]), np.array([0.1, 0.1]))
+    ).all()

@@ -11,11 +11,14 @@ from isogal.sensors.trajectory import build_trajectory
 
 
 def scenario(shared_data, *overrides, file="se_australia_gravity.nc"):
-    return load_scenario(overrides=[f"map.source={shared_data / file}", "route.duration=1800", *overrides])
+    return load_scenario(
+        overrides=[f"map.source={shared_data / file}", "route.duration=1800", *overrides]
+    )
 
 
 @pytest.mark.parametrize(
-    "quantity,variable", [("gravity", None), ("gravity", "ga"), ("disturbance", None), ("disturbance", "dg")]
+    "quantity,variable",
+    [("gravity", None), ("gravity", "ga"), ("disturbance", None), ("disturbance", "dg")],
 )
 def test_variable_by_quantity(shared_data, quantity, variable):
     extra = [f"map.variable={variable}"] if variable else []
@@ -33,9 +36,9 @@ def test_margin(shared_data):
     trajectory = build_trajectory(chosen)
     found = route_window(trajectory.latitude, trajectory.longitude, 10_000.0)
     assert (trajectory.latitude.min() - found.south) * 6.371e6 == pytest.approx(10_000.0)
-    assert (found.east - trajectory.longitude.max()) * 6.371e6 * np.cos(found.south) == pytest.approx(
-        10_000.0, rel=0.01
-    )
+    assert (found.east - trajectory.longitude.max()) * 6.371e6 * np.cos(
+        found.south
+    ) == pytest.approx(10_000.0, rel=0.01)
     small, large = (map_for_scenario(chosen, trajectory, m) for m in (2_000.0, 20_000.0))
     assert small.values.size < large.values.size
 
@@ -73,7 +76,11 @@ def test_missing_and_unknown_files(tmp_path):
 
 def test_source_may_name_the_format(shared_data):
     by_name = load_scenario(
-        overrides=["map.source=netcdf", f"map.path={shared_data / 'se_australia_gravity.nc'}", "route.duration=600"]
+        overrides=[
+            "map.source=netcdf",
+            f"map.path={shared_data / 'se_australia_gravity.nc'}",
+            "route.duration=600",
+        ]
     )
     assert map_for_scenario(by_name).quantity == "gravity"
 
@@ -82,5 +89,8 @@ def test_the_first_bare_point_is_named(shared_data):
     field_map = load_map(shared_data / "clear_lake_gravity_map.nc")
     latitude, longitude = np.radians([38.8, 38.8, 39.9]), np.radians([-122.7, -122.7, -122.7])
     check_coverage(field_map, latitude[:2], longitude[:2])
-    with pytest.raises(InputError, match=r"no value at 39\.9000, -122\.7000 deg \(point 2 of 3; 1 points have none\)"):
+    with pytest.raises(
+        InputError,
+        match=r"no value at 39\.9000, -122\.7000 deg \(point 2 of 3; 1 points have none\)",
+    ):
         check_coverage(field_map, latitude, longitude)

@@ -13,7 +13,10 @@ LAT, LON = np.radians(-37.0), np.radians(145.0)
 
 def plane(slope_north, slope_east, missing=None):
     """Map whose value changes by so much per metre (nearly: metres are taken at one latitude)."""
-    lat, lon = LAT + np.radians(0.01) * np.arange(-40, 41), LON + np.radians(0.01) * np.arange(-40, 41)
+    lat, lon = (
+        LAT + np.radians(0.01) * np.arange(-40, 41),
+        LON + np.radians(0.01) * np.arange(-40, 41),
+    )
     north, east = metres_per_radian(LAT)
     values = slope_north * north * (lat - LAT)[:, None] + slope_east * east * (lon - LON)[None, :]
     if missing is not None:
@@ -28,14 +31,21 @@ def test_by_hand_on_a_plane():
     expected = np.mean((a * north) ** 2)
     assert north.size == east.size == 24
     assert expected == pytest.approx(a**2 * 1000.0**2 * (2 * 5 * (1.0 + 0.25)) / 24)
-    assert feature_variability(plane(a, 0.0), LAT, LON, 1000.0, 5) == pytest.approx(expected, rel=1e-6)
-    assert feature_variability(plane(0.0, a), LAT, LON, 1000.0, 5) == pytest.approx(expected, rel=1e-6)
+    assert feature_variability(plane(a, 0.0), LAT, LON, 1000.0, 5) == pytest.approx(
+        expected, rel=1e-6
+    )
+    assert feature_variability(plane(0.0, a), LAT, LON, 1000.0, 5) == pytest.approx(
+        expected, rel=1e-6
+    )
     assert feature_variability(plane(0.0, 0.0), LAT, LON) == 0.0
 
 
 def test_the_template_is_fixed_in_metres():
-    """The same hill has the same variability whatever the grid's spacing in longitude means in metres."""
-    one, other = (feature_variability(plane(*slopes), LAT, LON) for slopes in ((1e-2, 0.0), (0.0, 1e-2)))
+    """The same hill has the same variability whatever the grid's spacing in longitude means in
+    metres."""
+    one, other = (
+        feature_variability(plane(*slopes), LAT, LON) for slopes in ((1e-2, 0.0), (0.0, 1e-2))
+    )
     assert one == pytest.approx(other, rel=1e-6)
 
 
@@ -55,7 +65,8 @@ def test_normalisation_over_a_fixed_number_of_samples():
     c = np.array([1.0, 3.0, 2.0, np.nan, 4.0, 0.0])
     np.testing.assert_allclose(normalised_variability(c, 2), [1.0, 1.5, 0.8, np.nan, 1.0, 0.0])
     np.testing.assert_allclose(
-        normalised_variability(np.stack([c, 2 * c]), 2), normalised_variability(c, 2)[None].repeat(2, 0)
+        normalised_variability(np.stack([c, 2 * c]), 2),
+        normalised_variability(c, 2)[None].repeat(2, 0),
     )
     np.testing.assert_allclose(normalised_variability(c, reference=2.0), c / 2.0)
     np.testing.assert_allclose(normalised_variability(np.zeros(3)), np.zeros(3))
@@ -63,7 +74,11 @@ def test_normalisation_over_a_fixed_number_of_samples():
 
 
 def test_bad_settings():
-    for call in (lambda: template(1000.0, 4), lambda: template(-1.0, 3), lambda: normalised_variability([1.0], 0)):
+    for call in (
+        lambda: template(1000.0, 4),
+        lambda: template(-1.0, 3),
+        lambda: normalised_variability([1.0], 0),
+    ):
         with pytest.raises(InputError):
             call()
     with pytest.raises(InputError):

@@ -1,4 +1,5 @@
-"""Scans to batches: when one is due, and that its transition is what the strapdown does to a wrong navigator."""
+"""Scans to batches: when one is due, and that its transition is what the strapdown does to a wrong
+navigator."""
 
 import numpy as np
 import pytest
@@ -38,23 +39,34 @@ def test_fix_due(length, stride, due):
 
 
 def flown(trajectory, error=(0.0,) * 7, scans=SCANS):
-    """Position (scans, 2), velocity (scans, 2) and attitudes at the scans of a navigator that starts with an error (7,)."""
+    """Position (scans, 2), velocity (scans, 2) and attitudes at the scans of a navigator that
+    starts with an error (7,)."""
     error = np.array(error)
     metres = np.array([*metres_per_radian(trajectory.latitude[0], 100.0), 1.0])
-    attitude = Rotation.from_rotvec(error[4:]) * Rotation.from_quat(trajectory.attitude[0], scalar_first=True)
+    attitude = Rotation.from_rotvec(error[4:]) * Rotation.from_quat(
+        trajectory.attitude[0], scalar_first=True
+    )
     nav = NavState(
-        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]) + np.append(error[:2], 0.0) / metres,
+        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]])
+        + np.append(error[:2], 0.0) / metres,
         trajectory.velocity[:1] + np.append(error[2:4], 0.0),
         attitude.as_quat(scalar_first=True)[None],
     )
     position, velocity, attitudes = [], [], []
     for k in range(0, scans * STEP, STEP):
-        force, rate = trajectory.specific_force[None, k : k + STEP], trajectory.angular_rate[None, k : k + STEP]
+        force, rate = (
+            trajectory.specific_force[None, k : k + STEP],
+            trajectory.angular_rate[None, k : k + STEP],
+        )
         nav, _ = propagate(nav, force, rate, 1.0, trajectory.height[k : k + STEP + 1])
         position.append(nav.position[0, :2])
         velocity.append(nav.velocity[0, :2])
         attitudes.append(nav.attitude[0])
-    return np.array(position), np.array(velocity), Rotation.from_quat(np.array(attitudes), scalar_first=True)
+    return (
+        np.array(position),
+        np.array(velocity),
+        Rotation.from_quat(np.array(attitudes), scalar_first=True),
+    )
 
 
 REDUCTIONS = {
@@ -93,7 +105,8 @@ def test_transition_is_what_the_strapdown_does(name, trajectory):
     actual = horizontal_difference(*position.T, *true_position.T)
     xi = np.concatenate([actual[-1], (velocity - true_velocity)[-1]])
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
-    # with an attitude independent of xi and of unit variance, the drift's components are the attitude's
+    # with an attitude independent of xi and of unit variance, the drift's components are the
+    # attitude's
     batch = builder_of(position, velocity).build(independent_prior())
     predicted = batch.transition @ xi + batch.drift_position @ psi
     within = 0.1 if trajectory is TRAJECTORY else 0.3 + 0.02 * np.abs(predicted - actual[-1]).max()
@@ -106,18 +119,23 @@ def test_transition_is_what_the_strapdown_does(name, trajectory):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
-    """Covariance of the errors at the scans, and with xi, as from the joint prior: nothing lost, nothing counted twice."""
+    """Covariance of the errors at the scans, and with xi, as from the joint prior: nothing lost,
+    nothing counted twice."""
     prior = random_covariance(PRIOR_SIGMA, seed)
     builder = builder_of(*flown(TRAJECTORY)[:2])
     whole = builder.build(independent_prior())
-    back = np.concatenate([whole.transition, whole.drift_position], axis=2)  # (T, 2, 7) by all seven states
+    back = np.concatenate(
+        [whole.transition, whole.drift_position], axis=2
+    )  # (T, 2, 7) by all seven states
     batch = builder.build(prior)
     np.testing.assert_array_equal(batch.prior, 0.5 * (prior + prior.T)[:4, :4])
     joint = back @ prior @ back.transpose(0, 2, 1)
     split = batch.transition @ prior[:4, :4] @ batch.transition.transpose(0, 2, 1)
     split += batch.drift_position @ batch.drift_position.transpose(0, 2, 1)
     np.testing.assert_allclose(split, joint, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(batch.transition @ prior[:4, :4], back @ prior[:, :4], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(
+        batch.transition @ prior[:4, :4], back @ prior[:, :4], rtol=1e-9, atol=1e-6
+    )
 
 
 def test_without_attitude_there_is_no_drift():
@@ -131,7 +149,9 @@ def test_without_attitude_there_is_no_drift():
     np.testing.assert_allclose(batch.transition[:, 1, 3], -np.sin(rate * age) / rate, atol=0.2)
 
 
-@pytest.mark.parametrize(("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)])
+@pytest.mark.parametrize(
+    ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
+)
 def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduce):
     position, velocity, attitude = flown(TRAJECTORY, ERRORS["all"])
     true_position, true_velocity, true_attitude = flown(TRAJECTORY)
@@ -139,26 +159,36 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
     wrong = reduce(felt, position[:, 0], 100.0, *velocity.T) - reduce(
         felt, true_position[:, 0], 100.0, *true_velocity.T
     )
-    xi = np.concatenate([horizontal_difference(*position[-1], *true_position[-1]), (velocity - true_velocity)[-1]])
+    xi = np.concatenate(
+        [horizontal_difference(*position[-1], *true_position[-1]), (velocity - true_velocity)[-1]]
+    )
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
     batch = builder_of(position, velocity, quantity=quantity).build(independent_prior())
     assert np.abs(wrong).max() > 2e-5
-    np.testing.assert_allclose(batch.reading_jacobian @ xi + batch.drift_reading @ psi, wrong, atol=3e-7)
+    np.testing.assert_allclose(
+        batch.reading_jacobian @ xi + batch.drift_reading @ psi, wrong, atol=3e-7
+    )
 
 
 def test_terrain_is_not_reduced_with_position_or_velocity():
-    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="terrain").build(random_covariance(PRIOR_SIGMA))
+    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="terrain").build(
+        random_covariance(PRIOR_SIGMA)
+    )
     assert not batch.reading_jacobian.any()
     assert not batch.drift_reading.any()
 
 
-@pytest.mark.parametrize(("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)])
+@pytest.mark.parametrize(
+    ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
+)
 def test_correcting_brings_back_truth_and_its_readings(quantity, reduce):
     error = np.array(ERRORS["all"])
     position, velocity, attitude = flown(TRAJECTORY, error)
     true_position, true_velocity, true_attitude = flown(TRAJECTORY)
     felt = felt_gravity(9.8, true_position[:, 0], 100.0, *true_velocity.T)
-    builder = builder_of(position, velocity, reduce(felt, position[:, 0], 100.0, *velocity.T), quantity)
+    builder = builder_of(
+        position, velocity, reduce(felt, position[:, 0], 100.0, *velocity.T), quantity
+    )
     jump = np.concatenate([
         -horizontal_difference(*position[-1], *true_position[-1]), (true_velocity - velocity)[-1],
         (true_attitude[-1] * attitude[-1].inv()).as_rotvec(),
@@ -180,7 +210,9 @@ def test_correcting_leaves_later_scans_alone_and_forgives_an_empty_builder():
     before = builder.build(independent_prior())
     builder.correct(150.0, np.array([100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     after = builder.build(independent_prior())
-    moved = horizontal_difference(after.latitude, after.longitude, before.latitude, before.longitude)
+    moved = horizontal_difference(
+        after.latitude, after.longitude, before.latitude, before.longitude
+    )
     np.testing.assert_allclose(moved[:15], [[100.0, 0.0]] * 15, atol=0.05)
     assert not moved[15:].any()
     BatchBuilder(Matcher(), REDUCTIONS["gravity"]).correct(10.0, np.ones(7))

@@ -1,4 +1,5 @@
-"""Vector readings: the gradient tensor of a rough field, five components with correlated noise, against dense Gaussians."""
+"""Vector readings: the gradient tensor of a rough field, five components with correlated noise,
+against dense Gaussians."""
 
 from dataclasses import replace
 
@@ -32,19 +33,25 @@ def values_at(field_map, latitude, longitude):
     return np.stack([one.value(latitude, longitude) for one in field_map.channels], axis=-1)
 
 
-def tensor_batch(error=(0.0, 0.0, 0.0, 0.0), seed=0, covariance=COVARIANCE, field_map=TENSOR, **keys):
+def tensor_batch(
+    error=(0.0, 0.0, 0.0, 0.0), seed=0, covariance=COVARIANCE, field_map=TENSOR, **keys
+):
     """A batch of tensors along the track of `make_batch`; also the truth at its end."""
     scalar, truth = make_batch(DISTURBANCE, error, **keys)
     moved = scalar.transition @ np.array(error)
     north, east = metres_per_radian(scalar.latitude)
-    tensors = values_at(field_map, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east)
+    tensors = values_at(
+        field_map, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east
+    )
     noise = np.random.default_rng(seed).multivariate_normal(
         np.zeros(tensors.shape[1]), covariance, len(scalar), method="cholesky"
     )
     return vector_batch(scalar, tensors + noise, covariance), scalar, truth
 
 
-@pytest.mark.parametrize("noise", [NoiseModel(), NoiseModel(5.0 * EOTVOS, 1500.0, 2.0 * EOTVOS)], ids=["sensor", "map"])
+@pytest.mark.parametrize(
+    "noise", [NoiseModel(), NoiseModel(5.0 * EOTVOS, 1500.0, 2.0 * EOTVOS)], ids=["sensor", "map"]
+)
 def test_log_is_that_of_the_multivariate_normal(noise):
     batch, scalar, _ = tensor_batch(scans=8)
     likelihood = BatchLikelihood.of(batch, TENSOR, noise)
@@ -53,17 +60,23 @@ def test_log_is_that_of_the_multivariate_normal(noise):
     )
     distance = np.hypot(apart[..., 0], apart[..., 1])
     distance = 0.5 * (distance + distance.T)
-    shared = noise.map_sigma**2 * np.exp(-distance / noise.correlation_length) + noise.bias_sigma**2
+    shared = (
+        noise.map_sigma**2 * np.exp(-distance / noise.correlation_length) + noise.bias_sigma**2
+    )
     # rows are scans times channels; map errors of different channels are independent
     expected = np.kron(np.eye(8), COVARIANCE) + np.kron(shared, np.eye(C))
     np.testing.assert_allclose(likelihood.covariance, expected, rtol=1e-9, atol=1e-9 * EOTVOS**2)
     for xi in XI:
         moved = scalar.transition @ xi
         north, east = metres_per_radian(scalar.latitude)
-        predicted = values_at(TENSOR, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east)
+        predicted = values_at(
+            TENSOR, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east
+        )
         residual = batch.reading - predicted.reshape(-1)
         log = multivariate_normal(cov=expected).logpdf(residual)
-        assert likelihood.log(xi[None])[0] + likelihood.log_normaliser == pytest.approx(log, rel=1e-7)
+        assert likelihood.log(xi[None])[0] + likelihood.log_normaliser == pytest.approx(
+            log, rel=1e-7
+        )
         np.testing.assert_allclose(likelihood.residual(xi), residual, atol=1e-6 * EOTVOS)
 
 
@@ -72,12 +85,16 @@ def test_one_channel_is_a_scalar():
     batch = vector_batch(scalar, scalar.reading[:, None], [[1e-10]])
     noise = NoiseModel(2e-5, 3000.0, 1e-5)
     expected = BatchLikelihood.of(scalar, DISTURBANCE, noise).log(XI)
-    np.testing.assert_allclose(BatchLikelihood.of(batch, ChannelMap([DISTURBANCE]), noise).log(XI), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        BatchLikelihood.of(batch, ChannelMap([DISTURBANCE]), noise).log(XI), expected, rtol=1e-9
+    )
     settings = Matcher(map_sigma=2e-5)
     one = Pmht.from_settings(settings).match(batch, ChannelMap([DISTURBANCE]), None)[0]
     other = Pmht.from_settings(settings).match(scalar, DISTURBANCE, None)[0]
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
-    assert (one.latitude, one.longitude) == pytest.approx((other.latitude, other.longitude), abs=1e-12)
+    assert (one.latitude, one.longitude) == pytest.approx(
+        (other.latitude, other.longitude), abs=1e-12
+    )
 
 
 def test_a_channel_without_a_reading_is_left_out():
@@ -89,18 +106,25 @@ def test_a_channel_without_a_reading_is_left_out():
     holed = vector_batch(scalar, reading, COVARIANCE)
     kept = vector_batch(scalar, reading[:, :4], COVARIANCE[:4, :4])
     expected = BatchLikelihood.of(kept, four, NoiseModel()).log(XI)
-    np.testing.assert_allclose(BatchLikelihood.of(holed, TENSOR, NoiseModel()).log(XI), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        BatchLikelihood.of(holed, TENSOR, NoiseModel()).log(XI), expected, rtol=1e-9
+    )
 
 
 def test_pmht_knows_how_well_five_components_tell_the_place():
-    """Navigators off by draws of their prior: mean NEES in its 99.9 % interval, errors far below the prior."""
+    """Navigators off by draws of their prior: mean NEES in its 99.9 % interval, errors far below
+    the prior."""
     matcher = Pmht.from_settings(Matcher())
     nees, errors = [], []
     for run in range(30):
         random = np.random.default_rng(1000 + run)
         error = np.concatenate([random.normal(0.0, 300.0, 2), random.normal(0.0, 0.02, 2)])
         batch, _, truth = tensor_batch(
-            error, seed=run, prior_sigma=(300.0, 0.02), start=tuple(random.uniform(-12e3, 2e3, 2)), scans=20
+            error,
+            seed=run,
+            prior_sigma=(300.0, 0.02),
+            start=tuple(random.uniform(-12e3, 2e3, 2)),
+            scans=20,
         )
         fix, _ = matcher.match(batch, TENSOR, None)
         assert fix.published, fix.reason
@@ -121,7 +145,9 @@ def test_more_components_tell_more_and_shared_noise_cancels():
     ):
         part = ChannelMap(TENSOR.channels[channels])
         readings = batch.reading.reshape(-1, C)[:, channels]
-        fix, _ = Pmht.from_settings(Matcher()).match(vector_batch(scalar, readings, covariance), part, None)
+        fix, _ = Pmht.from_settings(Matcher()).match(
+            vector_batch(scalar, readings, covariance), part, None
+        )
         assert fix.published, fix.reason
         spread[name] = np.sqrt(np.trace(fix.covariance))
     assert spread["five"] < 0.75 * spread["one"]
@@ -129,7 +155,8 @@ def test_more_components_tell_more_and_shared_noise_cancels():
 
 
 def test_batches_that_follow_each_other_add_up():
-    """White noise: what two halves tell, the second given the first as context, is what the whole tells."""
+    """White noise: what two halves tell, the second given the first as context, is what the whole
+    tells."""
     batch, _, _ = tensor_batch(scans=20)
     whole = BatchLikelihood.of(batch, TENSOR, NoiseModel(4.0 * EOTVOS, 2000.0))
     first = BatchLikelihood.of(replace(batch, reading=np.where(np.arange(100) < 50, batch.reading, np.nan)), TENSOR,
@@ -182,9 +209,13 @@ def test_channels_must_lie_on_one_grid():
 def test_a_channel_that_says_its_error_is_taken_at_its_word():
     """Its sigma with its own length where it is the larger one, else what is assumed."""
     batch, _, _ = tensor_batch(scans=8)
-    told = ChannelMap([replace(one, sigma=6.0 * EOTVOS, correlation_length=700.0) for one in TENSOR.channels])
+    told = ChannelMap(
+        [replace(one, sigma=6.0 * EOTVOS, correlation_length=700.0) for one in TENSOR.channels]
+    )
     own = BatchLikelihood.of(batch, told, NoiseModel(0.0, 4000.0)).covariance
-    np.testing.assert_allclose(own, BatchLikelihood.of(batch, TENSOR, NoiseModel(6.0 * EOTVOS, 700.0)).covariance)
+    np.testing.assert_allclose(
+        own, BatchLikelihood.of(batch, TENSOR, NoiseModel(6.0 * EOTVOS, 700.0)).covariance
+    )
     larger = NoiseModel(8.0 * EOTVOS, 4000.0)
     expected = BatchLikelihood.of(batch, TENSOR, larger).covariance
     np.testing.assert_allclose(BatchLikelihood.of(batch, told, larger).covariance, expected)

@@ -1,4 +1,5 @@
-"""From posterior and prior back to the measurements: Bayes' rule must lead to the posterior again."""
+"""From posterior and prior back to the measurements: Bayes' rule must lead to the posterior
+again."""
 
 import numpy as np
 import pytest
@@ -55,7 +56,8 @@ def test_directions_without_information_get_none(seed, rows):
 
 @given(seeds)
 def test_a_posterior_wider_than_the_prior_is_negative_information(seed):
-    """Of two places that fit, a prior between them knew neither: the navigator gets the posterior's mean and covariance all the same."""
+    """Of two places that fit, a prior between them knew neither: the navigator gets the
+    posterior's mean and covariance all the same."""
     random = np.random.default_rng(seed)
     prior = random_covariance(SIGMA, seed)
     factor = np.linalg.cholesky(prior)
@@ -66,7 +68,9 @@ def test_a_posterior_wider_than_the_prior_is_negative_information(seed):
     information = likelihood_information(mean, covariance, prior)
     back, P = bayes(prior, information.vector, information.matrix)
     whitened = axes.T @ np.linalg.solve(factor, np.linalg.solve(factor, P).T) @ axes
-    np.testing.assert_allclose(np.diag(whitened), [0.05, 0.5, 1.3, 4.0], atol=1e-6)  # at most twice as wide
+    np.testing.assert_allclose(
+        np.diag(whitened), [0.05, 0.5, 1.3, 4.0], atol=1e-6
+    )  # at most twice as wide
     np.testing.assert_allclose(back / SIGMA, mean / SIGMA, atol=1e-6)
 
 
@@ -87,7 +91,9 @@ def test_position_fix_turns_the_priors_position_into_the_posteriors(seed, streng
     gain = prior[:2, :2] @ np.linalg.inv(prior[:2, :2] + R)
     position = np.ix_([0, 1], [0, 1])
     np.testing.assert_allclose(
-        ((np.eye(2) - gain) @ prior[position]) / SIGMA[:2] ** 2, covariance[position] / SIGMA[:2] ** 2, atol=2e-4
+        ((np.eye(2) - gain) @ prior[position]) / SIGMA[:2] ** 2,
+        covariance[position] / SIGMA[:2] ** 2,
+        atol=2e-4,
     )
     np.testing.assert_allclose(gain @ fix / SIGMA[:2], mean[:2] / SIGMA[:2], atol=0.03)
     if np.linalg.eigvals(np.linalg.solve(prior[position], covariance[position])).real.max() < 0.99:
@@ -113,7 +119,10 @@ def test_attitude_is_what_the_readings_say_of_it():
     """On a plane: conditioning the joint of (xi, attitude) on all readings at once."""
     random = np.random.default_rng(5)
     age = np.linspace(1.0, 0.0, 30)
-    by_xi, root = random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5], random.standard_normal((3, 3)) * 3e-5
+    by_xi, root = (
+        random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5],
+        random.standard_normal((3, 3)) * 3e-5,
+    )
     batch, _ = make_batch(
         PLANE,
         (200.0, -100.0, 0.03, 0.02),
@@ -128,18 +137,28 @@ def test_attitude_is_what_the_readings_say_of_it():
     start = np.block([[batch.prior, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
     S = np.linalg.inv(np.linalg.inv(start) + H.T @ np.linalg.solve(likelihood.covariance, H))
     turn = np.block([[np.eye(4), np.zeros((4, 3))], [by_xi, root]])
-    x, covariance = turn @ S @ H.T @ np.linalg.solve(likelihood.covariance, residual), turn @ S @ turn.T
+    x, covariance = (
+        turn @ S @ H.T @ np.linalg.solve(likelihood.covariance, residual),
+        turn @ S @ turn.T,
+    )
     mean, got, prior = with_attitude(
-        batch, likelihood, (S @ H.T @ np.linalg.solve(likelihood.covariance, residual))[:4], S[:4, :4]
+        batch,
+        likelihood,
+        (S @ H.T @ np.linalg.solve(likelihood.covariance, residual))[:4],
+        S[:4, :4],
     )
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((mean - x) / scale, 0.0, atol=1e-6)
-    np.testing.assert_allclose(got / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-6)
+    np.testing.assert_allclose(
+        got / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-6
+    )
     np.testing.assert_allclose(prior, turn @ start @ turn.T, rtol=1e-9, atol=1e-30)
     information = likelihood_information(mean, got, prior)
     back, P = bayes(prior, information.vector, information.matrix)
     np.testing.assert_allclose((back - x) / scale, 0.0, atol=1e-3)
-    np.testing.assert_allclose(P / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-3)
+    np.testing.assert_allclose(
+        P / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-3
+    )
     assert got[6, 6] < 0.99 * prior[6, 6]
 
 

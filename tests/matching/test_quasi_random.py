@@ -14,19 +14,24 @@ def test_direction_numbers_are_scipys() -> None:
     gray = (index ^ index >> 1)[:, None] >> np.arange(12) & 1
     for dimension in range(MOST_DIMENSIONS):
         digits = gray @ _directions(dimension, 12).T & 1
-        np.testing.assert_array_equal(digits @ 0.5 ** np.arange(1, DIGITS + 1), expected[:, dimension])
+        np.testing.assert_array_equal(
+            digits @ 0.5 ** np.arange(1, DIGITS + 1), expected[:, dimension]
+        )
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_every_interval_has_its_point(seed: int) -> None:
-    """A (0, m, 1) net in each coordinate, which scrambling keeps; a (0, m, 2) net in the first two."""
+    """A (0, m, 1) net in each coordinate, which scrambling keeps; a (0, m, 2) net in the first
+    two."""
     points = sobol(256, MOST_DIMENSIONS, seed)
     assert points.min() > 0.0
     assert points.max() < 1.0
     for column in points.T:
         np.testing.assert_array_equal(np.sort((column * 256).astype(int)), np.arange(256))
     for bits in range(9):
-        cells = (points[:, 0] * 2**bits).astype(int) * 2 ** (8 - bits) + (points[:, 1] * 2 ** (8 - bits)).astype(int)
+        cells = (points[:, 0] * 2**bits).astype(int) * 2 ** (8 - bits) + (
+            points[:, 1] * 2 ** (8 - bits)
+        ).astype(int)
         np.testing.assert_array_equal(np.sort(cells), np.arange(256))
 
 

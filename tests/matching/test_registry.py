@@ -1,4 +1,5 @@
-"""Matchers by name, each building what its name says; unknown names and bad options give one line."""
+"""Matchers by name, each building what its name says; unknown names and bad options give one
+line."""
 
 import pytest
 
@@ -22,13 +23,18 @@ def test_the_contracts_names_are_registered():
 
 @pytest.mark.parametrize("name", MATCHERS)
 def test_unknown_options_are_refused(name):
-    with pytest.raises(InputError, match=f"matcher.options of {name}: unknown key 'nonsense'") as caught:
+    with pytest.raises(
+        InputError, match=f"matcher.options of {name}: unknown key 'nonsense'"
+    ) as caught:
         build_matcher(Matcher(name=name, options={"nonsense": 1}))
     assert "\n" not in str(caught.value)
 
 
 def test_bad_values_of_options_are_refused():
-    with pytest.raises(InputError, match=r"matcher\.options of pmht: confidence: input should be less than 1, not 2"):
+    with pytest.raises(
+        InputError,
+        match=r"matcher\.options of pmht: confidence: input should be less than 1, not 2",
+    ):
         build_matcher(Matcher(options={"confidence": 2.0}))
 
 

@@ -12,8 +12,14 @@ from isogal.scenario import Scenario, validate_scenario
 
 def wavy_map(quantity: str = "disturbance") -> FieldMap:
     """Waves of 30 mGal and a few kilometres, everywhere about the start of the default route."""
-    latitude, longitude = np.radians(np.linspace(-38.2, -37.5, 141)), np.radians(np.linspace(144.2, 145.2, 201))
-    north, east = (latitude[:, None] - latitude[0]) * 6.4e6, (longitude[None, :] - longitude[0]) * 5.0e6
+    latitude, longitude = (
+        np.radians(np.linspace(-38.2, -37.5, 141)),
+        np.radians(np.linspace(144.2, 145.2, 201)),
+    )
+    north, east = (
+        (latitude[:, None] - latitude[0]) * 6.4e6,
+        (longitude[None, :] - longitude[0]) * 5.0e6,
+    )
     values = 3e-4 * np.sin(north / 2500.0) * np.cos(east / 3100.0 + north / 9000.0)
     return FieldMap(latitude, longitude, values, "m/s²", quantity, provenance="waves")
 

@@ -1,4 +1,5 @@
-"""The hot kernels once more, in plain NumPy: vectors, rotation matrices and `numpy.linalg`, as in the books and not as in the kernels."""
+"""The hot kernels once more, in plain NumPy: vectors, rotation matrices and `numpy.linalg`, as in
+the books and not as in the kernels."""
 
 from dataclasses import dataclass
 
@@ -13,7 +14,8 @@ from isogal.earth.gravity import normal_gravity
 
 @dataclass
 class State:
-    """P points: position (P, 3) rad, rad, m; velocity (P, 3) NED; attitude (P, 3, 3) body to NED."""
+    """P points: position (P, 3) rad, rad, m; velocity (P, 3) NED; attitude (P, 3, 3) body to
+    NED."""
 
     position: Array
     velocity: Array
@@ -37,7 +39,9 @@ def strapdown(state: State, force: Array, rate: Array, dt: float) -> State:
 
     earth, transport = _rates(latitude, height, state.velocity)
     coriolis = np.cross(2 * earth + transport, state.velocity)
-    middle = state.velocity + 0.5 * (u + dt * (normal_gravity(latitude, height)[:, None] * down - coriolis))
+    middle = state.velocity + 0.5 * (
+        u + dt * (normal_gravity(latitude, height)[:, None] * down - coriolis)
+    )
     mean_velocity = 0.5 * (state.velocity + middle)
     half_way = latitude + 0.5 * dt * mean_velocity[:, 0] / (radii(latitude)[0] + height)
     height_half_way = height - 0.5 * dt * mean_velocity[:, 2]
@@ -47,7 +51,9 @@ def strapdown(state: State, force: Array, rate: Array, dt: float) -> State:
     au, zu = np.cross(a, u), np.cross(z, u)
     increment = u + 0.5 * (au - zu) + (np.cross(a, au) + np.cross(z, zu)) / 6 - np.cross(z, au) / 3
     gravity = normal_gravity(half_way, height_half_way)[:, None] * down
-    velocity = state.velocity + increment + dt * (gravity - np.cross(2 * earth + transport, middle))
+    velocity = (
+        state.velocity + increment + dt * (gravity - np.cross(2 * earth + transport, middle))
+    )
 
     moved = 0.5 * dt * (state.velocity + velocity)
     meridian, normal = radii(half_way)
@@ -60,7 +66,9 @@ def strapdown(state: State, force: Array, rate: Array, dt: float) -> State:
         axis=-1,
     )
     az = np.cross(a, z)
-    attitude = Rotation.from_rotvec(a - z + az / 2 - np.cross(a, az) / 6).as_matrix() @ state.attitude
+    attitude = (
+        Rotation.from_rotvec(a - z + az / 2 - np.cross(a, az) / 6).as_matrix() @ state.attitude
+    )
     return State(position, velocity, attitude)
 
 
@@ -80,7 +88,8 @@ def subtract(states: State, centre: State) -> Array:
     metres = np.array([meridian + height, (normal + height) * np.cos(latitude), -1.0])
     turn = Rotation.from_matrix(states.attitude @ centre.attitude[0].T).as_rotvec()
     return np.concatenate(
-        [(states.position - centre.position) * metres, states.velocity - centre.velocity, turn], axis=1
+        [(states.position - centre.position) * metres, states.velocity - centre.velocity, turn],
+        axis=1,
     )
 
 
@@ -94,11 +103,11 @@ def predict(
     noise: Array,
     parameters: tuple[float, float, float],
 ) -> tuple[State, Array, Array]:
-    """One interval of the unscented filter for one run (P = 1), sigma points and weights by filterpy.
+    """One interval of the unscented filter for one run (P = 1), sigma points and weights by
+    filterpy.
 
-    `bias` (6,) of accelerometers and gyroscopes, `noise` (6,) their densities, `parameters` alpha, beta, kappa. Returns state, bias and
-    covariance (15, 15).
-    """
+    `bias` (6,) of accelerometers and gyroscopes, `noise` (6,) their densities, `parameters` alpha,
+    beta, kappa. Returns state, bias and covariance (15, 15)."""
     points = MerweScaledSigmaPoints(15, *parameters)
     errors = points.sigma_points(np.zeros(15), covariance)
     moved = add(state, errors[:, :9])

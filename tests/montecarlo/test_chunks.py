@@ -11,8 +11,14 @@ from isogal.montecarlo.chunks import MOST_RUNS, Case, consecutive, divide, fair_
 from montecarlo.conftest import small_scenario
 
 
-@given(missing=st.sets(st.integers(0, 300)), share=st.integers(1, 40), memory=st.integers(10**5, 10**8))
-def test_chunks_cover_what_is_missing_once(small_case: Case, missing: set[int], share: int, memory: int) -> None:
+@given(
+    missing=st.sets(st.integers(0, 300)),
+    share=st.integers(1, 40),
+    memory=st.integers(10**5, 10**8),
+)
+def test_chunks_cover_what_is_missing_once(
+    small_case: Case, missing: set[int], share: int, memory: int
+) -> None:
     parts = divide(small_case, sorted(missing), share, memory)
     assert [run for part in parts for run in part.runs] == sorted(missing)
     for part in parts:
@@ -42,11 +48,16 @@ def test_key_says_what_the_numbers_depend_on(small_case: Case, field_map: FieldM
     assert same.key == small_case.key
     changed = [
         replace(small_case, scenario=small_scenario(seed=1)),
-        replace(small_case, scenario=small_scenario(matcher={"name": "pmht-paper", "options": {"gamma": 8.0}})),
+        replace(
+            small_case,
+            scenario=small_scenario(matcher={"name": "pmht-paper", "options": {"gamma": 8.0}}),
+        ),
         replace(small_case, aided=False),
         replace(small_case, field_map=replace(field_map, values=field_map.values + 1e-9)),
         replace(small_case, field_map=replace(field_map, quantisation=1e-6)),
-        replace(small_case, field_map=replace(field_map, sigma=np.full(field_map.values.shape, 1e-5))),
+        replace(
+            small_case, field_map=replace(field_map, sigma=np.full(field_map.values.shape, 1e-5))
+        ),
     ]
     keys = [case.key for case in changed]
     assert small_case.key not in keys

@@ -41,11 +41,18 @@ def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         f"map.source={path}",
         "matcher.batch_length=20",
     ]
-    return ["montecarlo", "--matcher", "pmht-paper", *(word for item in settings for word in ("--set", item))]
+    return [
+        "montecarlo",
+        "--matcher",
+        "pmht-paper",
+        *(word for item in settings for word in ("--set", item)),
+    ]
 
 
 def call(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([ISOGAL, *words], capture_output=True, text=True, timeout=280, check=False)
+    return subprocess.run(
+        [ISOGAL, *words], capture_output=True, text=True, timeout=280, check=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +75,9 @@ def test_what_it_writes(finished: Path) -> None:
     assert (finished / "position_error.png").stat().st_size > 10_000
 
 
-def test_again_with_json_computes_nothing_and_says_the_same(arguments: list[str], finished: Path) -> None:
+def test_again_with_json_computes_nothing_and_says_the_same(
+    arguments: list[str], finished: Path
+) -> None:
     before = json.loads((finished / "results.json").read_text())
     files = sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
     result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(finished), "--json")
@@ -90,14 +99,20 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
         start_new_session=True,
     )
     deadline = time.monotonic() + 200.0
-    while not list(tmp_path.rglob("*.npz")) and time.monotonic() < deadline and process.poll() is None:
+    while (
+        not list(tmp_path.rglob("*.npz"))
+        and time.monotonic() < deadline
+        and process.poll() is None
+    ):
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert out == ""
     assert err.strip().splitlines()[-1].startswith("isogal: interrupted: ")
-    assert f"of 600 runs are kept in {tmp_path / 'runs'}; the same command goes on from there" in err
+    assert (
+        f"of 600 runs are kept in {tmp_path / 'runs'}; the same command goes on from there" in err
+    )
     assert "Traceback" not in err
     result = call(*words, "--runs", "3", "--json")
     assert result.returncode == 0, result.stderr
@@ -116,7 +131,9 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
         (["--runs", "2", "--set", "gravimeter.sigma=-1"], "gravimeter.sigma"),
     ],
 )
-def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, words: list[str], message: str) -> None:
+def test_bad_input_is_one_line(
+    arguments: list[str], tmp_path: Path, words: list[str], message: str
+) -> None:
     result = call(*arguments, "--out", str(tmp_path / "out"), *words)
     assert result.returncode == 2
     assert len(result.stderr.strip().splitlines()) == 1

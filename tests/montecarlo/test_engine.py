@@ -1,4 +1,5 @@
-"""The closed loop: a run's numbers are its own, fixes help, and matchers are treated as the interface says."""
+"""The closed loop: a run's numbers are its own, fixes help, and matchers are treated as the
+interface says."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -61,7 +62,9 @@ def test_a_run_alone_equals_itself_in_a_batch_bit_for_bit(settings):
 @pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6)])
 def test_fixes_help(name, share):
     runs = simulate(scenario(name=name), range(8), MAP)
-    aided, unaided = (np.sqrt((e[:, -1] ** 2).sum(axis=-1).mean()) for e in (runs.error, runs.unaided_error))
+    aided, unaided = (
+        np.sqrt((e[:, -1] ** 2).sum(axis=-1).mean()) for e in (runs.error, runs.unaided_error)
+    )
     assert aided < share * unaided
     published = sum(reason is None for reasons in runs.fix_reason for reason in reasons)
     assert published > 8
@@ -122,7 +125,8 @@ def test_without_fixes_the_navigator_only_predicts():
     runs = simulate(it, [0, 1], MAP, Scripted(lambda batch: declined(batch, "nothing")))
     assert runs.fix_reason == (("nothing",) * 4,) * 2
     assert np.isnan(runs.fix_error).all()
-    # the filter's mean goes with the strapdown but for what its known height and its nonlinearity add
+    # the filter's mean goes with the strapdown but for what its known height and its nonlinearity
+    # add
     np.testing.assert_allclose(runs.error, runs.unaided_error, atol=0.5)
     trace = np.trace(runs.covariance[0], axis1=1, axis2=2)
     assert (np.diff(trace) > 0.0).all()
@@ -144,7 +148,9 @@ def test_information_goes_before_position():
     M = np.diag([1.0, 1.0, 0.0, 0.0]) / 10.0**2
     shift = np.array([30.0, -20.0, 0.0, 0.0])  # the error it finds
     information = Information(M @ shift, M)
-    runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, 0.0, 0.0, 1.0, information=information)))
+    runs = simulate(
+        it, [0], MAP, Scripted(lambda batch: at(batch, 0.0, 0.0, 1.0, information=information))
+    )
     before = simulate(it, [0], MAP, Scripted(lambda batch: declined(batch, "nothing")))
     moved = (runs.error - before.error)[0, -1]
     np.testing.assert_allclose(moved, -shift[:2], rtol=0.02)
@@ -152,7 +158,9 @@ def test_information_goes_before_position():
 
 def test_a_reset_widens_even_without_a_fix():
     it = scenario(duration=300.0)
-    scripted = Scripted(lambda batch: replace(declined(batch, "lost"), reset=batch.time[-1] == 150.0))
+    scripted = Scripted(
+        lambda batch: replace(declined(batch, "lost"), reset=batch.time[-1] == 150.0)
+    )
     runs = simulate(it, [0], MAP, scripted)
     assert runs.covariance[0, 15, 0, 0] > LOST_SIGMA[0] ** 2
     assert runs.covariance[0, 14, 0, 0] < 400.0**2
@@ -179,7 +187,8 @@ def test_each_run_has_its_own_memory_and_batches():
 
 
 def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
-    """After a perfect fix the older scans of the next, overlapping batch lie near the true track, and where the filter now says."""
+    """After a perfect fix the older scans of the next, overlapping batch lie near the true track,
+    and where the filter now says."""
     it = scenario(stride=5)
     scripted = Scripted(lambda batch: at(batch, *truth_at(it, batch), 0.1))
     simulate(it, [0], MAP, scripted)
@@ -189,7 +198,9 @@ def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
     assert (first.time[5:] == second.time[:10]).all()
     before, after = (
         np.hypot(
-            *horizontal_difference(b.latitude[s], b.longitude[s], trajectory.latitude[k], trajectory.longitude[k]).T
+            *horizontal_difference(
+                b.latitude[s], b.longitude[s], trajectory.latitude[k], trajectory.longitude[k]
+            ).T
         )
         for b, s in ((first, slice(5, None)), (second, slice(0, 10)))
     )
@@ -201,7 +212,9 @@ def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
 def test_retrodiction_tells_of_the_past_states_it_corrects():
     it = scenario(duration=300.0, mode="retrodiction")
     told = []
-    runs = simulate(it, [0, 1], MAP, revised=lambda k, which, state: told.append((k, tuple(which), len(state))))
+    runs = simulate(
+        it, [0, 1], MAP, revised=lambda k, which, state: told.append((k, tuple(which), len(state)))
+    )
     published = [b for b in range(2) if any(reasons[b] is None for reasons in runs.fix_reason)]
     assert published
     expected = [k for b in published for k in range(15 * b + 1, 15 * b + 16)]

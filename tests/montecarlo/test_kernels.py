@@ -23,9 +23,16 @@ def random_quaternions(random: np.random.Generator, count: int) -> np.ndarray:
 
 def random_nav(random: np.random.Generator, count: int) -> NavState:
     position = np.stack(
-        [random.uniform(-1.3, 1.3, count), random.uniform(-3.0, 3.0, count), random.uniform(-4e3, 9e3, count)], axis=-1
+        [
+            random.uniform(-1.3, 1.3, count),
+            random.uniform(-3.0, 3.0, count),
+            random.uniform(-4e3, 9e3, count),
+        ],
+        axis=-1,
     )
-    return NavState(position, random.uniform(-200.0, 200.0, (count, 3)), random_quaternions(random, count))
+    return NavState(
+        position, random.uniform(-200.0, 200.0, (count, 3)), random_quaternions(random, count)
+    )
 
 
 def as_reference(nav: NavState | FilterState) -> State:
@@ -35,8 +42,12 @@ def as_reference(nav: NavState | FilterState) -> State:
 
 def agree(state: State, nav: NavState | FilterState, metres: float, radians: float) -> None:
     """Positions to so many metres, velocities to that per second, attitudes to so many radians."""
-    np.testing.assert_allclose(nav.position[:, :2], state.position[:, :2], rtol=0, atol=metres / R_E)
-    np.testing.assert_allclose(nav.position[:, 2], state.position[:, 2], rtol=0, atol=max(metres, 1e-8))
+    np.testing.assert_allclose(
+        nav.position[:, :2], state.position[:, :2], rtol=0, atol=metres / R_E
+    )
+    np.testing.assert_allclose(
+        nav.position[:, 2], state.position[:, 2], rtol=0, atol=max(metres, 1e-8)
+    )
     np.testing.assert_allclose(nav.velocity, state.velocity, rtol=0, atol=metres)
     matrices = Rotation.from_quat(nav.attitude, scalar_first=True).as_matrix()
     np.testing.assert_allclose(matrices, state.attitude, rtol=0, atol=radians)
@@ -68,7 +79,9 @@ def filter_start(random: np.random.Generator, runs: int, sigma: np.ndarray) -> F
     )
 
 
-SIGMA = np.array([300.0, 300.0, 3.0, 0.3, 0.3, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8])
+SIGMA = np.array(
+    [300.0, 300.0, 3.0, 0.3, 0.3, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
+)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +96,18 @@ SIGMA = np.array([300.0, 300.0, 3.0, 0.3, 0.3, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-
     ],
     ids=["default", "other weights", "unknown heading"],
 )
-def test_filter_equals_reference(sigma: np.ndarray, parameters: tuple[float, float, float]) -> None:
+def test_filter_equals_reference(
+    sigma: np.ndarray, parameters: tuple[float, float, float]
+) -> None:
     random = np.random.default_rng(2)
     runs, steps, dt = 5, 4, 1.0
     state = filter_start(random, runs, sigma)
     noise = np.array([8e-5, 7e-5, 1e-2, 5e-9, 6e-9, 1.5e-7])
     model = FilterModel(tuple(noise), tuple(sigma), dt, 0.1, *parameters)
-    force, rate = random.normal(0.0, 10.0, (runs, steps, 3)), random.normal(0.0, 0.02, (runs, steps, 3))
+    force, rate = (
+        random.normal(0.0, 10.0, (runs, steps, 3)),
+        random.normal(0.0, 0.02, (runs, steps, 3)),
+    )
     height = 100.0 + random.normal(0.0, 0.5, steps)
     expected = []
     for r in range(runs):
@@ -104,7 +122,9 @@ def test_filter_equals_reference(sigma: np.ndarray, parameters: tuple[float, flo
             reference, bias, covariance = predict(
                 reference, bias, covariance, force[r, k], rate[r, k], dt, noise, parameters
             )
-            reference, bias, covariance = update_height(reference, bias, covariance, height[k], 0.1)
+            reference, bias, covariance = update_height(
+                reference, bias, covariance, height[k], 0.1
+            )
         expected.append((reference, bias, covariance))
     propagate(state, model, force, rate, height)
     for r, (reference, bias, covariance) in enumerate(expected):
@@ -113,7 +133,9 @@ def test_filter_equals_reference(sigma: np.ndarray, parameters: tuple[float, flo
         deviation = np.sqrt(np.diag(covariance))
         got = np.concatenate([state.accelerometer_bias[r], state.gyroscope_bias[r]])
         np.testing.assert_allclose((got - bias) / deviation[9:], 0.0, atol=1e-8)
-        np.testing.assert_allclose((state.covariance[r] - covariance) / deviation / deviation[:, None], 0.0, atol=2e-8)
+        np.testing.assert_allclose(
+            (state.covariance[r] - covariance) / deviation / deviation[:, None], 0.0, atol=2e-8
+        )
 
 
 def test_a_run_does_not_depend_on_its_neighbours() -> None:
@@ -147,7 +169,9 @@ def test_rotation_vectors_go_there_and_back(x: float, y: float, z: float, angle:
     vector = np.array([x, y, z]) / length * angle if length > 1e-3 else np.zeros(3)
     quaternion = np.array(rotations.from_rotation_vector(*vector))
     expected = Rotation.from_rotvec(vector).as_quat(scalar_first=True)
-    np.testing.assert_allclose(quaternion, expected if expected @ quaternion > 0 else -expected, atol=4e-16)
+    np.testing.assert_allclose(
+        quaternion, expected if expected @ quaternion > 0 else -expected, atol=4e-16
+    )
     back = np.array(rotations.to_rotation_vector(*quaternion))
     if angle < 3.14:  # beyond half a turn it comes back the short way
         np.testing.assert_allclose(back, vector, atol=4e-15)

@@ -20,7 +20,15 @@ def case(field_map: FieldMap) -> Case:
 
 
 def chunk_of(case: Case, runs: range) -> Chunk:
-    return Chunk(case.name, case.key, map_digest(case.field_map), case.scenario, case.aided, tuple(runs), case.duration)
+    return Chunk(
+        case.name,
+        case.key,
+        map_digest(case.field_map),
+        case.scenario,
+        case.aided,
+        tuple(runs),
+        case.duration,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +42,14 @@ def fill(store: Store, case: Case, *parts: range) -> None:
 
 
 def assert_same(a: Runs, b: Runs) -> None:
-    for name in ("error", "covariance", "unaided_error", "fix_error", "fix_covariance", "posterior_error"):
+    for name in (
+        "error",
+        "covariance",
+        "unaided_error",
+        "fix_error",
+        "fix_covariance",
+        "posterior_error",
+    ):
         assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
     assert a.fix_reason == b.fix_reason
     assert a.detail is not None
@@ -44,9 +59,17 @@ def assert_same(a: Runs, b: Runs) -> None:
 
 
 @pytest.mark.parametrize(
-    "parts", [[range(5)], [range(2), range(2, 5)], [range(3, 5), range(1), range(1, 3)], [range(4), range(2, 5)]]
+    "parts",
+    [
+        [range(5)],
+        [range(2), range(2, 5)],
+        [range(3, 5), range(1), range(1, 3)],
+        [range(4), range(2, 5)],
+    ],
 )
-def test_any_chunking_gives_the_same_runs(tmp_path: Path, case: Case, whole: Runs, parts: list[range]) -> None:
+def test_any_chunking_gives_the_same_runs(
+    tmp_path: Path, case: Case, whole: Runs, parts: list[range]
+) -> None:
     store = Store(tmp_path)
     assert store.missing(case) == list(range(5))
     fill(store, case, *parts)
@@ -71,7 +94,9 @@ def test_other_scenarios_are_kept_apart(tmp_path: Path, case: Case) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut", "renamed"])
-def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs, damage: str) -> None:
+def test_damaged_file_is_computed_again(
+    tmp_path: Path, case: Case, whole: Runs, damage: str
+) -> None:
     store = Store(tmp_path)
     fill(store, case, range(2), range(2, 5))
     (path,) = tmp_path.rglob("000002-000004.npz")

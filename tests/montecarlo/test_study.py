@@ -59,7 +59,11 @@ def cluster() -> Iterator[Any]:
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, worker_dashboard_address=None
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        worker_dashboard_address=None,
     ) as running:
         yield running
 
@@ -74,13 +78,19 @@ def test_dask_cluster_gives_the_same(
 
 
 def test_dask_worker_with_other_source_is_refused(
-    tmp_path: Path, small_case: Case, watcher: Watcher, cluster: Any, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    small_case: Case,
+    watcher: Watcher,
+    cluster: Any,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from isogal.montecarlo import cluster as module
 
     monkeypatch.setattr(module, "_my_digest", lambda: "another")
     with pytest.raises(InputError, match="workers run another Isogal"):
-        compute_cases([small_case], Store(tmp_path), Backend(scheduler=cluster.scheduler_address), watcher)
+        compute_cases(
+            [small_case], Store(tmp_path), Backend(scheduler=cluster.scheduler_address), watcher
+        )
 
 
 def test_no_scheduler_there(
@@ -89,11 +99,17 @@ def test_no_scheduler_there(
     from isogal.montecarlo import cluster as module
 
     monkeypatch.setattr(module, "TIMEOUT", 0.5)
-    with pytest.raises(InputError, match=r"--scheduler tcp://127.0.0.1:9: no Dask scheduler answers"):
-        compute_cases([small_case], Store(tmp_path), Backend(scheduler="tcp://127.0.0.1:9"), watcher)
+    with pytest.raises(
+        InputError, match=r"--scheduler tcp://127.0.0.1:9: no Dask scheduler answers"
+    ):
+        compute_cases(
+            [small_case], Store(tmp_path), Backend(scheduler="tcp://127.0.0.1:9"), watcher
+        )
 
 
-def test_only_what_is_new_is_computed(tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher) -> None:
+def test_only_what_is_new_is_computed(
+    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
+) -> None:
     compute_cases([small_case], one_worker, Backend(workers=1), watcher)
     assert (watcher.todo, watcher.kept) == ([], 4)
     store, first, second = Store(tmp_path), Watcher(), Watcher()
@@ -119,7 +135,9 @@ class Killer(Watcher):
                 os.kill(child.pid, signal.SIGKILL)
 
 
-def test_chunk_of_a_dead_worker_is_done_again(tmp_path: Path, small_case: Case, one_worker: Store) -> None:
+def test_chunk_of_a_dead_worker_is_done_again(
+    tmp_path: Path, small_case: Case, one_worker: Store
+) -> None:
     killer = Killer(times=1)
     store = Store(tmp_path)
     compute_cases([small_case], store, Backend(workers=1), killer)
@@ -128,8 +146,12 @@ def test_chunk_of_a_dead_worker_is_done_again(tmp_path: Path, small_case: Case, 
 
 
 def test_workers_that_keep_dying_end_in_one_line(tmp_path: Path, small_case: Case) -> None:
-    with pytest.raises(WorkerError, match=r"small, run 0: the worker was killed by signal 9 \(SIGKILL\), 3 times"):
-        compute_cases([replace(small_case, runs=1)], Store(tmp_path), Backend(workers=1), Killer(times=100))
+    with pytest.raises(
+        WorkerError, match=r"small, run 0: the worker was killed by signal 9 \(SIGKILL\), 3 times"
+    ):
+        compute_cases(
+            [replace(small_case, runs=1)], Store(tmp_path), Backend(workers=1), Killer(times=100)
+        )
     assert not workers_alive()
 
 
@@ -140,7 +162,9 @@ class Impatient(Watcher):
         raise KeyboardInterrupt
 
 
-def test_interruption_keeps_what_is_finished(tmp_path: Path, small_case: Case, watcher: Watcher) -> None:
+def test_interruption_keeps_what_is_finished(
+    tmp_path: Path, small_case: Case, watcher: Watcher
+) -> None:
     store = Store(tmp_path)
     with pytest.raises(Interrupted) as caught:
         compute_cases([small_case], store, Backend(workers=1), Impatient(), memory=1)
@@ -149,21 +173,28 @@ def test_interruption_keeps_what_is_finished(tmp_path: Path, small_case: Case, w
     assert not workers_alive()
 
 
-def test_scenario_that_cannot_be_used_is_said_in_one_line(tmp_path: Path, small_case: Case, watcher: Watcher) -> None:
+def test_scenario_that_cannot_be_used_is_said_in_one_line(
+    tmp_path: Path, small_case: Case, watcher: Watcher
+) -> None:
     beyond = replace(small_case, scenario=small_scenario(route={"duration": 9000.0}))
     with pytest.raises(InputError, match="does not cover the route"):
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
 
 
-def test_left_alone_nothing_is_aided(tmp_path: Path, field_map: FieldMap, watcher: Watcher) -> None:
+def test_left_alone_nothing_is_aided(
+    tmp_path: Path, field_map: FieldMap, watcher: Watcher
+) -> None:
     case = Case("alone", small_scenario(), 2, field_map, aided=False)
     store = Store(tmp_path)
     compute_cases([case], store, Backend(workers=1), watcher)
     runs = store.load(case)
     assert not runs.published.any()
-    # without fixes the filter is the unaided navigator, but for its use of the vertical accelerometer
+    # without fixes the filter is the unaided navigator, but for its use of the vertical
+    # accelerometer
     assert np.abs(runs.error - runs.unaided_error).max() < 0.5
-    np.testing.assert_allclose(runs.covariance[0], runs.covariance[1], atol=1e-3 * runs.covariance.max())
+    np.testing.assert_allclose(
+        runs.covariance[0], runs.covariance[1], atol=1e-3 * runs.covariance.max()
+    )
 
 
 def test_backend_is_one_or_the_other() -> None:

@@ -10,7 +10,8 @@ from isogal.earth.gravity import normal_gravity
 
 @pytest.fixture(scope="session")
 def two_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A NetCDF file with `ga` and `dg`: waves of 30 mGal and a few kilometres along the first 100 km of the default route."""
+    """A NetCDF file with `ga` and `dg`: waves of 30 mGal and a few kilometres along the first 100
+    km of the default route."""
     import xarray
 
     latitude, longitude = np.linspace(-38.3, -37.2, 367), np.linspace(144.2, 145.9, 426)
@@ -21,7 +22,11 @@ def two_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     xarray.Dataset(
         {
             "ga": (("latitude", "longitude"), gravity, {"units": "m s-2", "long_name": "gravity"}),
-            "dg": (("latitude", "longitude"), waves, {"units": "m s-2", "long_name": "gravity disturbance"}),
+            "dg": (
+                ("latitude", "longitude"),
+                waves,
+                {"units": "m s-2", "long_name": "gravity disturbance"},
+            ),
         },
         {
             "latitude": ("latitude", latitude, {"units": "degrees_north"}),

@@ -29,17 +29,27 @@ TIME = np.arange(0.0, 12961.0, 60.0)
 RUNS = 100
 
 
-def outcome(setting: Setting, mean: float = 100.0, diverged: int = 0, spread: float = 0.1, seed: int = 0) -> Outcome:
+def outcome(
+    setting: Setting, mean: float = 100.0, diverged: int = 0, spread: float = 0.1, seed: int = 0
+) -> Outcome:
     """Runs whose errors scatter about a constant, beside a drift of 1 km in 3.6 h."""
     random = np.random.default_rng(seed)
     per_run = mean * (1.0 + spread * random.standard_normal(RUNS))
     error = per_run[:, None] * np.ones(TIME.size)
     drift = 1000.0 * (TIME / TIME[-1]) * np.abs(1.0 + 0.3 * random.standard_normal((RUNS, 1)))
-    summary: dict[str, Any] = {"diverged": diverged, "nees_per_axis": {"mean": 3.0}, "bound": {"rms": 50.0}}
-    return Outcome(setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], 0.01, None)
+    summary: dict[str, Any] = {
+        "diverged": diverged,
+        "nees_per_axis": {"mean": 3.0},
+        "bound": {"rms": 50.0},
+    }
+    return Outcome(
+        setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], 0.01, None
+    )
 
 
-def all_outcomes(change: Callable[[Setting], dict[str, Any]] = lambda _: {}) -> dict[Setting, Outcome]:
+def all_outcomes(
+    change: Callable[[Setting], dict[str, Any]] = lambda _: {},
+) -> dict[Setting, Outcome]:
     settings = [*table_settings(), *unaided_settings(), Setting(matcher="tercom")]
     return {setting: outcome(setting, **change(setting)) for setting in settings}
 
@@ -52,7 +62,10 @@ def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
         for length in (30, 15)
         for mode in ("standard", "retrodiction")
     }
-    tracks = {s: Tracks(s, TIME, rough, smooth if mode == "retrodiction" else rough) for (_, mode), s in kinds.items()}
+    tracks = {
+        s: Tracks(s, TIME, rough, smooth if mode == "retrodiction" else rough)
+        for (_, mode), s in kinds.items()
+    }
     variability = np.where(TIME <= 3600.0, 1e-10, 4e-10)
     values: dict[str, Any] = {
         "plan": Plan(RUNS, None, 12960.0),
@@ -105,7 +118,12 @@ def test_decide() -> None:
 
 @pytest.mark.parametrize(
     ("count", "total", "low", "high"),
-    [(0, 100, 0.0, 0.0362), (6, 100, 0.0223, 0.1260), (100, 100, 0.9638, 1.0), (1, 2, 0.0126, 0.9874)],
+    [
+        (0, 100, 0.0, 0.0362),
+        (6, 100, 0.0223, 0.1260),
+        (100, 100, 0.9638, 1.0),
+        (1, 2, 0.0126, 0.9874),
+    ],
 )
 def test_interval_of_a_share(count: int, total: int, low: float, high: float) -> None:
     # tabulated 95 % intervals, for example Fleiss, Levin and Paik (2003)
@@ -122,17 +140,27 @@ def test_paired_difference_uses_common_runs() -> None:
 
 def test_noise_and_batch_length_trends() -> None:
     worse_by_noise = all_outcomes(
-        lambda s: {"mean": 100.0 * (5 if s.sigma > 1.5e-5 else 1) * (2 if s.batch_length == 15 else 1)}
+        lambda s: {
+            "mean": 100.0 * (5 if s.sigma > 1.5e-5 else 1) * (2 if s.batch_length == 15 else 1)
+        }
     )
     assert verdict("sensor", results(worse_by_noise)) == HOLDS
     assert verdict("shorter batches", results(worse_by_noise)) == HOLDS
     assert verdict("T and noise", results(worse_by_noise)) == HOLDS
     turned = all_outcomes(
-        lambda s: {"mean": 100.0 / (5 if s.sigma > 1.5e-5 else 1) / (2 if s.batch_length == 15 else 1)}
+        lambda s: {
+            "mean": 100.0 / (5 if s.sigma > 1.5e-5 else 1) / (2 if s.batch_length == 15 else 1)
+        }
     )
     assert verdict("sensor", results(turned)) == FAILS
     assert verdict("shorter batches", results(turned)) == FAILS
-    assert verdict("sensor", results(all_outcomes(lambda s: {"seed": round(s.sigma * 1e6) + s.batch_length}))) == OPEN
+    assert (
+        verdict(
+            "sensor",
+            results(all_outcomes(lambda s: {"seed": round(s.sigma * 1e6) + s.batch_length})),
+        )
+        == OPEN
+    )
 
 
 def test_divergence() -> None:
@@ -158,7 +186,9 @@ def test_unaided_and_bounded() -> None:
     assert verdict("bounded", results(all_outcomes())) == HOLDS
     growing = all_outcomes()
     for setting, value in growing.items():
-        growing[setting] = replace(value, error=value.unaided, unaided=np.full_like(value.unaided, 100.0))
+        growing[setting] = replace(
+            value, error=value.unaided, unaided=np.full_like(value.unaided, 100.0)
+        )
     assert verdict("bounded", results(growing)) == FAILS
     assert verdict("unbounded", results(growing)) == FAILS
 
@@ -178,7 +208,9 @@ def test_quantum_gain(factor: float, expected: str) -> None:
     random = np.random.default_rng(5)
     better = Setting(grade="quantum_accelerometer", aided=False)
     scatter = factor * (1.0 + 0.01 * random.standard_normal((RUNS, 1)))
-    outcomes[better] = replace(outcomes[better], unaided=outcomes[Setting(aided=False)].unaided * scatter)
+    outcomes[better] = replace(
+        outcomes[better], unaided=outcomes[Setting(aided=False)].unaided * scatter
+    )
     gain, error = quantum_gain(results(outcomes))
     assert abs(gain - (1.0 - factor)) < 4 * error < 0.02
     assert verdict("quantum gain", results(outcomes)) == expected
@@ -213,7 +245,9 @@ def test_iterations() -> None:
 
 
 def test_smoothness() -> None:
-    assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(np.sqrt(12.5))
+    assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(
+        np.sqrt(12.5)
+    )
     assert verdict("retrodiction", results(all_outcomes())) == HOLDS
 
 

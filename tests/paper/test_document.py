@@ -8,14 +8,29 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 LABELS = [
-    *("s2-01", "s2-02", "s3-01", "s3-02", "s3-021", "s3-03", "s3-04", "s3-05", "s3-06", "s32-1", "kstate", "forward"),
+    *(
+        "s2-01",
+        "s2-02",
+        "s3-01",
+        "s3-02",
+        "s3-021",
+        "s3-03",
+        "s3-04",
+        "s3-05",
+        "s3-06",
+        "s32-1",
+        "kstate",
+        "forward",
+    ),
     *("backward", "CV"),
 ]
 REFERENCES = sorted(set(re.findall(r"`([\w/]+\.py):(\w+)`", TEXT)))
 
 
 def test_every_labelled_equation_has_its_row() -> None:
-    rows = re.findall(r"^\| (\S+) \| .* \| `.*` \| `.*` \|$", TEXT.partition("## Sentences")[0], re.MULTILINE)
+    rows = re.findall(
+        r"^\| (\S+) \| .* \| `.*` \| `.*` \|$", TEXT.partition("## Sentences")[0], re.MULTILINE
+    )
     assert rows == LABELS
 
 
@@ -23,8 +38,14 @@ def test_there_are_references() -> None:
     assert len(REFERENCES) > 60
 
 
-@pytest.mark.parametrize(("path", "name"), REFERENCES, ids=[f"{path}:{name}" for path, name in REFERENCES])
+@pytest.mark.parametrize(
+    ("path", "name"), REFERENCES, ids=[f"{path}:{name}" for path, name in REFERENCES]
+)
 def test_what_is_named_exists(path: str, name: str) -> None:
-    folder = ROOT / "tests" if Path(path).name.startswith("test_") else ROOT / "src" / "isogal" / "isogal"
+    folder = (
+        ROOT / "tests"
+        if Path(path).name.startswith("test_")
+        else ROOT / "src" / "isogal" / "isogal"
+    )
     source = (folder / path).read_text(encoding="utf-8")
     assert re.search(rf"^(def|class) {name}\b|^{name}\b.*=", source, re.MULTILINE)

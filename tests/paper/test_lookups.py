@@ -4,7 +4,12 @@ import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.paper.cases import Plan, Setting
-from isogal.paper.lookups import PROFILE_WINDOW, profile_example, search_window_example, window_example
+from isogal.paper.lookups import (
+    PROFILE_WINDOW,
+    profile_example,
+    search_window_example,
+    window_example,
+)
 from isogal.paper.published import FIGURE_54_READING_SIGMA
 
 
@@ -18,7 +23,9 @@ def test_profile_has_its_candidates_where_the_map_has_the_reading(two_maps: Path
     there = np.interp(example.candidates, example.offset, example.profile)
     np.testing.assert_allclose(there, example.reading, atol=1e-9)
     assert (np.abs(example.candidates - example.centre) <= PROFILE_WINDOW).all()
-    assert 0.1 < example.ambiguous < 0.5  # the waves to the east are 19 km long, the window is 8 km wide
+    assert (
+        0.1 < example.ambiguous < 0.5
+    )  # the waves to the east are 19 km long, the window is 8 km wide
 
 
 def test_window_holds_fifty_candidates(two_maps: Path) -> None:
@@ -34,8 +41,11 @@ def test_candidates_read_what_was_read(two_maps: Path) -> None:
     example = search_window_example(field_map, np.radians(-37.8), np.radians(145.0))
     north, east = metres_per_radian(example.latitude)
     values = field_map.value(
-        example.latitude + example.candidates[:, 0] / north, example.longitude + example.candidates[:, 1] / east
+        example.latitude + example.candidates[:, 0] / north,
+        example.longitude + example.candidates[:, 1] / east,
     )
     assert np.abs(values - example.reading).max() < 10 * FIGURE_54_READING_SIGMA
-    at_truth = field_map.value(example.latitude + example.truth[0] / north, example.longitude + example.truth[1] / east)
+    at_truth = field_map.value(
+        example.latitude + example.truth[0] / north, example.longitude + example.truth[1] / east
+    )
     assert abs(at_truth - example.reading) < 4 * FIGURE_54_READING_SIGMA

@@ -16,7 +16,8 @@ from isogal.sensors.trajectory import build_trajectory
 
 @pytest.mark.parametrize("grade", list(GRADES))
 def test_spread_of_the_unaided_ins_is_that_of_its_filter(grade: str) -> None:
-    """100 full strapdown runs against the unscented filter's own covariance, chi-square interval of 99 % for all instants together."""
+    """100 full strapdown runs against the unscented filter's own covariance, chi-square interval
+    of 99 % for all instants together."""
     scenario = validate_scenario({"imu": {"grade": grade}})
     trajectory = build_trajectory(scenario)
     runs = range(100)
@@ -29,7 +30,11 @@ def test_spread_of_the_unaided_ins_is_that_of_its_filter(grade: str) -> None:
     for k in instants:
         part = slice(done, k)
         propagate(
-            state, model, imu.specific_force[:, part], imu.angular_rate[:, part], trajectory.height[done + 1 : k + 1]
+            state,
+            model,
+            imu.specific_force[:, part],
+            imu.angular_rate[:, part],
+            trajectory.height[done + 1 : k + 1],
         )
         claimed.append(state.covariance[0, :2, :2].copy())
         done = k

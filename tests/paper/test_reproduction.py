@@ -19,7 +19,19 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 def reproduce(out: Path, map_: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [ISOGAL, "paper", "--out", out, "--map", map_, "--runs", "2", "--duration", "1800", *words]
+    command = [
+        ISOGAL,
+        "paper",
+        "--out",
+        out,
+        "--map",
+        map_,
+        "--runs",
+        "2",
+        "--duration",
+        "1800",
+        *words,
+    ]
     return subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
 
 
@@ -46,12 +58,18 @@ def test_every_figure_is_there_alone_and_in_the_page(page: Path) -> None:
 def test_every_row_and_claim_is_there(page: Path) -> None:
     document = json.loads((page / "results.json").read_text())
     rows = [row for table in ("4", "6") for row in document["tables"][table]]
-    assert [(r["batch_length"], r["sigma"]) for r in rows] == [(r.batch_length, r.sigma) for r in ROWS]
+    assert [(r["batch_length"], r["sigma"]) for r in rows] == [
+        (r.batch_length, r.sigma) for r in ROWS
+    ]
     for row in rows:
         for matcher in ("pmht-paper", "pmht"):
             assert row[matcher]["mean"] > 0.0
             assert 0.0 <= row[matcher]["divergence_rate"] <= 1.0
-    assert [entry["grade"] for entry in document["unaided"]] == ["precision", "quantum_accelerometer", "quantum"]
+    assert [entry["grade"] for entry in document["unaided"]] == [
+        "precision",
+        "quantum_accelerometer",
+        "quantum",
+    ]
     assert len(document["claims"]) >= 20
     html = (page / "report.html").read_text()
     for claim in document["claims"]:

@@ -20,9 +20,12 @@ INSTALLED = re.compile(
 
 
 def instructions() -> list[tuple[str, str]]:
-    """Return (instruction, argument) of the Dockerfile, continuation lines joined, comments left out."""
+    """Return (instruction, argument) of the Dockerfile, continuation lines joined, comments left
+    out."""
     lines = [
-        line for line in (DOCKER / "Dockerfile").read_text(encoding="utf-8").splitlines() if not line.startswith("#")
+        line
+        for line in (DOCKER / "Dockerfile").read_text(encoding="utf-8").splitlines()
+        if not line.startswith("#")
     ]
     text = "\n".join(lines).replace("\\\n", " ")
     pairs = [line.partition(" ") for line in text.splitlines() if line.strip()]
@@ -49,7 +52,9 @@ def test_every_copied_source_exists() -> None:
 
 def test_the_build_context_holds_what_is_copied() -> None:
     kept = {
-        line[1:] for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines() if line.startswith("!")
+        line[1:]
+        for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+        if line.startswith("!")
     }
     for word, argument in instructions():
         if word == "COPY" and "--from" not in argument:
@@ -84,7 +89,10 @@ def test_every_node_has_a_service_on_the_loopback() -> None:
     for service in services.values():
         assert service["network_mode"] == service["ipc"] == "host"
         assert service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-        assert service["healthcheck"]["test"][1:3] == ["/opt/isogal/entrypoint.sh", "/opt/isogal/healthcheck.py"]
+        assert service["healthcheck"]["test"][1:3] == [
+            "/opt/isogal/entrypoint.sh",
+            "/opt/isogal/healthcheck.py",
+        ]
 
 
 def test_scripts_are_executable() -> None:
@@ -127,14 +135,23 @@ def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.Mon
             publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
             checks = {
                 arguments: subprocess.Popen(
-                    [sys.executable, DOCKER / "healthcheck.py", *arguments.split()], stdout=subprocess.PIPE, text=True
+                    [sys.executable, DOCKER / "healthcheck.py", *arguments.split()],
+                    stdout=subprocess.PIPE,
+                    text=True,
                 )
-                for arguments in ("--timeout 60 live", "--timeout 60 live ill", "--timeout 2 silent")
+                for arguments in (
+                    "--timeout 60 live",
+                    "--timeout 60 live ill",
+                    "--timeout 2 silent",
+                )
             }
             while any(check.poll() is None for check in checks.values()):
                 publisher.publish(DiagnosticArray(status=statuses))
                 time.sleep(0.1)
-            results = {arguments: (check.wait(), check.communicate()[0]) for arguments, check in checks.items()}
+            results = {
+                arguments: (check.wait(), check.communicate()[0])
+                for arguments, check in checks.items()
+            }
         finally:
             node.destroy_node()
             context.try_shutdown()

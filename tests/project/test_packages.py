@@ -50,9 +50,14 @@ def test_ament_finds_the_package(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
 def test_every_module_is_in_a_package(package: Path) -> None:
-    # Without __init__.py a folder is found in an editable install, and missing from a colcon build.
+    # Without __init__.py a folder is found in an editable install, and missing from a colcon
+    # build.
     folders = {module.parent for module in (package / package.name).rglob("*.py")}
-    assert [str(folder.relative_to(package)) for folder in folders if not (folder / "__init__.py").is_file()] == []
+    assert [
+        str(folder.relative_to(package))
+        for folder in folders
+        if not (folder / "__init__.py").is_file()
+    ] == []
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
@@ -66,9 +71,12 @@ def test_every_import_is_declared(package: Path) -> None:
     undeclared = {
         name
         for name in imports(package) - pip_only()
-        if (name not in declared if name in ROS or name in NAMES else APT.get(name) not in declared)
+        if (
+            name not in declared if name in ROS or name in NAMES else APT.get(name) not in declared
+        )
     }
-    # The commands that drive the graph reach for isogal_ros only when they are called; without it they say so.
+    # The commands that drive the graph reach for isogal_ros only when they are called; without it
+    # they say so.
     assert undeclared <= ({"isogal_ros"} if package.name == "isogal" else set())
 
 
@@ -90,9 +98,12 @@ def test_launch_files_compile_and_name_existing_executables() -> None:
     for path in ROOT.glob("src/*/launch/*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         assert any(
-            isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description" for node in tree.body
+            isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description"
+            for node in tree.body
         )
         for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-            literals = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
+            literals = {
+                k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)
+            }
             if {"package", "executable"} <= literals.keys():
                 assert literals["executable"] in known[literals["package"]], path

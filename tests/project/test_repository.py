@@ -18,7 +18,9 @@ FOREIGN = re.compile(
 
 def tracked_files() -> list[Path]:
     try:
-        listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, timeout=30)
+        listing = subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, timeout=30
+        )
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("not a git checkout")
     return [ROOT / name for name in listing.stdout.decode().split("\0") if name]
@@ -46,7 +48,11 @@ def test_the_pattern_finds_what_it_should() -> None:
 
 def test_generated_files_are_not_tracked() -> None:
     names = [str(path.relative_to(ROOT)) for path in tracked_files()]
-    generated = [n for n in names if re.search(r"(^|/)(__pycache__|out|build|install|log)/|\.(nbi|nbc|pyc)$", n)]
+    generated = [
+        n
+        for n in names
+        if re.search(r"(^|/)(__pycache__|out|build|install|log)/|\.(nbi|nbc|pyc)$", n)
+    ]
     assert not generated
 
 
@@ -59,9 +65,15 @@ def test_the_licence_is_apache_2() -> None:
 def test_the_lock_file_names_its_command_and_every_direct_dependency() -> None:
     lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
     assert "make lock" in lock.splitlines()[1]
-    pinned = {line.split("==")[0].lower() for line in lock.splitlines() if re.match(r"[a-z]", line)}
+    pinned = {
+        line.split("==")[0].lower() for line in lock.splitlines() if re.match(r"[a-z]", line)
+    }
     wanted = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
-    direct = {re.split(r"[\[<>=]", line, maxsplit=1)[0].lower() for line in wanted if re.match(r"[A-Za-z]", line)}
+    direct = {
+        re.split(r"[\[<>=]", line, maxsplit=1)[0].lower()
+        for line in wanted
+        if re.match(r"[A-Za-z]", line)
+    }
     assert direct <= pinned
 
 

@@ -1,4 +1,5 @@
-"""The installer behind `make`: what it does when, with a stand-in for the interpreter that only notes what it is asked."""
+"""The installer behind `make`: what it does when, with a stand-in for the interpreter that only
+notes what it is asked."""
 
 import shutil
 import subprocess
@@ -8,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Answers -V, makes a venv that holds a copy of itself, notes every pip call, and fails in pip while the file `fail` exists.
+# Answers -V, makes a venv that holds a copy of itself, notes every pip call, and fails in pip
+# while the file `fail` exists.
 STAND_IN = """#!/bin/sh
 case "$*" in
   -V) echo "Python $(cat "{state}/version")" ;;
@@ -152,7 +154,9 @@ def test_a_moved_clone_is_installed_anew(installed: Clone) -> None:
 def test_another_interpreter_is_installed_anew(installed: Clone) -> None:
     # The venv's own stand-in would follow the version file, so it gets an answer of its own.
     venv_python = installed.root / ".venv" / "bin" / "python"
-    venv_python.write_text(venv_python.read_text().replace('$(cat "' + str(installed.state) + '/version")', "3.11.9"))
+    venv_python.write_text(
+        venv_python.read_text().replace('$(cat "' + str(installed.state) + '/version")', "3.11.9")
+    )
     installed.install()
     assert installed.calls() == ["venv", LOCK, PACKAGES]
 
@@ -162,7 +166,10 @@ def test_an_unsupported_interpreter_is_one_clear_line(clone: Clone, version: str
     clone.version(version)
     done = clone.install()
     assert done.returncode == 1
-    assert done.stderr == f"isogal: Isogal needs Python 3.11 or 3.12; PYTHON={clone.python} is Python {version}\n"
+    assert (
+        done.stderr
+        == f"isogal: Isogal needs Python 3.11 or 3.12; PYTHON={clone.python} is Python {version}\n"
+    )
     assert clone.calls() == []
 
 

@@ -1,4 +1,5 @@
-"""Results are what they were: a change that is not meant to change any must not (`helpers.reference_runs`)."""
+"""Results are what they were: a change that is not meant to change any must not
+(`helpers.reference_runs`)."""
 
 import json
 from importlib.util import find_spec
@@ -10,7 +11,8 @@ from helpers.reference_runs import GRAPH, KEPT, LIBRARY, sampled
 
 KEPT_RESULTS = json.loads(KEPT.read_text())
 TOLERANCE = 1e-3
-"""m; another machine's linear algebra may differ in the last digits, which the sampler enlarges."""
+"""m; another machine's linear algebra may differ in the last digits, which the sampler
+enlarges."""
 
 
 def _same(case: str, results: dict[str, np.ndarray]) -> None:
@@ -18,7 +20,9 @@ def _same(case: str, results: dict[str, np.ndarray]) -> None:
     assert now.keys() == kept.keys()
     for name in kept:
         before, after = (np.array(rows, dtype=float) for rows in (kept[name], now[name]))
-        np.testing.assert_allclose(after, before, rtol=0, atol=TOLERANCE, err_msg=f"{case}: {name}")
+        np.testing.assert_allclose(
+            after, before, rtol=0, atol=TOLERANCE, err_msg=f"{case}: {name}"
+        )
 
 
 @pytest.mark.parametrize("case", LIBRARY)

@@ -1,4 +1,5 @@
-"""The gradiometer: normal gradient, reduction, noise with covariance, and what a scenario may say of it."""
+"""The gradiometer: normal gradient, reduction, noise with covariance, and what a scenario may say
+of it."""
 
 from dataclasses import replace
 
@@ -28,14 +29,18 @@ def scenario(*more):
 
 def vehicle(**gradiometer):
     route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0)
-    return Scenario(field="gradient", route=route, gradiometer={"components": ("nd", "ee")} | gradiometer)
+    return Scenario(
+        field="gradient", route=route, gradiometer={"components": ("nd", "ee")} | gradiometer
+    )
 
 
 @pytest.mark.parametrize("degrees", [-80.0, -38.0, 0.0, 10.0, 55.0])
 def test_normal_gradient_is_the_derivative_of_normal_gravity(degrees):
     latitude, step = np.radians(degrees), 10.0
     gradient = normal_gradient(latitude, 500.0)
-    down = (normal_gravity(latitude, 500.0 - step) - normal_gravity(latitude, 500.0 + step)) / (2.0 * step)
+    down = (normal_gravity(latitude, 500.0 - step) - normal_gravity(latitude, 500.0 + step)) / (
+        2.0 * step
+    )
     assert gradient[2, 2] == pytest.approx(down, rel=5e-5)
     assert np.trace(gradient) == pytest.approx(2.0 * EARTH_RATE**2, rel=1e-9)
     north = (normal_gravity(latitude + 1e-5) - normal_gravity(latitude - 1e-5)) / 2e-5 / 6.37e6
@@ -49,7 +54,8 @@ def test_a_reduction_undoes_what_is_felt_and_hardly_needs_the_navigator():
     value = 50.0 * EOTVOS * np.arange(18.0).reshape(3, 6)
     felt = reduction.raw(value, at)
     normal = [
-        normal_gradient(-0.65, 200.0)[row, column] for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        normal_gradient(-0.65, 200.0)[row, column]
+        for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     ]
     np.testing.assert_allclose(felt - value, np.tile(normal, (3, 1)), atol=1e-17)
     np.testing.assert_allclose(reduction.reduce(felt, at), value, atol=1e-6 * EOTVOS)
@@ -61,7 +67,8 @@ def test_a_reduction_undoes_what_is_felt_and_hardly_needs_the_navigator():
 
 def test_noise_has_its_covariance():
     it = scenario(
-        "gradiometer.components=[nd,ee]", f"gradiometer.covariance_eotvos={[list(row) for row in COVARIANCE]}"
+        "gradiometer.components=[nd,ee]",
+        f"gradiometer.covariance_eotvos={[list(row) for row in COVARIANCE]}",
     )
     np.testing.assert_allclose(noise_covariance(it.gradiometer), np.array(COVARIANCE) * 1e-18)
     assert reading_sigma(it) == pytest.approx(2e-9)
@@ -88,7 +95,9 @@ def test_readings_are_the_maps_channels():
     assert simulator.felt.shape == (20, 60, 2)
     i = simulator.index
     at = State(trajectory.latitude[i], trajectory.longitude[i], 100.0, 0.0, 0.0)
-    noise = FIELDS["gradient"].reduction(it).reduce(simulator.felt, at) - TENSOR.value(at.latitude, at.longitude)
+    noise = FIELDS["gradient"].reduction(it).reduce(simulator.felt, at) - TENSOR.value(
+        at.latitude, at.longitude
+    )
     low, high = chi2.ppf([0.0005, 0.9995], noise.size)
     assert low < ((noise / (2.0 * EOTVOS)) ** 2).sum() < high
     alone = ReadingSimulator(it, trajectory, TENSOR, [7]).felt
@@ -96,7 +105,9 @@ def test_readings_are_the_maps_channels():
 
 
 def test_each_channel_has_a_map_error_of_its_own():
-    it = vehicle().model_copy(update={"map_error": MapError(sigma=5e-9, correlation_length=3000.0)})
+    it = vehicle().model_copy(
+        update={"map_error": MapError(sigma=5e-9, correlation_length=3000.0)}
+    )
     trajectory = build_trajectory(it)
     errors = draw_map_error(it, trajectory, np.arange(10, 601, 10), range(40), (2,))
     assert errors.shape == (40, 60, 2)
@@ -109,7 +120,9 @@ def test_a_map_of_something_else_is_not_felt():
     it = vehicle()
     with pytest.raises(InputError, match="a gradiometer does not feel disturbance; give gradient"):
         ReadingSimulator(it, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
-    holed = replace(TENSOR.channels[1], values=np.where(TENSOR.channels[1].values > 0.0, np.nan, 1.0))
+    holed = replace(
+        TENSOR.channels[1], values=np.where(TENSOR.channels[1].values > 0.0, np.nan, 1.0)
+    )
     with pytest.raises(InputError, match="does not cover the route at latitude"):
         ReadingSimulator(it, build_trajectory(it), type(TENSOR)([TENSOR.channels[0], holed]), [0])
 
@@ -117,15 +130,33 @@ def test_a_map_of_something_else_is_not_felt():
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("gradiometer.components=[nn,nx]", f"components: unknown 'nx'; allowed: {', '.join(TENSOR_COMPONENTS)}"),
+        (
+            "gradiometer.components=[nn,nx]",
+            f"components: unknown 'nx'; allowed: {', '.join(TENSOR_COMPONENTS)}",
+        ),
         ("gradiometer.components=[nn,nn]", "components: each once"),
         ("gradiometer.components=[]", "gradiometer.components: tuple should have at least 1 item"),
-        ("gradiometer.components=[nn,ne,nd,ee,ed,dd]", "gradiometer.components: tuple should have at most 5 items"),
+        (
+            "gradiometer.components=[nn,ne,nd,ee,ed,dd]",
+            "gradiometer.components: tuple should have at most 5 items",
+        ),
         ("gradiometer.sigma_eotvos=0", "gradiometer.sigma_eotvos: input should be greater than 0"),
-        ("gradiometer.sigma_eotvos=-1", "gradiometer.sigma_eotvos: input should be greater than 0"),
-        ("gradiometer.sigma=1", "unknown key 'gradiometer.sigma', did you mean 'gradiometer.sigma_eotvos'"),
-        ("gradiometer.covariance_eotvos=[[1,0],[0,1]]", "covariance_eotvos: must have 5 rows of 5 numbers"),
-        (f"gradiometer.covariance_eotvos={(np.eye(5) - 2.0).tolist()}", "must be symmetric and positive definite"),
+        (
+            "gradiometer.sigma_eotvos=-1",
+            "gradiometer.sigma_eotvos: input should be greater than 0",
+        ),
+        (
+            "gradiometer.sigma=1",
+            "unknown key 'gradiometer.sigma', did you mean 'gradiometer.sigma_eotvos'",
+        ),
+        (
+            "gradiometer.covariance_eotvos=[[1,0],[0,1]]",
+            "covariance_eotvos: must have 5 rows of 5 numbers",
+        ),
+        (
+            f"gradiometer.covariance_eotvos={(np.eye(5) - 2.0).tolist()}",
+            "must be symmetric and positive definite",
+        ),
     ],
 )
 def test_what_a_scenario_may_not_say(override, words):
@@ -136,6 +167,12 @@ def test_what_a_scenario_may_not_say(override, words):
 
 
 def test_a_gravimeters_sigma_says_nothing():
-    with pytest.raises(InputError, match=r"sigma: says nothing where field is gradient, .* in the section gradiometer"):
+    with pytest.raises(
+        InputError,
+        match=r"sigma: says nothing where field is gradient, .* in the section gradiometer",
+    ):
         measured_field(scenario("gravimeter.sigma=1e-9"))
-    assert measured_field(Scenario(field="gradient", gravimeter=Gravimeter(interval=5.0))).source == "disturbance"
+    assert (
+        measured_field(Scenario(field="gradient", gravimeter=Gravimeter(interval=5.0))).source
+        == "disturbance"
+    )

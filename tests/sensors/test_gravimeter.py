@@ -31,7 +31,8 @@ def test_reductions_with_the_true_state_undo_what_is_felt(gravity, latitude, hei
 
 
 def test_felt_gravity_in_numbers():
-    # SCIENCE 1: 31 mGal less 100 m up; about 220 mGal less on the default course, as going east lightens
+    # SCIENCE 1: 31 mGal less 100 m up; about 220 mGal less on the default course, as going east
+    # lightens
     still = felt_gravity(9.8, -0.64, 100.0, 0.0, 0.0)
     assert (still - 9.8) / 1e-5 == pytest.approx(-30.86)
     course = np.radians(57.0)
@@ -39,20 +40,28 @@ def test_felt_gravity_in_numbers():
     assert (moving - still) / 1e-5 == pytest.approx(-220.0, abs=10.0)
 
 
-@pytest.mark.parametrize(("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)])
+@pytest.mark.parametrize(
+    ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
+)
 @given(latitudes, speeds, speeds)
 def test_reading_jacobian_against_finite_differences(quantity, reduce, latitude, north, east):
     felt = felt_gravity(9.8, latitude, 0.0, north, east)
     jacobian = reading_jacobian(quantity, latitude, north, east)
     per_metre = 1.0 / metres_per_radian(latitude)[0]
-    for i, (d_lat, d_lon, d_north, d_east) in enumerate(np.diag([100.0 * per_metre, 1e-5, 0.1, 0.1])):
+    for i, (d_lat, d_lon, d_north, d_east) in enumerate(
+        np.diag([100.0 * per_metre, 1e-5, 0.1, 0.1])
+    ):
         ends = [
-            reduce(felt, latitude + sign * d_lat, 0.0, north + sign * d_north, east + sign * d_east) for sign in (1, -1)
+            reduce(
+                felt, latitude + sign * d_lat, 0.0, north + sign * d_north, east + sign * d_east
+            )
+            for sign in (1, -1)
         ]
         step = [100.0, 1.0, 0.1, 0.1][i]
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert d_lon == 0.0 or difference == 0.0  # the longitude does not enter
-        # in m/s² over 1 km or 1 m/s the formula leaves out less than 1e-3 mGal (change of the radii with latitude)
+        # in m/s² over 1 km or 1 m/s the formula leaves out less than 1e-3 mGal (change of the
+        # radii with latitude)
         assert jacobian[i] * 10.0 * step == pytest.approx(difference * 10.0 * step, abs=1e-8)
 
 
@@ -65,14 +74,18 @@ def test_jacobian_of_other_quantities_is_zero_and_arrays_broadcast():
 def test_reduction_variance_is_that_of_drawn_navigator_errors(quantity):
     random = np.random.default_rng(4)
     latitude, north, east, height_sigma, draws = -0.64, 12.0, 18.4, 2.0, 20000
-    root = np.diag([2000.0, 500.0, 0.05, 0.08]) @ (np.eye(4) + 0.3 * random.standard_normal((4, 4)))
+    root = np.diag([2000.0, 500.0, 0.05, 0.08]) @ (
+        np.eye(4) + 0.3 * random.standard_normal((4, 4))
+    )
     error = random.standard_normal((draws, 4)) @ root.T
     height = height_sigma * random.standard_normal(draws)
     felt = felt_gravity(9.8, latitude, 100.0, north, east)
     reduction = GravityReduction() if quantity == "gravity" else DisturbanceReduction()
     estimate = latitude + error[:, 0] / metres_per_radian(latitude)[0]
     at = State(latitude, 2.5, 100.0, north, east)
-    readings = reduction.reduce(felt, State(estimate, 2.5, 100.0 + height, north + error[:, 2], east + error[:, 3]))
+    readings = reduction.reduce(
+        felt, State(estimate, 2.5, 100.0 + height, north + error[:, 2], east + error[:, 3])
+    )
     variance = reduction_variance(reduction, at, root @ root.T, height_sigma**2)
     low, high = chi2.ppf([0.0005, 0.9995], draws - 1) / (draws - 1)
     assert low < readings.var(ddof=1) / variance < high

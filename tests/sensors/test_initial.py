@@ -1,4 +1,5 @@
-"""The navigator's start: truth plus errors of the scenario's size, height and vertical velocity exact."""
+"""The navigator's start: truth plus errors of the scenario's size, height and vertical velocity
+exact."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,10 +22,14 @@ def draw(runs, **sigma):
 def test_errors_have_the_sigma_of_the_scenario():
     sigma = {"position": 80.0, "velocity": 0.3, "tilt": 1e-4, "heading": 2e-3}
     nav, trajectory = draw(range(RUNS), **sigma)
-    shift = horizontal_difference(*nav.position[:, :2].T, trajectory.latitude[0], trajectory.longitude[0])
+    shift = horizontal_difference(
+        *nav.position[:, :2].T, trajectory.latitude[0], trajectory.longitude[0]
+    )
     faster = (nav.velocity - trajectory.velocity[0])[:, :2]
     true = Rotation.from_quat(trajectory.attitude[0], scalar_first=True)
-    turn = (Rotation.from_quat(nav.attitude, scalar_first=True) * true.inv()).as_rotvec()  # about north, east, down
+    turn = (
+        Rotation.from_quat(nav.attitude, scalar_first=True) * true.inv()
+    ).as_rotvec()  # about north, east, down
     errors = np.column_stack([shift / 80.0, faster / 0.3, turn / [1e-4, 1e-4, 2e-3]])
     low, high = chi2.ppf([0.0005, 0.9995], RUNS)
     squares = (errors**2).sum(axis=0)
@@ -38,7 +43,9 @@ def test_errors_have_the_sigma_of_the_scenario():
 def test_without_errors_it_is_the_truth():
     nav, trajectory = draw([3, 4], position=0.0, velocity=0.0, tilt=0.0, heading=0.0)
     for run in range(2):
-        assert (nav.position[run] == [trajectory.latitude[0], trajectory.longitude[0], 100.0]).all()
+        assert (
+            nav.position[run] == [trajectory.latitude[0], trajectory.longitude[0], 100.0]
+        ).all()
         assert (nav.velocity[run] == trajectory.velocity[0]).all()
         np.testing.assert_allclose(nav.attitude[run], trajectory.attitude[0], atol=1e-16)
 

@@ -1,4 +1,5 @@
-"""The main field: against published values of the IGRF, between the points at which it is evaluated, and up and down."""
+"""The main field: against published values of the IGRF, between the points at which it is
+evaluated, and up and down."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ def main_field():
 
 
 def test_the_coefficients_of_2020_give_the_dipole_at_the_equator():
-    # IGRF-14, 2020.0: g10 = -29403.41, g11 = -1451.37, h11 = 4653.35 nT; the whole field is not far from its dipole
+    # IGRF-14, 2020.0: g10 = -29403.41, g11 = -1451.37, h11 = 4653.35 nT; the whole field is not
+    # far from its dipole
     dipole = np.sqrt(29403.41**2 + 1451.37**2 + 4653.35**2)
     longitude = np.arange(-180.0, 180.0, 10.0)
     field = intensity(np.zeros(36), longitude, 0.0, 2020.0)
@@ -27,7 +29,9 @@ def test_interpolation_is_as_good_as_the_model(main_field):
     random = np.random.default_rng(1)
     latitude, longitude = random.uniform(54.0, 58.0, 300), random.uniform(-7.0, -1.0, 300)
     exact = intensity(latitude, longitude, 300.0, 2025.0)
-    np.testing.assert_allclose(main_field.value(np.radians(latitude), np.radians(longitude), 300.0), exact, atol=0.02)
+    np.testing.assert_allclose(
+        main_field.value(np.radians(latitude), np.radians(longitude), 300.0), exact, atol=0.02
+    )
 
 
 def test_it_falls_with_height(main_field):
@@ -35,7 +39,9 @@ def test_it_falls_with_height(main_field):
         there = main_field.value(np.radians(56.0), np.radians(-4.0), height)
         assert there == pytest.approx(float(intensity(56.0, -4.0, height, 2025.0)), abs=0.05)
     slope = main_field.gradient(np.radians(56.0), np.radians(-4.0))[2]
-    assert slope == pytest.approx(-3.0 * there / 6.371e6, rel=0.1)  # a dipole falls as the third power
+    assert slope == pytest.approx(
+        -3.0 * there / 6.371e6, rel=0.1
+    )  # a dipole falls as the third power
 
 
 def test_years_change_it_by_tens_of_nanotesla():

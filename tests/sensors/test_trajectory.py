@@ -17,7 +17,9 @@ NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def route(rate=1.0, **keys):
-    return build_trajectory(Scenario(route=Route(**({"duration": None} | keys)), imu=Imu(rate=rate)))
+    return build_trajectory(
+        Scenario(route=Route(**({"duration": None} | keys)), imu=Imu(rate=rate))
+    )
 
 
 def headings(trajectory):
@@ -27,20 +29,28 @@ def headings(trajectory):
 def test_default_route_is_that_of_the_paper():
     trajectory = route(height=0.0)
     speed = np.linalg.norm(trajectory.velocity, axis=1)
-    assert trajectory.time[-1] == pytest.approx(7.5 * 3600.0, rel=1e-3)  # SCIENCE 1: 594.5 km, 7.5 h
+    assert trajectory.time[-1] == pytest.approx(
+        7.5 * 3600.0, rel=1e-3
+    )  # SCIENCE 1: 594.5 km, 7.5 h
     assert (speed * trajectory.dt)[1:].sum() == pytest.approx(594.5e3, rel=1e-3)
     np.testing.assert_allclose(speed, 22.0, rtol=1e-14)
     assert np.ptp(headings(trajectory)) == 0.0
-    missed = horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-35.0, 150.0]))
+    missed = horizontal_difference(
+        trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-35.0, 150.0])
+    )
     assert np.hypot(*missed) < 22.0
 
 
 def test_rhumb_azimuth_on_a_sphere_like_case():
-    assert rhumb_azimuth(0.1, 3.1, 0.1, -3.1) == pytest.approx(np.pi / 2)  # along a parallel, across the date line
+    assert rhumb_azimuth(0.1, 3.1, 0.1, -3.1) == pytest.approx(
+        np.pi / 2
+    )  # along a parallel, across the date line
     assert rhumb_azimuth(-0.1, 1.0, 0.1, 1.0) == 0.0
     # due to the ellipsoid's shape 1 % of latitude near the equator: dlon / (M / N dlat)
     meridian, normal = radii(0.0)
-    assert rhumb_azimuth(0.0, 0.0, 1e-4, 1e-4) == pytest.approx(np.arctan2(normal, meridian), abs=1e-7)
+    assert rhumb_azimuth(0.0, 0.0, 1e-4, 1e-4) == pytest.approx(
+        np.arctan2(normal, meridian), abs=1e-7
+    )
 
 
 def test_geodesic_is_the_shortest_line():
@@ -58,7 +68,8 @@ def test_geodesic_is_the_shortest_line():
 @pytest.mark.parametrize("keys", [{"duration": 2000.0}, {"duration": 2000.0, "line": "geodesic", "speed": 250.0}, {"waypoints": CORNERS}],
                          ids=["rhumb", "fast geodesic", "corners"])  # fmt: skip
 def test_imu_is_newtons_law_in_inertial_space(keys):
-    """Second differences of the position in inertial space are gravitation plus specific force, means over both intervals."""
+    """Second differences of the position in inertial space are gravitation plus specific force,
+    means over both intervals."""
     dt = 0.5
     trajectory = route(1.0 / dt, **keys)
     spin = Rotation.from_rotvec(EARTH_RATE * trajectory.time[:, None] * [0.0, 0.0, 1.0])
@@ -66,13 +77,22 @@ def test_imu_is_newtons_law_in_inertial_space(keys):
     inertial = spin.apply(ecef)
     acceleration = (inertial[2:] - 2.0 * inertial[1:-1] + inertial[:-2]) / dt**2
     to_ecef = np.stack(
-        [(NED @ enu_axes(a, b)).T for a, b in zip(trajectory.latitude, trajectory.longitude, strict=True)]
+        [
+            (NED @ enu_axes(a, b)).T
+            for a, b in zip(trajectory.latitude, trajectory.longitude, strict=True)
+        ]
     )
     up = -to_ecef[:, :, 2]
     centrifugal = EARTH_RATE**2 * ecef * [1.0, 1.0, 0.0]
-    gravitation = spin.apply(-up * normal_gravity(trajectory.latitude, trajectory.height)[:, None] - centrifugal)
+    gravitation = spin.apply(
+        -up * normal_gravity(trajectory.latitude, trajectory.height)[:, None] - centrifugal
+    )
     # attitude of the IMU in inertial space, and its mean specific force there over each interval
-    attitude = spin * Rotation.from_matrix(to_ecef) * Rotation.from_quat(trajectory.attitude, scalar_first=True)
+    attitude = (
+        spin
+        * Rotation.from_matrix(to_ecef)
+        * Rotation.from_quat(trajectory.attitude, scalar_first=True)
+    )
     turned = attitude[:-1].inv() * attitude[1:]
     half = Rotation.from_rotvec(0.5 * turned.as_rotvec())
     force = (attitude[:-1] * half).apply(trajectory.specific_force)
@@ -88,7 +108,10 @@ def test_imu_is_newtons_law_in_inertial_space(keys):
 def test_velocity_is_the_derivative_of_the_position():
     trajectory = route(waypoints=CORNERS)
     moved = horizontal_difference(
-        trajectory.latitude[2:], trajectory.longitude[2:], trajectory.latitude[:-2], trajectory.longitude[:-2]
+        trajectory.latitude[2:],
+        trajectory.longitude[2:],
+        trajectory.latitude[:-2],
+        trajectory.longitude[:-2],
     )
     jumps = np.abs(np.diff(trajectory.velocity[:, :2], 2, axis=0)).max()
     np.testing.assert_allclose(moved / 2.0, trajectory.velocity[1:-1, :2], atol=jumps + 2e-3)
@@ -102,7 +125,9 @@ def test_waypoints_are_passed_at_their_speed_within_the_limits():
     speed = np.linalg.norm(trajectory.velocity, axis=1)
     assert np.abs(np.diff(speed)).max() <= 0.05 + 1e-12
     for latitude, longitude, _ in CORNERS:
-        away = horizontal_difference(trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude]))
+        away = horizontal_difference(
+            trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude])
+        )
         assert np.hypot(*away.T).min() < 40.0 / 0.01  # a turn's radius at most
     for _, _, wanted in CORNERS[1:]:
         assert np.isclose(speed, wanted, atol=1e-9).any()
@@ -111,7 +136,9 @@ def test_waypoints_are_passed_at_their_speed_within_the_limits():
 def test_route_across_the_date_line():
     trajectory = route(start=(-10.0, 179.9), end=(-10.05, -179.9))
     distance = np.hypot(
-        *horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-10.05, -179.9]))
+        *horizontal_difference(
+            trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-10.05, -179.9])
+        )
     )
     assert distance < 22.0
     assert trajectory.time[-1] == pytest.approx(22.6e3 / 22.0, rel=0.01)
@@ -138,33 +165,51 @@ def test_samples_and_length():
 CLOSE = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.9, 144.603, 22.0))
 
 
-@pytest.mark.parametrize(("points", "turn_rate"), [(CLOSE, 0.02), ((*CLOSE[:2], (-37.95, 144.65, 22.0)), 0.001)])
+@pytest.mark.parametrize(
+    ("points", "turn_rate"), [(CLOSE, 0.02), ((*CLOSE[:2], (-37.95, 144.65, 22.0)), 0.001)]
+)
 def test_a_point_inside_the_turning_circle_is_not_circled_for_ever(points, turn_rate):
     trajectory = route(waypoints=points, turn_rate=turn_rate)
-    away = horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(points[-1][:2]))
+    away = horizontal_difference(
+        trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(points[-1][:2])
+    )
     assert np.hypot(*away) < 22.0
     assert np.abs(np.diff(np.unwrap(headings(trajectory)))).max() <= turn_rate + 1e-12
 
 
 def test_survey_lines_close_together_are_driven():
-    """Lines 11 km long and two turning radii apart: turns start near their ends, not kilometres before."""
-    lines = [((-38.0, -37.9)[(k + end) % 2], 144.5 + 0.025 * k, 22.0) for k in range(4) for end in (0, 1)]
+    """Lines 11 km long and two turning radii apart: turns start near their ends, not kilometres
+    before."""
+    lines = [
+        ((-38.0, -37.9)[(k + end) % 2], 144.5 + 0.025 * k, 22.0)
+        for k in range(4)
+        for end in (0, 1)
+    ]
     trajectory = route(waypoints=tuple(lines))
     for latitude, longitude, _ in lines:
-        away = horizontal_difference(trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude]))
+        away = horizontal_difference(
+            trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude])
+        )
         assert np.hypot(*away.T).min() < 0.5 * 22.0 / 0.02
     assert trajectory.time[-1] < 1.2 * (4 * 11.1e3 + 3 * 2.2e3) / 22.0
 
 
 def test_a_line_that_misses_its_end_by_its_height_ends_abeam_of_it():
-    """A rhumb line flown 50 km up for 7000 km passes hundreds of metres beside its end on the ellipsoid."""
+    """A rhumb line flown 50 km up for 7000 km passes hundreds of metres beside its end on the
+    ellipsoid."""
     end = (40.0, 60.0)
     trajectory = route(start=(0.0, 0.0), end=end, speed=130.0, height=50e3)
-    missed = np.hypot(*horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(end)))
+    missed = np.hypot(
+        *horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(end))
+    )
     assert 130.0 < missed < 1000.0
 
 
 def test_a_vehicle_that_never_arrives_is_refused(monkeypatch):
-    monkeypatch.setattr(_Guide, "command", lambda self, lat, lon, heading, speed: (self.turn_limit, 0.0))
-    with pytest.raises(InputError, match=r"route\.waypoints: point 2 is never reached with turn_rate 0\.03 rad/s"):
+    monkeypatch.setattr(
+        _Guide, "command", lambda self, lat, lon, heading, speed: (self.turn_limit, 0.0)
+    )
+    with pytest.raises(
+        InputError, match=r"route\.waypoints: point 2 is never reached with turn_rate 0\.03 rad/s"
+    ):
         route(waypoints=CORNERS, turn_rate=0.03)

@@ -20,7 +20,9 @@ def file_of(tmp_path, text):
 
 def test_round_trip(tmp_path):
     track, _, _ = made_track(field_of("height"), sigma=2.0)
-    path = write_csv(tmp_path / "t.csv", track, "value,time,sigma,longitude,latitude,offset", factor=10.0)
+    path = write_csv(
+        tmp_path / "t.csv", track, "value,time,sigma,longitude,latitude,offset", factor=10.0
+    )
     found = read_csv_track(path).track(10.0, None)
     for name in ("time", "latitude", "longitude", "value", "sigma", "offset"):
         np.testing.assert_allclose(getattr(found, name), getattr(track, name), rtol=1e-10)
@@ -29,7 +31,10 @@ def test_round_trip(tmp_path):
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " , "])
 def test_separators_comments_order_and_other_columns(tmp_path, separator):
-    text = "# made by hand\n\ufeffTime,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n# more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"
+    text = (
+        "# made by hand\n\ufeffTime,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n#"
+        " more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"
+    )
     text = text.replace("\ufeff", "").replace(",", separator)
     found = read_csv_track(file_of(tmp_path, text))
     np.testing.assert_array_equal(found.time, [0, 1, 2])
@@ -58,10 +63,22 @@ def test_a_byte_order_mark_is_no_part_of_the_header(tmp_path):
         (GOOD.replace("1,2,4", "1,2,nan"), "value in line 3 is nan, not a finite number"),
         (GOOD.replace("1,2,4", "inf,2,4"), "latitude in line 3 is inf, not a finite number"),
         (GOOD.replace("1,2,4", "91,2,4"), "latitude in line 3 is 91 deg, must be -90 to 90"),
-        (GOOD.replace("1,2,4", "1,-200,4"), "longitude in line 3 is -200 deg, must be -180 to 360"),
-        (GOOD.replace("\n1,", "\n7,"), "times must increase; line 4 .2 s. is not later than line 3 .7 s."),
-        (GOOD.replace("\n1,", "\n0,"), "times must increase; line 3 .0 s. is not later than line 2 .0 s."),
-        ('time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n', "quoted cell runs over several lines"),
+        (
+            GOOD.replace("1,2,4", "1,-200,4"),
+            "longitude in line 3 is -200 deg, must be -180 to 360",
+        ),
+        (
+            GOOD.replace("\n1,", "\n7,"),
+            "times must increase; line 4 .2 s. is not later than line 3 .7 s.",
+        ),
+        (
+            GOOD.replace("\n1,", "\n0,"),
+            "times must increase; line 3 .0 s. is not later than line 2 .0 s.",
+        ),
+        (
+            'time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n',
+            "quoted cell runs over several lines",
+        ),
         (b"\xff\xfe\x00", r"is not a text file \(UTF-8\)"),
     ],
 )
@@ -94,7 +111,21 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
         st.lists(
             st.lists(
-                st.sampled_from(["time", "latitude", "longitude", "value", "1", "2.5", "nan", "", '"', "#", "1e999"])
+                st.sampled_from(
+                    [
+                        "time",
+                        "latitude",
+                        "longitude",
+                        "value",
+                        "1",
+                        "2.5",
+                        "nan",
+                        "",
+                        '"',
+                        "#",
+                        "1e999",
+                    ]
+                )
             ),
             max_size=6,
         ).map(lambda rows: "\n".join(",".join(row) for row in rows).encode()),

@@ -31,7 +31,10 @@ def test_map_shows_the_track_and_its_fixes(step):
     panel = figure.axes[0]
     west, east = panel.get_xlim()
     south, north = panel.get_ylim()
-    for degrees, low, high in ((np.degrees(track.longitude), west, east), (np.degrees(track.latitude), south, north)):
+    for degrees, low, high in (
+        (np.degrees(track.longitude), west, east),
+        (np.degrees(track.latitude), south, north),
+    ):
         assert low < degrees.min() <= degrees.max() < high
     dots = [line for line in panel.lines if line.get_marker() == "o"]
     assert len(dots) == sum(match.fix.published for match in matches) > 0
@@ -68,6 +71,10 @@ def test_report_has_figures_and_reasons(tmp_path, matcher):
     page = write_match_report(holed, HEIGHT, Matcher(), PRIOR, matches, tmp_path)
     text = page.read_text()
     assert text.count("data:image/png") == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "track.png", "readings.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "report.html",
+        "track.png",
+        "readings.png",
+    }
     assert f"{sum(m.fix.published for m in matches)} fixes from 2 batches of 30 readings" in text
     assert ("it is &lt; &amp; &gt;" in text) == (matcher is not None)

@@ -1,4 +1,5 @@
-"""How wrong a map is, from tracks with known positions: the parameters that made the errors are found again."""
+"""How wrong a map is, from tracks with known positions: the parameters that made the errors are
+found again."""
 
 from dataclasses import replace
 
@@ -15,15 +16,25 @@ FIELD = field_map_of(wavy)
 
 
 def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
-    """Tracks at their true positions over a map whose error has the given 1-sigma and correlation length."""
+    """Tracks at their true positions over a map whose error has the given 1-sigma and correlation
+    length."""
     result = []
     for number in range(tracks):
         track, _, _ = made_track(
-            field_map, count=count, sigma=sensor, seed=number, start=(-20e3 + 6e3 * number, -20e3), step=(30.0, 260.0)
+            field_map,
+            count=count,
+            sigma=sensor,
+            seed=number,
+            start=(-20e3 + 6e3 * number, -20e3),
+            step=(30.0, 260.0),
         )
         sigma = sigma_of(track.latitude, track.longitude)
-        covariance = residual_covariance(track.latitude, track.longitude, 1e-6 * sigma**2, sigma, length, 0.0)
-        error = np.linalg.cholesky(covariance) @ np.random.default_rng(100 + number).standard_normal(count)
+        covariance = residual_covariance(
+            track.latitude, track.longitude, 1e-6 * sigma**2, sigma, length, 0.0
+        )
+        error = np.linalg.cholesky(covariance) @ np.random.default_rng(
+            100 + number
+        ).standard_normal(count)
         result.append(replace(track, value=track.value + error))
     return result
 
@@ -51,7 +62,9 @@ def test_error_that_goes_with_the_gradient():
     assert fit.correlation_length == pytest.approx(2500.0, rel=0.3)
     track = reference_tracks(FIELD, sigma_of, 2500.0, 2e-6, tracks=1)[0]
     found = fit.apply(FIELD).sigma_at(track.latitude, track.longitude)
-    assert np.median(found / sigma_of(track.latitude, track.longitude)) == pytest.approx(1.0, abs=0.2)
+    assert np.median(found / sigma_of(track.latitude, track.longitude)) == pytest.approx(
+        1.0, abs=0.2
+    )
 
 
 def test_gradient_of_a_plane_is_its_slope_also_at_the_edges_and_round_holes():

@@ -1,4 +1,5 @@
-"""Matching recorded tracks: every scalar field, the fixes' own covariance, chains, edges of maps."""
+"""Matching recorded tracks: every scalar field, the fixes' own covariance, chains, edges of
+maps."""
 
 from dataclasses import replace
 
@@ -23,7 +24,9 @@ PRIOR = Uncertainty(position=800.0)
 def errors_of(matches, latitude, longitude):
     """(B, 2) north and east errors of the fixes, m; NaN where there is none."""
     ends = [match.rows.stop - 1 for match in matches]
-    found = np.array([[m.fix.latitude, m.fix.longitude] if m.fix.published else [np.nan] * 2 for m in matches])
+    found = np.array(
+        [[m.fix.latitude, m.fix.longitude] if m.fix.published else [np.nan] * 2 for m in matches]
+    )
     return horizontal_difference(found[:, 0], found[:, 1], latitude[ends], longitude[ends])
 
 
@@ -55,7 +58,9 @@ def test_every_scalar_field_is_matched_alike(quantity):
 
 
 def test_the_same_field_in_another_unit_gives_the_same_fixes():
-    gravity = match_track(made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR)
+    gravity = match_track(
+        made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR
+    )
     height = field_of("height")
     factor, offset = FIELDS["height"][1:]
     scaled = made_track(height, error=(300.0, 200.0), sigma=1e-5 * factor)[0]
@@ -63,13 +68,14 @@ def test_the_same_field_in_another_unit_gives_the_same_fixes():
     assert offset > 0.0
     for a, b in zip(gravity, other, strict=True):
         np.testing.assert_allclose(a.fix.covariance, b.fix.covariance, rtol=1e-4)
-        assert horizontal_difference(a.fix.latitude, a.fix.longitude, b.fix.latitude, b.fix.longitude) == pytest.approx(
-            [0.0, 0.0], abs=0.1
-        )
+        assert horizontal_difference(
+            a.fix.latitude, a.fix.longitude, b.fix.latitude, b.fix.longitude
+        ) == pytest.approx([0.0, 0.0], abs=0.1)
 
 
 def test_fixes_know_their_error():
-    """Position errors drawn from the prior, 40 tracks of three batches: the mean NEES lies in its 99.9 % interval."""
+    """Position errors drawn from the prior, 40 tracks of three batches: the mean NEES lies in its
+    99.9 % interval."""
     nees, declined_batches = [], 0
     for run in range(40):
         random = generator(7, run, "track")
@@ -81,13 +87,17 @@ def test_fixes_know_their_error():
             seed=run,
             start=tuple(random.uniform(-15e3, 5e3, 2)),
         )
-        matches = match_track(track, DISTURBANCE, Matcher(batch_length=20), Uncertainty(position=400.0))
+        matches = match_track(
+            track, DISTURBANCE, Matcher(batch_length=20), Uncertainty(position=400.0)
+        )
         errors = errors_of(matches, latitude, longitude)
         declined_batches += int(np.isnan(errors[:, 0]).sum())
         # of one track the batches share its error, so each track counts once, by its first fix
         published = [k for k, match in enumerate(matches) if match.fix.published]
         if published:
-            nees.append(float(nees_per_axis(errors[published[0]], matches[published[0]].fix.covariance)))
+            nees.append(
+                float(nees_per_axis(errors[published[0]], matches[published[0]].fix.covariance))
+            )
     low, high = chi_square_interval(len(nees), confidence=0.999)
     assert len(nees) >= 36
     assert low < np.mean(nees) < high
@@ -95,7 +105,8 @@ def test_fixes_know_their_error():
 
 
 def test_chained_batches_add_up_to_the_whole():
-    """The last chained batch knows as much as one batch of everything: white noise, so the likelihoods multiply."""
+    """The last chained batch knows as much as one batch of everything: white noise, so the
+    likelihoods multiply."""
     track, _, _ = made_track(DISTURBANCE, count=60, error=(350.0, -250.0), sigma=3e-5)
     settings = Matcher(batch_length=20, options={"context": 0})
     chained = match_track(track, DISTURBANCE, settings, PRIOR, chained=True)
@@ -117,17 +128,25 @@ def test_independent_batches_start_alike_and_chained_ones_from_the_last():
         match_track(track, DISTURBANCE, settings, PRIOR, chained=chained, matcher=looker)
         for batch in looker.batches:
             np.testing.assert_allclose(np.diag(batch.prior)[:2], 800.0**2)
-            np.testing.assert_allclose(batch.latitude, track.latitude[np.searchsorted(track.time, batch.time)])
+            np.testing.assert_allclose(
+                batch.latitude, track.latitude[np.searchsorted(track.time, batch.time)]
+            )
 
 
 def test_the_error_walks_and_drifts_between_chained_batches():
     track, _, _ = made_track(DISTURBANCE)
     looker = Recorder()
     uncertainty = Uncertainty(position=100.0, velocity=0.5, walk=3000.0)
-    match_track(track, DISTURBANCE, Matcher(batch_length=20), uncertainty, chained=True, matcher=looker)
-    expected = [100.0**2 + (0.5 * 200.0 * k) ** 2 + 3000.0**2 * 200.0 * k / 3600.0 for k in range(3)]
+    match_track(
+        track, DISTURBANCE, Matcher(batch_length=20), uncertainty, chained=True, matcher=looker
+    )
+    expected = [
+        100.0**2 + (0.5 * 200.0 * k) ** 2 + 3000.0**2 * 200.0 * k / 3600.0 for k in range(3)
+    ]
     np.testing.assert_allclose([batch.prior[0, 0] for batch in looker.batches], expected)
-    np.testing.assert_allclose([batch.prior[0, 2] for batch in looker.batches], [0.5**2 * 200.0 * k for k in range(3)])
+    np.testing.assert_allclose(
+        [batch.prior[0, 2] for batch in looker.batches], [0.5**2 * 200.0 * k for k in range(3)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -151,15 +170,20 @@ def test_every_reading_is_new_once_and_context_comes_first():
     track, _, _ = made_track(DISTURBANCE, count=64)
     for stride, context in ((None, 0), (None, 15), (10, 5)):
         looker = Recorder(context)
-        match_track(track, DISTURBANCE, Matcher(batch_length=30, stride=stride), PRIOR, matcher=looker)
+        match_track(
+            track, DISTURBANCE, Matcher(batch_length=30, stride=stride), PRIOR, matcher=looker
+        )
         seen = np.concatenate([batch.time[-batch.new :] for batch in looker.batches])
         np.testing.assert_array_equal(seen, track.time)
         for batch in looker.batches[1:-1]:
-            assert len(batch) == min(30 + context, int(np.searchsorted(track.time, batch.time[-1])) + 1)
+            assert len(batch) == min(
+                30 + context, int(np.searchsorted(track.time, batch.time[-1])) + 1
+            )
 
 
 def test_readings_reduced_with_the_tracks_latitude_are_matched_without_bias():
-    """Disturbances that had normal gravity taken off at the navigator's latitude, 2 km off: 1.6 mGal."""
+    """Disturbances that had normal gravity taken off at the navigator's latitude, 2 km off: 1.6
+    mGal."""
     track, latitude, longitude = made_track(DISTURBANCE, error=(2000.0, 500.0), sigma=2e-6)
     wrong = track.value + normal_gravity(latitude) - normal_gravity(track.latitude)
     prior = Uncertainty(position=1500.0)
@@ -172,7 +196,8 @@ def test_readings_reduced_with_the_tracks_latitude_are_matched_without_bias():
 
 
 def test_a_track_that_began_off_the_map_is_not_pushed_onto_it():
-    """The truth starts 1 km beyond the map's end; the navigator says 1 km on this side, so all its readings seem to be on the map."""
+    """The truth starts 1 km beyond the map's end; the navigator says 1 km on this side, so all its
+    readings seem to be on the map."""
     wider = replace(field_map_of(wavy, half=50e3), quantity="disturbance")
     track, latitude, longitude = made_track(
         wider, count=120, error=(2000.0, 0.0), start=(-41e3, -25e3), step=(150.0, 150.0), seed=3
@@ -200,7 +225,9 @@ def test_a_longitude_counted_from_the_other_side_changes_nothing():
         np.testing.assert_allclose(a.fix.covariance, b.fix.covariance, rtol=1e-4)
 
 
-@pytest.mark.parametrize("keys", [{"position": 0.0}, {"velocity": -1.0}, {"walk": np.nan}, {"position": np.inf}])
+@pytest.mark.parametrize(
+    "keys", [{"position": 0.0}, {"velocity": -1.0}, {"walk": np.nan}, {"position": np.inf}]
+)
 def test_uncertainties_that_make_no_sense_are_refused(keys):
     with pytest.raises(InputError, match="1-sigma of the track's"):
         Uncertainty(**keys)

@@ -15,7 +15,9 @@ DIRECTIONS = ((2598.0, 1500.0), (-1500.0, -2598.0))
 
 @pytest.fixture(scope="module")
 def bench():
-    spec = importlib.util.spec_from_file_location("real_data", ROOT / "benchmarks" / "real_data.py")
+    spec = importlib.util.spec_from_file_location(
+        "real_data", ROOT / "benchmarks" / "real_data.py"
+    )
     module = importlib.util.module_from_spec(spec)
     sys.modules["real_data"] = module
     spec.loader.exec_module(module)
@@ -27,7 +29,10 @@ def bench():
 def lake(bench, shared_data):
     """Map, lines, and for each line the settings from the other three."""
     field_map, lines, _ = bench.clear_lake(shared_data)
-    fits = [bench.fit_map_error([o.track(1.0) for o in lines if o is not line], field_map) for line in lines]
+    fits = [
+        bench.fit_map_error([o.track(1.0) for o in lines if o is not line], field_map)
+        for line in lines
+    ]
     return field_map, lines, fits
 
 
@@ -38,7 +43,9 @@ def rows_of(bench, lake, number, white=False, readings=None, aided=False):
     return [
         bench.row_of(
             line,
-            bench.match_line(line, field_map, length, fits[number].sensor_sigma, shift, checked=not white)[0],
+            bench.match_line(
+                line, field_map, length, fits[number].sensor_sigma, shift, checked=not white
+            )[0],
             aided,
         )
         for shift in DIRECTIONS
@@ -60,7 +67,8 @@ def test_clear_lake_errors_are_as_large_as_the_map_says_and_shared_by_neighbours
     white, _, correlated, _ = sizes @ figures / sizes.sum()
     assert 0.7 < white < 1.3
     assert 0.7 < correlated < 1.3
-    # the mean residual of a line: with independent errors it would be a hundred times smaller, squared, than it is
+    # the mean residual of a line: with independent errors it would be a hundred times smaller,
+    # squared, than it is
     assert figures[[0, 1, 3], 1].min() > 5.0
     assert figures[:, 3].max() < 4.0
     for fit in fits:
@@ -80,7 +88,9 @@ def test_clear_lake_lines_are_found_from_3_km_away(bench, lake, number, limit):
 
 def test_clear_lake_line_1_is_uncertain_at_first_and_no_false_fix_later(bench, lake):
     field_map, lines, _ = lake
-    assert bench.rigid_search(lines[1], field_map, DIRECTIONS[0]) > 1500.0  # where least squares goes
+    assert (
+        bench.rigid_search(lines[1], field_map, DIRECTIONS[0]) > 1500.0
+    )  # where least squares goes
     for row in rows_of(bench, lake, 1, readings=15, aided=True):
         assert row["sigma_long_m"] > 600.0
     for row in rows_of(bench, lake, 1):
@@ -94,7 +104,10 @@ def test_scotland_tie_lines_with_what_the_flight_lines_say(bench, shared_data):
     own = fit.apply(field_map)
     rows = [
         bench.row_of(
-            line, bench.match_line(line, own, fit.correlation_length, max(fit.sensor_sigma, 1.0), DIRECTIONS[0])[0]
+            line,
+            bench.match_line(
+                line, own, fit.correlation_length, max(fit.sensor_sigma, 1.0), DIRECTIONS[0]
+            )[0],
         )
         for line in ties
     ]
@@ -103,7 +116,9 @@ def test_scotland_tie_lines_with_what_the_flight_lines_say(bench, shared_data):
     assert summary["error_median_m"] < 450.0
     assert summary["error_90_m"] < 800.0
     assert 0.5 < summary["nees_per_axis"] < 2.0
-    (said,) = (cells for name, cells in table("Scotland").items() if name.startswith("tie lines: L "))
+    (said,) = (
+        cells for name, cells in table("Scotland").items() if name.startswith("tie lines: L ")
+    )
     assert summary["error_median_m"] == pytest.approx(float(said[1]) * 1e3, rel=0.4)
     assert summary["sigma_long_median_m"] == pytest.approx(float(said[3]) * 1e3, rel=0.3)
 
@@ -111,7 +126,11 @@ def test_scotland_tie_lines_with_what_the_flight_lines_say(bench, shared_data):
 def table(title: str) -> dict[str, list[str]]:
     """Rows of the table under a heading of the page, by their first cell."""
     section = PAGE.read_text(encoding="utf-8").partition(f"## {title}\n")[2].partition("\n## ")[0]
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines() if line[:1] == "|"]
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in section.splitlines()
+        if line[:1] == "|"
+    ]
     assert lines, f"{PAGE.name} has no table under '{title}'"
     return {line[0]: line[1:] for line in lines}
 
@@ -134,13 +153,22 @@ def test_the_page_says_how_good_the_fixes_are_as_computed_anew(bench, lake, numb
     cells = table("Clear Lake: fixes on whole lines")[f"line {number}"]
     error, sigma = (float(cell.split()[0]) * 1e3 for cell in cells[:2])
     white_error, white_sigma = (float(cell.split()[0]) * 1e3 for cell in cells[7:9])
-    for white, (expected, claimed) in ((False, (error, sigma)), (True, (white_error, white_sigma))):
+    for white, (expected, claimed) in (
+        (False, (error, sigma)),
+        (True, (white_error, white_sigma)),
+    ):
         rows = rows_of(bench, lake, number, white=white)
-        assert np.median([row["error_m"] for row in rows]) == pytest.approx(expected, rel=0.3, abs=60.0)
-        assert np.median([row["sigma_long_m"] for row in rows]) == pytest.approx(claimed, rel=0.2, abs=10.0)
+        assert np.median([row["error_m"] for row in rows]) == pytest.approx(
+            expected, rel=0.3, abs=60.0
+        )
+        assert np.median([row["sigma_long_m"] for row in rows]) == pytest.approx(
+            claimed, rel=0.2, abs=10.0
+        )
 
 
 def test_a_folder_that_is_none_is_one_line(bench, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["real_data.py", "/none"])
-    with pytest.raises(bench.InputError, match="/none: no such folder; name the folder of the data"):
+    with pytest.raises(
+        bench.InputError, match="/none: no such folder; name the folder of the data"
+    ):
         bench.main()

@@ -6,7 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from helpers.bags import ANOMALY, FIX, READING, TEXT, anomaly, drive, ground, position, reading, write_bag
+from helpers.bags import (
+    ANOMALY,
+    FIX,
+    READING,
+    TEXT,
+    anomaly,
+    drive,
+    ground,
+    position,
+    reading,
+    write_bag,
+)
 from isogal.errors import InputError
 from isogal.tracks.recording import is_recording, read_recording
 
@@ -22,7 +33,9 @@ def test_readings_get_the_position_at_their_stamp(tmp_path, prefix):
     np.testing.assert_allclose(track.sigma, 1e-5)
     assert track.reduction == "velocity"
     assert recording.track("disturbance", 3e-5).sigma[0] == 3e-5
-    np.testing.assert_allclose(recording.track("disturbance", None).value, 1e-5 * (track.time - 0.5), rtol=1e-12)
+    np.testing.assert_allclose(
+        recording.track("disturbance", None).value, 1e-5 * (track.time - 0.5), rtol=1e-12
+    )
 
 
 def test_readings_of_other_sensors(tmp_path):
@@ -43,11 +56,14 @@ def test_readings_of_other_sensors(tmp_path):
 
 def test_of_a_stamp_that_comes_twice_the_first_counts(tmp_path):
     messages = drive()
-    messages.insert(9, ("/nav/fix", FIX, position(3, -40.0, 147.0)))  # the filter after it has used a fix
+    messages.insert(
+        9, ("/nav/fix", FIX, position(3, -40.0, 147.0))
+    )  # the filter after it has used a fix
     late = write_bag(tmp_path / "late.mcap", *messages)
     first = write_bag(tmp_path / "first.mcap", *drive())
     np.testing.assert_array_equal(
-        read_recording(late).track("gravity", None).latitude, read_recording(first).track("gravity", None).latitude
+        read_recording(late).track("gravity", None).latitude,
+        read_recording(first).track("gravity", None).latitude,
     )
 
 
@@ -61,11 +77,17 @@ def test_positions_without_a_fix_and_other_topics_are_left_out(tmp_path):
 
 
 def test_another_topic_for_the_positions(tmp_path):
-    messages = [(topic.replace("nav/fix", "ins/fix"), kind, message) for topic, kind, message in drive()]
+    messages = [
+        (topic.replace("nav/fix", "ins/fix"), kind, message) for topic, kind, message in drive()
+    ]
     bag = write_bag(tmp_path / "b.mcap", *messages)
     assert read_recording(bag, "ins/fix").time.size == 20
     with pytest.raises(
-        InputError, match="has no message on 'nav/fix'; it has /gravimeter/disturbance, /gravimeter/gravity, /ins/fix"
+        InputError,
+        match=(
+            "has no message on 'nav/fix'; it has /gravimeter/disturbance, /gravimeter/gravity,"
+            " /ins/fix"
+        ),
     ):
         read_recording(bag)
 
@@ -92,7 +114,10 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
     [
         (lambda path: path / "none", "no such file or folder"),
         (lambda path: path, "no MCAP file in this folder"),
-        (lambda path: write_bag(path / "e.mcap"), "has no message on 'nav/fix'; it has none at all"),
+        (
+            lambda path: write_bag(path / "e.mcap"),
+            "has no message on 'nav/fix'; it has none at all",
+        ),
         (
             lambda path: write_bag(path / "n.mcap", *[m for m in drive() if "nav" in m[0]]),
             "has no message on 'gravimeter/gravity'",
@@ -102,8 +127,13 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
             "topic 'nav/fix' must be of type sensor_msgs/msg/NavSatFix",
         ),
         (
-            lambda path: write_bag(path / "t.mcap", ("gravimeter/gravity", TEXT, SimpleNamespace(data="x"))),
-            "topic 'gravimeter/gravity' must be of type geometry_msgs/msg/AccelWithCovarianceStamped",
+            lambda path: write_bag(
+                path / "t.mcap", ("gravimeter/gravity", TEXT, SimpleNamespace(data="x"))
+            ),
+            (
+                "topic 'gravimeter/gravity' must be of type"
+                " geometry_msgs/msg/AccelWithCovarianceStamped"
+            ),
         ),
     ],
 )
@@ -122,14 +152,18 @@ def test_a_file_that_is_no_mcap(tmp_path):
 
 
 def test_what_the_map_needs_must_be_in_the_bag(tmp_path):
-    recording = read_recording(write_bag(tmp_path / "b.mcap", *[m for m in drive() if "disturbance" not in m[0]]))
+    recording = read_recording(
+        write_bag(tmp_path / "b.mcap", *[m for m in drive() if "disturbance" not in m[0]])
+    )
     with pytest.raises(InputError, match="has readings of gravity, and the map is of disturbance"):
         recording.track("disturbance", None)
     silent = read_recording(write_bag(tmp_path / "s.mcap", *drive(variance=0.0)))
     with pytest.raises(InputError, match="do not say their variance; give --sensor-sigma"):
         silent.track("gravity", None)
     early = [m for m in drive() if m[1] == READING] + [m for m in drive(4) if m[1] == FIX][:2]
-    with pytest.raises(InputError, match="no reading lies between the first and the last position"):
+    with pytest.raises(
+        InputError, match="no reading lies between the first and the last position"
+    ):
         read_recording(write_bag(tmp_path / "e.mcap", *early)).track("gravity", None)
 
 

@@ -10,15 +10,30 @@ import pytest
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
 from isogal.tracks.matching import Match
-from isogal.tracks.results import as_csv, as_geojson, as_json, as_objects, write_results, writer_for
+from isogal.tracks.results import (
+    as_csv,
+    as_geojson,
+    as_json,
+    as_objects,
+    write_results,
+    writer_for,
+)
 
 NORTH_EAST = np.array([[100.0, 30.0], [30.0, 400.0]])
 
 
 def a_match(reason=None):
     covariance = NORTH_EAST if reason is None else np.full((2, 2), np.nan)
-    fix = Fix(time=12.5, latitude=np.radians(-36.5), longitude=np.radians(190.0), covariance=covariance, reason=reason)
-    return Match(fix, slice(0, 30), np.array([111.0, 0.0, 0.0, 0.0]), np.eye(4), fix.latitude, fix.longitude)
+    fix = Fix(
+        time=12.5,
+        latitude=np.radians(-36.5),
+        longitude=np.radians(190.0),
+        covariance=covariance,
+        reason=reason,
+    )
+    return Match(
+        fix, slice(0, 30), np.array([111.0, 0.0, 0.0, 0.0]), np.eye(4), fix.latitude, fix.longitude
+    )
 
 
 FIXED, DECLINED = a_match(), a_match("ambiguous: 2 places fit")
@@ -42,7 +57,9 @@ def test_objects_are_those_of_the_contract():
 
 def test_chained_objects_say_the_aided_position_too():
     entry = as_objects([FIXED], chained=True)[0]
-    assert entry["aided_latitude"] == pytest.approx(-36.5 - 0.001, abs=3e-6)  # an error of 111 m north
+    assert entry["aided_latitude"] == pytest.approx(
+        -36.5 - 0.001, abs=3e-6
+    )  # an error of 111 m north
     assert entry["aided_longitude"] == -170.0
     assert entry["aided_covariance_enu"] == [[1.0, 0.0], [0.0, 1.0]]
 
@@ -54,10 +71,25 @@ def test_json_is_an_array_without_nan():
 
 def test_csv_has_a_column_for_each_number():
     rows = list(csv.DictReader(io.StringIO(as_csv(as_objects([FIXED, DECLINED], chained=True)))))
-    names = ["time", "latitude", "longitude", "covariance_ee", "covariance_en", "covariance_nn", "status", "reason"]
+    names = [
+        "time",
+        "latitude",
+        "longitude",
+        "covariance_ee",
+        "covariance_en",
+        "covariance_nn",
+        "status",
+        "reason",
+    ]
     assert list(rows[0])[:8] == names
     assert [rows[0][name] for name in names[3:]] == ["400.0", "30.0", "100.0", "fix", ""]
-    assert [rows[1][name] for name in names[3:]] == ["", "", "", "no_fix", "ambiguous: 2 places fit"]
+    assert [rows[1][name] for name in names[3:]] == [
+        "",
+        "",
+        "",
+        "no_fix",
+        "ambiguous: 2 places fit",
+    ]
 
 
 def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
@@ -72,11 +104,17 @@ def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
 
 def test_files_are_chosen_by_suffix_and_written_whole(tmp_path):
     objects = as_objects([FIXED])
-    for name, text in (("a.json", as_json(objects)), ("b.CSV", as_csv(objects)), ("c.geojson", as_geojson(objects))):
+    for name, text in (
+        ("a.json", as_json(objects)),
+        ("b.CSV", as_csv(objects)),
+        ("c.geojson", as_geojson(objects)),
+    ):
         write_results(objects, tmp_path / name)
         assert (tmp_path / name).read_text() == text
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.CSV", "c.geojson"]
-    with pytest.raises(InputError, match=r"results are written to .json, .csv, .geojson files, not to '.txt'"):
+    with pytest.raises(
+        InputError, match=r"results are written to .json, .csv, .geojson files, not to '.txt'"
+    ):
         writer_for(tmp_path / "a.txt")
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         write_results(objects, tmp_path / "none" / "a.json")

@@ -38,7 +38,10 @@ def test_what_cannot_be_a_track_is_refused(changes, message):
 
 def test_two_readings_are_too_few():
     track = changed()
-    few = {name: getattr(track, name)[:2] for name in ("time", "latitude", "longitude", "value", "sigma", "offset")}
+    few = {
+        name: getattr(track, name)[:2]
+        for name in ("time", "latitude", "longitude", "value", "sigma", "offset")
+    }
     with pytest.raises(InputError, match="at least 3 readings, has 2"):
         replace(track, **few)
 
@@ -73,7 +76,8 @@ def test_readings_in_another_unit_are_refused_with_the_unit(quantity, factor, un
     track, _, _ = made_track(field_map, sigma=1e-9)
     fit_to_map(track, field_map)
     with pytest.raises(
-        InputError, match=f"do not fit the {quantity} map .*they look like {unit}: give --track-unit '{unit}'"
+        InputError,
+        match=f"do not fit the {quantity} map .*they look like {unit}: give --track-unit '{unit}'",
     ):
         fit_to_map(replace(track, value=track.value * factor), field_map)
 
@@ -82,7 +86,9 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
     track, latitude, _ = made_track(DISTURBANCE)
     gamma = normal_gravity(latitude)
     gravity = replace(track, value=track.value + gamma)
-    with pytest.raises(InputError, match="they look like gravity: give normal gravity in the column offset"):
+    with pytest.raises(
+        InputError, match="they look like gravity: give normal gravity in the column offset"
+    ):
         fit_to_map(gravity, DISTURBANCE)
     fit_to_map(replace(gravity, offset=gamma), DISTURBANCE)
 
@@ -98,16 +104,29 @@ def test_jacobian_says_what_the_reduction_put_in():
     assert not track.jacobian("disturbance").any()
     north = 1.0 / 6.36e6
     latitude = replace(track, reduction="latitude").jacobian("bouguer_anomaly")
-    # normal gravity at a latitude 1 m too far south (in the south it grows to the south) is too large, so the reading too small
+    # normal gravity at a latitude 1 m too far south (in the south it grows to the south) is too
+    # large, so the reading too small
     change = normal_gravity(track.latitude) - normal_gravity(track.latitude + north)
     np.testing.assert_allclose(latitude[:, 0], change, rtol=2e-3)
     assert not latitude[:, 1:].any()
     velocity = replace(track, reduction="velocity").jacobian("gravity")
     expected = reading_jacobian("gravity", track.latitude, *track.velocity.T)
     np.testing.assert_allclose(velocity, expected, rtol=1e-12)
-    others = ("height", "latitude"), ("height", "velocity"), ("gravity", "latitude"), ("height", "main-field")
-    for quantity, reduction in (*others, ("gravity", "main-field"), ("magnetic_anomaly", "velocity")):
-        with pytest.raises(InputError, match=f"readings of {quantity} are not reduced with the track's {reduction}"):
+    others = (
+        ("height", "latitude"),
+        ("height", "velocity"),
+        ("gravity", "latitude"),
+        ("height", "main-field"),
+    )
+    for quantity, reduction in (
+        *others,
+        ("gravity", "main-field"),
+        ("magnetic_anomaly", "velocity"),
+    ):
+        with pytest.raises(
+            InputError,
+            match=f"readings of {quantity} are not reduced with the track's {reduction}",
+        ):
             replace(track, reduction=reduction).jacobian(quantity)
 
 
@@ -119,10 +138,14 @@ def test_a_magnetic_anomaly_has_the_main_field_of_the_track_taken_off():
     for axis in (0, 1):
         step = 500.0 * per_metre[axis]
         ends = [
-            intensity(at[0] + sign * step * (axis == 0), at[1] + sign * step * (axis == 1), 0.0, 2025.0)
+            intensity(
+                at[0] + sign * step * (axis == 0), at[1] + sign * step * (axis == 1), 0.0, 2025.0
+            )
             for sign in (1, -1)
         ]
-        np.testing.assert_allclose(jacobian[:, axis], (ends[1] - ends[0]) / 1000.0, atol=2e-5)  # nT/m
+        np.testing.assert_allclose(
+            jacobian[:, axis], (ends[1] - ends[0]) / 1000.0, atol=2e-5
+        )  # nT/m
     assert np.abs(jacobian[:, 0]).min() > 1e-3
     assert not jacobian[:, 2:].any()
 

@@ -1,4 +1,5 @@
-"""The sensor of the field: what it feels (simulated, or from another source), and its reductions with the navigator's estimate.
+"""The sensor of the field: what it feels (simulated, or from another source), and its reductions
+with the navigator's estimate.
 
 A gravimeter, unless the parameter `field` says a magnetometer, a clearance meter or a gradiometer.
 """
@@ -29,12 +30,17 @@ class GravimeterSettings(NodeSettings):
     """Own parameters of gravimeter_node."""
 
     simulate: bool = Field(
-        True, description="true: feel the map at the true position; false: reduce what comes on the instrument's topic"
+        True,
+        description=(
+            "true: feel the map at the true position; false: reduce what comes on the instrument's"
+            " topic"
+        ),
     )
 
 
 class GravimeterNode(GraphNode):
-    """At each scan publishes what the instrument feels, then its reductions once the navigator's state of that stamp is there."""
+    """At each scan publishes what the instrument feels, then its reductions once the navigator's
+    state of that stamp is there."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map",
@@ -65,10 +71,14 @@ class GravimeterNode(GraphNode):
         self._nav = NavBuffer(self, self.scenario, self._reduce)
 
     def _readings(self) -> dict[int, Any]:
-        """Return what is felt at each scan, a number or one for each channel, by stamp; the map is not kept."""
+        """Return what is felt at each scan, a number or one for each channel, by stamp; the map is
+        not kept."""
         trajectory = build_trajectory(self.scenario)
         simulator = ReadingSimulator(
-            self.scenario, trajectory, map_for_scenario(self.scenario, trajectory), [self.settings.run]
+            self.scenario,
+            trajectory,
+            map_for_scenario(self.scenario, trajectory),
+            [self.settings.run],
         )
         stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]
         return dict(zip(stamps, simulator.felt[0], strict=True))
@@ -85,7 +95,9 @@ class GravimeterNode(GraphNode):
         ns = to_ns(message.header.stamp)
         felt, variance = self._adapter.read_raw(message)
         if ns <= self._newest:
-            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
+            raise BadMessageError(
+                f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s"
+            )
         self._newest = ns
         if self._thinning.takes(ns):
             self._enqueue(ns, felt, self._variance if variance is None else variance)

@@ -19,18 +19,27 @@ class Outputs:
         self._reductions = []
         for field in of_instrument(matched.instrument):
             adapter = adapter_of(node.scenario, field.name)
-            publisher = node.advertise(adapter.reduced, (topics.PMHT_MM, topics.INS_SIM) if field is matched else ())
-            self._reductions.append((field.reduction(node.scenario), adapter, publisher, adapter.new_reduced()))
+            publisher = node.advertise(
+                adapter.reduced, (topics.PMHT_MM, topics.INS_SIM) if field is matched else ()
+            )
+            self._reductions.append(
+                (field.reduction(node.scenario), adapter, publisher, adapter.new_reduced())
+            )
 
     def publish(self, ns: int, felt: Any, variance: Any, nav: NavSample | None) -> None:
-        """Publish a reading; NaN where there is nothing to reduce, or to reduce with, so that the scan is known to be without."""
+        """Publish a reading; NaN where there is nothing to reduce, or to reduce with, so that the
+        scan is known to be without."""
         for reduction, adapter, publisher, message in self._reductions:
             value, total, place = math.nan * felt, variance, None
             if nav is not None:
                 place = nav.latitude, nav.longitude
-                estimate = State(*place, nav.height, float(nav.velocity[0]), float(nav.velocity[1]))
+                estimate = State(
+                    *place, nav.height, float(nav.velocity[0]), float(nav.velocity[1])
+                )
                 value = reduction.reduce(felt, estimate)[()]
-                by_navigator = reduction_variance(reduction, estimate, nav.covariance[:4, :4], nav.height_variance)
+                by_navigator = reduction_variance(
+                    reduction, estimate, nav.covariance[:4, :4], nav.height_variance
+                )
                 total = variance + float(by_navigator)
             adapter.fill_reduced(message, ns, value, total, place)
             publisher.publish(message)

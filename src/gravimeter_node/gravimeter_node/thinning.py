@@ -1,13 +1,15 @@
 """One reading per scan of an instrument that gives more."""
 
 EARLY = 0.25
-"""How much too early a reading may be, in intervals: the instrument's clock need not be as regular as the scans."""
+"""How much too early a reading may be, in intervals: the instrument's clock need not be as regular
+as the scans."""
 
 
 class Thinning:
     """Says which readings of an instrument are scans.
 
-    Scans stay an interval apart on average, whatever the rate. An instrument as slow as the scans, or slower, loses nothing.
+    Scans stay an interval apart on average, whatever the rate. An instrument as slow as the scans,
+    or slower, loses nothing.
 
     Parameters
     ----------

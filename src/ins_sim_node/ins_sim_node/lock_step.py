@@ -8,10 +8,10 @@ from isogal_ros.messages.stamps import to_seconds
 class LockStep:
     """Counts the answers to the step under way.
 
-    Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading; a batch end also by ``pmht_mm/fix`` of its
-    stamp (a fix, or none). The filter answers every message on ``pmht_mm/fix`` with ``nav/odom`` of its newest stamp, so there are as
-    many of those as there were fixes, and one more.
-    """
+    Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading; a
+    batch end also by ``pmht_mm/fix`` of its stamp (a fix, or none). The filter answers every
+    message on ``pmht_mm/fix`` with ``nav/odom`` of its newest stamp, so there are as many of those
+    as there were fixes, and one more."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.ns = -1
@@ -48,7 +48,8 @@ class LockStep:
         return self._check()
 
     def fix(self, ns: int) -> bool:
-        """Count a message on ``pmht_mm/fix``; in retrodiction mode those of earlier scans come first."""
+        """Count a message on ``pmht_mm/fix``; in retrodiction mode those of earlier scans come
+        first."""
         self._fixes += 1
         if ns == self.ns:
             self._needs_fix = False

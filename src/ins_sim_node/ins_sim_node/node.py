@@ -1,4 +1,5 @@
-"""The simulated vehicle: clock, IMU, ground truth and the unaided INS, in lock-step with the graph or at a wall-clock rate."""
+"""The simulated vehicle: clock, IMU, ground truth and the unaided INS, in lock-step with the graph
+or at a wall-clock rate."""
 
 import math
 import sys
@@ -25,9 +26,18 @@ UNLOCKED_START = 2.0
 
 
 class InsSimNode(GraphNode):
-    """Publishes one step after the other; with lock_step the next one only when the graph has answered."""
+    """Publishes one step after the other; with lock_step the next one only when the graph has
+    answered."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher")
+    sections: ClassVar[Sequence[str]] = (
+        "seed",
+        "field",
+        "route",
+        "imu",
+        "initial_error",
+        "gravimeter",
+        "matcher",
+    )
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)
     settings: InsSimSettings
@@ -47,9 +57,17 @@ class InsSimNode(GraphNode):
         if self.settings.lock_step:
             self._others_say = self.listen(topics.DIAGNOSTICS, self._peers.hear)
             self.listen(topics.NAV_ODOM, self._hear_nav, raw=True)
-            self.listen(topics.FIX, lambda data: self._answered(self.lock_step.fix(peek_ns(data))), raw=True)
+            self.listen(
+                topics.FIX,
+                lambda data: self._answered(self.lock_step.fix(peek_ns(data))),
+                raw=True,
+            )
             reading = topics.readings(self.scenario.measured_field)
-            self.listen(reading, lambda data: self._answered(self.lock_step.reading(peek_ns(data))), raw=True)
+            self.listen(
+                reading,
+                lambda data: self._answered(self.lock_step.reading(peek_ns(data))),
+                raw=True,
+            )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._pace = Pace(self, steady, self._paced)
         self.create_timer(0.05, self._watch, clock=steady)
@@ -62,7 +80,8 @@ class InsSimNode(GraphNode):
                 self._set_pace()
 
     def _watch(self) -> None:
-        """Begin when all is ready; notice when the graph does not come up, or has stopped answering."""
+        """Begin when all is ready; notice when the graph does not come up, or has stopped
+        answering."""
         waited, settings = time.monotonic() - self._moved, self.settings
         if self.step >= 0:
             if (
@@ -73,10 +92,13 @@ class InsSimNode(GraphNode):
             ):
                 at = f"{to_seconds(self.lock_step.ns):.3f} s"
                 self.fail(
-                    f"no answer to the step at {at} within {settings.reply_timeout:g} s: {self.lock_step.missing()}"
+                    f"no answer to the step at {at} within {settings.reply_timeout:g} s:"
+                    f" {self.lock_step.missing()}"
                 )
         elif (
-            (self.ready and not self._peers.missing) if settings.lock_step else (self.ready or waited > UNLOCKED_START)
+            (self.ready and not self._peers.missing)
+            if settings.lock_step
+            else (self.ready or waited > UNLOCKED_START)
         ):
             self._begin()
         elif waited > settings.start_timeout:
@@ -102,7 +124,8 @@ class InsSimNode(GraphNode):
             self._advance()
 
     def _set_pace(self) -> None:
-        """Go by the wall clock, or as fast as answers come; without lock-step there are no answers to go by."""
+        """Go by the wall clock, or as fast as answers come; without lock-step there are no answers
+        to go by."""
         if self.rate > 0.0:
             self._pace.set(self.rate * self.scenario.imu.rate)
         elif not self.settings.lock_step:

@@ -25,7 +25,10 @@ class Outputs:
         self._compared = 0.0
         self._frame = map_frame(node.scenario)
         self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
-        self._truth_fix, self._truth_odom = node.advertise(topics.TRUTH_FIX), node.advertise(topics.TRUTH_ODOM)
+        self._truth_fix, self._truth_odom = (
+            node.advertise(topics.TRUTH_FIX),
+            node.advertise(topics.TRUTH_ODOM),
+        )
         self._ins_fix = node.advertise(topics.INS_FIX)
         self._m_clock, self._m_imu = topics.CLOCK.type(), topics.IMU.type()
         self._m_truth, self._m_ins = topics.TRUTH_FIX.type(), topics.INS_FIX.type()
@@ -36,12 +39,15 @@ class Outputs:
         self._m_imu.orientation_covariance[0] = -1.0  # no orientation
 
     def publish(self, k: int, ns: int) -> None:
-        """Publish step k: the clock, then the IMU, so that the filter works while the rest is made. The start (k = 0) has no sample."""
+        """Publish step k: the clock, then the IMU, so that the filter works while the rest is
+        made. The start (k = 0) has no sample."""
         run = self.simulation
         set_stamp(self._m_clock.clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
-            fill_imu(self._m_imu, ns, run.imu.specific_force[0, k - 1], run.imu.angular_rate[0, k - 1])
+            fill_imu(
+                self._m_imu, ns, run.imu.specific_force[0, k - 1], run.imu.angular_rate[0, k - 1]
+            )
             self._imu.publish(self._m_imu)
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)
@@ -52,7 +58,8 @@ class Outputs:
         self._truth_fix.publish(self._m_truth)
 
     def compare(self, odometry: bytes) -> None:
-        """Bring `error` up to date, the distance of a serialised nav/odom from the truth last published.
+        """Bring `error` up to date, the distance of a serialised nav/odom from the truth last
+        published.
 
         It is only for display: not worth decoding every message of a fast run.
         """

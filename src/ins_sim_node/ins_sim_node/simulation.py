@@ -20,12 +20,14 @@ class Simulation:
 
     trajectory: Trajectory
     states: Array
-    """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD to NED."""
+    """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD
+    to NED."""
     imu: ImuData
     unaided: Array
     """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
     turn_rate: Array
-    """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval before."""
+    """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
+    before."""
 
     def __len__(self) -> int:
         return len(self.trajectory)
@@ -36,13 +38,23 @@ def simulate(scenario: Scenario, run: int) -> Simulation:
     trajectory = build_trajectory(scenario)
     imu = simulate_imu(scenario, trajectory, [run])
     start = draw_initial_state(scenario, trajectory, [run])
-    _, track = propagate(start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True)
+    _, track = propagate(
+        start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+    )
     unaided = np.concatenate([start.position[:, :2], track[0]])
     to_body = np.swapaxes(matrix(trajectory.attitude[1:]), 1, 2)
     c, s = np.cos(trajectory.latitude[1:]), np.sin(trajectory.latitude[1:])
-    earth = np.einsum("kij,kj->ki", to_body, EARTH_RATE * np.stack([c, np.zeros_like(c), -s], axis=-1))
+    earth = np.einsum(
+        "kij,kj->ki", to_body, EARTH_RATE * np.stack([c, np.zeros_like(c), -s], axis=-1)
+    )
     rate = trajectory.angular_rate - earth
     states = np.column_stack(
-        [trajectory.latitude, trajectory.longitude, trajectory.height, trajectory.velocity, trajectory.attitude]
+        [
+            trajectory.latitude,
+            trajectory.longitude,
+            trajectory.height,
+            trajectory.velocity,
+            trajectory.attitude,
+        ]
     )
     return Simulation(trajectory, states, imu, unaided, np.concatenate([rate[:1], rate]))

@@ -8,15 +8,17 @@ Frames
     e     Earth-centred Earth-fixed, GRS80.
     Attitude is the quaternion (w, x, y, z) that turns body vectors into n.
 Units
-    SI and radians everywhere inside. 1 mGal = 1e-5 m/s². Degrees, mGal and km only at the edges and then said in the name
-    (``latitude_deg``, ``sigma_mgal``). A position is (latitude rad, longitude rad, height m above the ellipsoid).
+    SI and radians everywhere inside. 1 mGal = 1e-5 m/s². Degrees, mGal and km only at the edges
+    and then said in the name (``latitude_deg``, ``sigma_mgal``). A position is (latitude rad,
+    longitude rad, height m above the ellipsoid).
 Axes of arrays
-    A leading run axis R comes first wherever many runs are computed at once: ``(R, 3)``, ``(R, 15, 15)``. One run is R = 1, and
-    the numbers of a run never depend on how many others are computed beside it.
+    A leading run axis R comes first wherever many runs are computed at once: ``(R, 3)``, ``(R, 15,
+    15)``. One run is R = 1, and the numbers of a run never depend on how many others are computed
+    beside it.
 Errors
-    An error is estimate minus truth. Horizontal vectors and 2 x 2 covariances are ordered north, east; only messages and files
-    that say ENU are ordered east, north.
-Sources are cited by the labels of the paper (Wang et al., NAVIGATION 70(2), navi.583) as "paper eq. s3-01", and by book section.
-"""
+    An error is estimate minus truth. Horizontal vectors and 2 x 2 covariances are ordered north,
+    east; only messages and files that say ENU are ordered east, north.
+Sources are cited by the labels of the paper (Wang et al., NAVIGATION 70(2), navi.583) as "paper
+eq. s3-01", and by book section."""
 
 __version__ = "0.1.0"

@@ -1,12 +1,15 @@
-"""The decorator of compiled functions: numba, kept on disk, and compiled anew when anything has changed that is in the machine code.
+"""The decorator of compiled functions: numba, kept on disk, and compiled anew when anything has
+changed that is in the machine code.
 
-numba's own cache asks whether the file of a function has changed. The machine code of a function also holds the functions of other files
-that it calls, and their constants, so that after an update the old numbers would go on. Here the name of a cached file holds a digest of
-all that: the function's file, the kernels that it imports (each by its own digest, thus with what these call), and constants.
+numba's own cache asks whether the file of a function has changed. The machine code of a function
+also holds the functions of other files that it calls, and their constants, so that after an update
+the old numbers would go on. Here the name of a cached file holds a digest of all that: the
+function's file, the kernels that it imports (each by its own digest, thus with what these call),
+and constants.
 
-Where the files are is left to numba: the folder NUMBA_CACHE_DIR if that is set, else `__pycache__` beside the source if that can be
-written, else the user's cache folder. With none of them kernels are compiled in each process.
-"""
+Where the files are is left to numba: the folder NUMBA_CACHE_DIR if that is set, else `__pycache__`
+beside the source if that can be written, else the user's cache folder. With none of them kernels
+are compiled in each process."""
 
 import contextlib
 import hashlib
@@ -31,11 +34,12 @@ _CONSTANTS = (bool, int, float, complex, str, np.generic, tuple)
 
 
 def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
-    """Compile a function: ``@kernel``, or with options of ``numba.njit``, ``@kernel(error_model="numpy")``.
+    """Compile a function: ``@kernel``, or with options of ``numba.njit``,
+    ``@kernel(error_model="numpy")``.
 
-    Without the interpreter lock, and never with fastmath or parallel loops: a run's numbers must not depend on what is computed beside it.
-    What a kernel uses of other files has to be imported by name, or as a module, above it.
-    """
+    Without the interpreter lock, and never with fastmath or parallel loops: a run's numbers must
+    not depend on what is computed beside it. What a kernel uses of other files has to be imported
+    by name, or as a module, above it."""
     if function is None:
         return lambda decorated: kernel(decorated, **options)
     compiled: Any = njit(nogil=True, **options)(function)
@@ -58,13 +62,21 @@ def _digest(function: Callable[..., Any], options: dict[str, Any]) -> str:
     parts = [_of_file(inspect.getfile(function)), repr(sorted(options.items()))]
     for name, value in sorted(ours.items()):
         if isinstance(value, ModuleType) and value.__name__ in _modules:
-            parts += [f"{name}.{below} {_digests[inner]}" for below, inner in _kernels(vars(value))]
+            parts += [
+                f"{name}.{below} {_digests[inner]}" for below, inner in _kernels(vars(value))
+            ]
         elif isinstance(value, np.ndarray):
-            parts.append(f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}")
+            parts.append(
+                f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+            )
         elif not name.startswith("__") and _is_constant(value):
             parts.append(f"{name} {value!r}")
     # those of the file itself are in its text
-    parts += [f"{name} {_digests[inner]}" for name, inner in _kernels(ours) if inner.__globals__ is not ours]
+    parts += [
+        f"{name} {_digests[inner]}"
+        for name, inner in _kernels(ours)
+        if inner.__globals__ is not ours
+    ]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
@@ -77,7 +89,9 @@ def _kernels(names: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _is_constant(value: Any) -> bool:
-    return isinstance(value, _CONSTANTS) and (not isinstance(value, tuple) or all(map(_is_constant, value)))
+    return isinstance(value, _CONSTANTS) and (
+        not isinstance(value, tuple) or all(map(_is_constant, value))
+    )
 
 
 @cache
@@ -86,7 +100,8 @@ def _of_file(path: str) -> str:
 
 
 class _KernelCacheImpl(CompileResultCacheImpl):
-    """Names the files of a kernel by its digest, so that what an interrupted start with other sources left is never taken for it."""
+    """Names the files of a kernel by its digest, so that what an interrupted start with other
+    sources left is never taken for it."""
 
     def __init__(self, function: Any) -> None:
         self.function = function
@@ -98,14 +113,19 @@ class _KernelCacheImpl(CompileResultCacheImpl):
 
 
 class _KernelCache(FunctionCache):
-    """numba's cache of one function under that name, with the files of its earlier versions removed."""
+    """numba's cache of one function under that name, with the files of its earlier versions
+    removed."""
 
     _impl_class = _KernelCacheImpl
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(OSError):  # a full disk costs the next start some time, not this run
+        with contextlib.suppress(
+            OSError
+        ):  # a full disk costs the next start some time, not this run
             super().save_overload(sig, data)
             name, rest = self._impl.filename_base.split("-")
             for old in Path(self.cache_path).glob(f"{name}-*.nb[ci]"):
-                if not old.name.startswith(f"{name}-{rest.partition('.')[0]}."):  # of any Python version
+                if not old.name.startswith(
+                    f"{name}-{rest.partition('.')[0]}."
+                ):  # of any Python version
                     old.unlink(missing_ok=True)

@@ -1,7 +1,7 @@
 """The scenario: one YAML document, validated, that says everything about a run.
 
-Keys, units and defaults are those of the public contract. Unknown keys are errors that name the nearest key.
-"""
+Keys, units and defaults are those of the public contract. Unknown keys are errors that name the
+nearest key."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -24,7 +24,8 @@ class _Section(BaseModel):
 
 
 class Route(_Section):
-    """Where the vehicle goes, at which speed (m/s) and ellipsoidal height (m), for how long (s; null = to the end)."""
+    """Where the vehicle goes, at which speed (m/s) and ellipsoidal height (m), for how long (s;
+    null = to the end)."""
 
     start: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
         (-38.0, 144.5), description="first point: latitude, longitude in deg"
@@ -32,15 +33,28 @@ class Route(_Section):
     end: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
         (-35.0, 150.0), description="last point: latitude, longitude in deg"
     )
-    speed: Positive = Field(22.0, le=1000.0, description="ground speed at the vehicle's height, m/s")
-    height: float = Field(100.0, ge=-12000.0, le=50000.0, description="height above the map's surface, m")
-    duration: Positive | None = Field(12960.0, description="simulated time, s; null = until the last point")
+    speed: Positive = Field(
+        22.0, le=1000.0, description="ground speed at the vehicle's height, m/s"
+    )
+    height: float = Field(
+        100.0, ge=-12000.0, le=50000.0, description="height above the map's surface, m"
+    )
+    duration: Positive | None = Field(
+        12960.0, description="simulated time, s; null = until the last point"
+    )
     line: Literal["rhumb", "geodesic"] = Field("rhumb", description="how start and end are joined")
     waypoints: tuple[tuple[LatitudeDeg, LongitudeDeg, Positive], ...] | None = Field(
-        None, description="latitude deg, longitude deg, speed m/s of each point, instead of start/end/speed"
+        None,
+        description=(
+            "latitude deg, longitude deg, speed m/s of each point, instead of start/end/speed"
+        ),
     )
-    turn_rate: Positive = Field(0.02, le=0.5, description="heading rate in turns between waypoints, rad/s")
-    acceleration: Positive = Field(0.1, le=10.0, description="speed change between waypoints, m/s²")
+    turn_rate: Positive = Field(
+        0.02, le=0.5, description="heading rate in turns between waypoints, rad/s"
+    )
+    acceleration: Positive = Field(
+        0.1, le=10.0, description="speed change between waypoints, m/s²"
+    )
 
     @model_validator(mode="after")
     def _enough_points(self) -> "Route":
@@ -70,7 +84,11 @@ class InitialError(_Section):
     tilt: NonNegative = Field(2.5e-5, le=0.1, description="rad, about north and east")
     heading: NonNegative = Field(3.0e-4, le=0.5, description="rad, about down")
     hidden_position: NonNegative = Field(
-        0.0, description="m, size of a further position error, in a random direction, that the navigator is not told of"
+        0.0,
+        description=(
+            "m, size of a further position error, in a random direction, that the navigator is not"
+            " told of"
+        ),
     )
 
 
@@ -80,19 +98,30 @@ class Gravimeter(_Section):
     quantity: Literal["gravity", "disturbance"] = Field(
         "gravity", description="what the readings are reduced to and matched as"
     )
-    sigma: Positive = Field(1.0e-5, description="white noise of a reading, m/s² (field: magnetic nT, terrain m)")
+    sigma: Positive = Field(
+        1.0e-5, description="white noise of a reading, m/s² (field: magnetic nT, terrain m)"
+    )
     interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
-    outlier_fraction: float = Field(0.0, ge=0.0, lt=0.5, description="share of readings that are outliers")
+    outlier_fraction: float = Field(
+        0.0, ge=0.0, lt=0.5, description="share of readings that are outliers"
+    )
     outlier_sigma: Positive = Field(50.0, description="1-sigma of an outlier in units of sigma")
-    bias: NonNegative = Field(0.0, description="1-sigma of a constant offset of all readings, unit of sigma")
-    drift: NonNegative = Field(0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second")
+    bias: NonNegative = Field(
+        0.0, description="1-sigma of a constant offset of all readings, unit of sigma"
+    )
+    drift: NonNegative = Field(
+        0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second"
+    )
 
 
 class Magnetometer(_Section):
     """What field: magnetic needs besides."""
 
     epoch: float = Field(
-        2025.0, ge=1900.0, le=2030.0, description="when, decimal year: the main field (IGRF) changes from year to year"
+        2025.0,
+        ge=1900.0,
+        le=2030.0,
+        description="when, decimal year: the main field (IGRF) changes from year to year",
     )
 
 
@@ -105,16 +134,20 @@ class Altimeter(_Section):
     @model_validator(mode="after")
     def _some_range(self) -> "Altimeter":
         if self.min_range >= self.max_range:
-            raise ValueError(f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)")
+            raise ValueError(
+                f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)"
+            )
         return self
 
 
 TENSOR_COMPONENTS = ("nn", "ne", "nd", "ee", "ed", "dd")
-"""Second derivatives of the gravity potential by north (n), east (e) and down (d); five of them say all: dd = -nn - ee."""
+"""Second derivatives of the gravity potential by north (n), east (e) and down (d); five of them
+say all: dd = -nn - ee."""
 
 
 class Gradiometer(_Section):
-    """What field: gradient needs besides: components of the gravity gradient tensor and their noise, in Eötvös (1 E = 1e-9 1/s²)."""
+    """What field: gradient needs besides: components of the gravity gradient tensor and their
+    noise, in Eötvös (1 E = 1e-9 1/s²)."""
 
     components: tuple[str, ...] = Field(
         TENSOR_COMPONENTS[:5],
@@ -122,16 +155,24 @@ class Gradiometer(_Section):
         max_length=5,
         description="which it measures, of nn, ne, nd, ee, ed, dd (n north, e east, d down)",
     )
-    sigma_eotvos: Positive = Field(1.0, description="white noise of each component, E; instead of gravimeter.sigma")
+    sigma_eotvos: Positive = Field(
+        1.0, description="white noise of each component, E; instead of gravimeter.sigma"
+    )
     covariance_eotvos: tuple[tuple[float, ...], ...] | None = Field(
-        None, description="covariance of the noise, row by row in the order of components, E², instead of sigma_eotvos"
+        None,
+        description=(
+            "covariance of the noise, row by row in the order of components, E², instead of"
+            " sigma_eotvos"
+        ),
     )
 
     @model_validator(mode="after")
     def _known_components(self) -> "Gradiometer":
         unknown = [name for name in self.components if name not in TENSOR_COMPONENTS]
         if unknown:
-            raise ValueError(f"components: unknown '{unknown[0]}'; allowed: {', '.join(TENSOR_COMPONENTS)}")
+            raise ValueError(
+                f"components: unknown '{unknown[0]}'; allowed: {', '.join(TENSOR_COMPONENTS)}"
+            )
         if len(set(self.components)) < len(self.components):
             raise ValueError(f"components: each once, not {', '.join(self.components)}")
         return self
@@ -143,12 +184,15 @@ class Gradiometer(_Section):
         count = len(self.components)
         if [len(row) for row in self.covariance_eotvos] != [count] * count:
             raise ValueError(
-                f"covariance_eotvos: must have {count} rows of {count} numbers, one for each of components"
+                f"covariance_eotvos: must have {count} rows of {count} numbers, one for each of"
+                " components"
             )
         import numpy as np
 
         matrix = np.array(self.covariance_eotvos)
-        symmetric = np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0)
+        symmetric = np.isfinite(matrix).all() and np.allclose(
+            matrix, matrix.T, rtol=1e-9, atol=0.0
+        )
         if not (symmetric and np.linalg.eigvalsh(matrix).min() > 0.0):
             raise ValueError("covariance_eotvos: must be symmetric and positive definite")
         return self
@@ -158,37 +202,60 @@ class Map(_Section):
     """The map."""
 
     source: str = Field("synthetic", description="'synthetic', or a file, or a GGMplus folder")
-    path: str | None = Field(None, description="file or folder, where source names a format instead of a file")
-    variable: str | None = Field(None, description="variable in the file, for example ga or dg; null = by quantity")
+    path: str | None = Field(
+        None, description="file or folder, where source names a format instead of a file"
+    )
+    variable: str | None = Field(
+        None, description="variable in the file, for example ga or dg; null = by quantity"
+    )
 
 
 class MapError(_Section):
-    """How the simulated truth differs from the map: a Gaussian field with covariance sigma² exp(-d / L)."""
+    """How the simulated truth differs from the map: a Gaussian field with covariance sigma² exp(-d
+    / L)."""
 
-    sigma: NonNegative = Field(0.0, description="m/s² (field: magnetic nT, terrain m, gradient 1/s²)")
+    sigma: NonNegative = Field(
+        0.0, description="m/s² (field: magnetic nT, terrain m, gradient 1/s²)"
+    )
     correlation_length: Positive = Field(4000.0, description="L, m")
 
 
-MATCHER_NAMES = ("pmht", "pmht-paper", "tercom", "iccp", "sitan", "particle", "point-mass", "viterbi")
+MATCHER_NAMES = (
+    "pmht",
+    "pmht-paper",
+    "tercom",
+    "iccp",
+    "sitan",
+    "particle",
+    "point-mass",
+    "viterbi",
+)
 
 
 class Matcher(_Section):
     """The map matcher and what it assumes."""
 
-    name: Literal["pmht", "pmht-paper", "tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"] = Field(
-        "pmht", description="matching algorithm"
-    )
+    name: Literal[
+        "pmht", "pmht-paper", "tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"
+    ] = Field("pmht", description="matching algorithm")
     batch_length: int = Field(30, ge=2, le=1000, description="scans T in a batch")
-    stride: int | None = Field(None, ge=1, le=1000, description="scans between fixes; null = batch_length")
+    stride: int | None = Field(
+        None, ge=1, le=1000, description="scans between fixes; null = batch_length"
+    )
     mode: Literal["standard", "retrodiction"] = Field(
         "standard", description="one fix a batch, or one for each of its scans"
     )
     map_sigma: NonNegative | Literal["auto"] = Field(
-        0.0, description="1-sigma of the map's error assumed, in the unit of gravimeter.sigma, or auto"
+        0.0,
+        description="1-sigma of the map's error assumed, in the unit of gravimeter.sigma, or auto",
     )
     map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
     bias_sigma: NonNegative = Field(
-        0.0, description="1-sigma of an unknown constant offset of the readings, in the unit of gravimeter.sigma"
+        0.0,
+        description=(
+            "1-sigma of an unknown constant offset of the readings, in the unit of"
+            " gravimeter.sigma"
+        ),
     )
     options: dict[str, Any] = Field(
         default_factory=dict, description="settings of the named matcher; see docs/matchers.md"
@@ -197,7 +264,9 @@ class Matcher(_Section):
     @model_validator(mode="after")
     def _stride_fits(self) -> "Matcher":
         if self.stride is not None and self.stride > self.batch_length:
-            raise ValueError(f"stride ({self.stride}) must not exceed batch_length ({self.batch_length})")
+            raise ValueError(
+                f"stride ({self.stride}) must not exceed batch_length ({self.batch_length})"
+            )
         return self
 
     @property
@@ -229,13 +298,15 @@ class Scenario(_Section):
         steps = self.gravimeter.interval * self.imu.rate
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
             raise ValueError(
-                f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU samples (1/{self.imu.rate} s)"
+                f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU"
+                f" samples (1/{self.imu.rate} s)"
             )
         return self
 
     @property
     def measured_field(self) -> str:
-        """Name of the field that is measured and matched, one of `isogal.fields.measured.FIELDS`."""
+        """Name of the field that is measured and matched, one of
+        `isogal.fields.measured.FIELDS`."""
         return self.field or self.gravimeter.quantity
 
     @property
@@ -245,7 +316,8 @@ class Scenario(_Section):
 
 
 def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ()) -> Scenario:
-    """Read a scenario file (null = all defaults), apply ``KEY=VALUE`` overrides (YAML values, dotted keys), validate.
+    """Read a scenario file (null = all defaults), apply ``KEY=VALUE`` overrides (YAML values,
+    dotted keys), validate.
 
     Raises
     ------
@@ -258,11 +330,15 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
         try:
             document = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+            raise InputError(
+                f"{where}: cannot be read: {getattr(error, 'strerror', None) or error}"
+            ) from None
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             line = f" (line {mark.line + 1})" if mark else ""
-            raise InputError(f"{where}: not valid YAML{line}: {getattr(error, 'problem', error)}") from None
+            raise InputError(
+                f"{where}: not valid YAML{line}: {getattr(error, 'problem', error)}"
+            ) from None
         if not isinstance(document, dict):
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
     for item in overrides:
@@ -273,8 +349,8 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
 def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> Scenario:
     """Validate an already parsed document; raises InputError with one line.
 
-    YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant, where a number belongs.
-    """
+    YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
+    where a number belongs."""
     try:
         return Scenario.model_validate(document)
     except ValidationError as error:
@@ -312,7 +388,8 @@ def known_keys(model: type[BaseModel] = Scenario, prefix: str = "") -> list[str]
 
 
 def _nearest(key: str) -> str:
-    """Suggest a key of the same section with a like name, or of any section with that name, or list the section's keys."""
+    """Suggest a key of the same section with a like name, or of any section with that name, or
+    list the section's keys."""
     section, _, leaf = key.rpartition(".")
     keys = known_keys()
     siblings = [k for k in keys if k.rpartition(".")[0] == section]
@@ -328,7 +405,9 @@ def _nearest(key: str) -> str:
 def _override(document: dict[str, Any], item: str) -> None:
     key, equals, text = item.partition("=")
     if not equals or not key:
-        raise InputError(f"--set {item}: must be KEY=VALUE, for example --set matcher.batch_length=15")
+        raise InputError(
+            f"--set {item}: must be KEY=VALUE, for example --set matcher.batch_length=15"
+        )
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError:

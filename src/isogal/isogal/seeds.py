@@ -1,7 +1,7 @@
 """Random streams: one independent generator per (seed, run, purpose).
 
-A stream depends on nothing else, so a run draws the same numbers alone, in a batch of any size, on any worker.
-"""
+A stream depends on nothing else, so a run draws the same numbers alone, in a batch of any size, on
+any worker."""
 
 import zlib
 

@@ -1,4 +1,5 @@
-"""How many threads linear algebra takes: one in Isogal's own programs, whose matrices are too small to share.
+"""How many threads linear algebra takes: one in Isogal's own programs, whose matrices are too
+small to share.
 
 A program that uses the library decides for itself: nothing is set when `isogal` is imported.
 """
@@ -17,7 +18,8 @@ def one_thread(environment: MutableMapping[str, str] | None = None) -> None:
     Parameters
     ----------
     environment : mapping, optional
-        Of a process to be started. None = of this process; left alone once NumPy is loaded, since only others would still see it.
+        Of a process to be started. None = of this process; left alone once NumPy is loaded, since
+        only others would still see it.
     """
     if environment is None:
         if "numpy" in sys.modules:

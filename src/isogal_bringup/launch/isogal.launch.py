@@ -20,28 +20,48 @@ def generate_launch_description() -> LaunchDescription:
     recorder = LaunchConfiguration("recorder")
     run = ParameterValue(LaunchConfiguration("run"), value_type=int)
     # how many recorders each node waits for before it calls itself ready
-    recorders = ParameterValue(PythonExpression(["int('", recorder, "'.lower() in ('true', '1'))"]), value_type=int)
+    recorders = ParameterValue(
+        PythonExpression(["int('", recorder, "'.lower() in ('true', '1'))"]), value_type=int
+    )
     common = {"run": run, "recorders": recorders}
-    default_params = PathJoinSubstitution([FindPackageShare("isogal_bringup"), "params", "isogal.yaml"])
+    default_params = PathJoinSubstitution(
+        [FindPackageShare("isogal_bringup"), "params", "isogal.yaml"]
+    )
     default_bag = f"isogal_{datetime.now():%Y-%m-%d_%H-%M-%S}"
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "params", default_value=default_params, description="parameter file (YAML) for all nodes"
+                "params",
+                default_value=default_params,
+                description="parameter file (YAML) for all nodes",
             ),
             DeclareLaunchArgument(
-                "rate", default_value="1.0", description="simulated seconds per second; 0.0 = as fast as the graph can"
+                "rate",
+                default_value="1.0",
+                description="simulated seconds per second; 0.0 = as fast as the graph can",
             ),
             DeclareLaunchArgument(
-                "run", default_value="0", description="index of the run: which random numbers of the seed"
+                "run",
+                default_value="0",
+                description="index of the run: which random numbers of the seed",
             ),
-            DeclareLaunchArgument("recorder", default_value="true", description="whether everything is recorded"),
-            DeclareLaunchArgument("bag", default_value=default_bag, description="folder of the recording"),
+            DeclareLaunchArgument(
+                "recorder", default_value="true", description="whether everything is recorded"
+            ),
+            DeclareLaunchArgument(
+                "bag", default_value=default_bag, description="folder of the recording"
+            ),
             Node(
                 package="isogal_ros",
                 executable="isogal_recorder",
                 name="isogal_recorder",
-                parameters=[params, {"run": run, "bag": ParameterValue(LaunchConfiguration("bag"), value_type=str)}],
+                parameters=[
+                    params,
+                    {
+                        "run": run,
+                        "bag": ParameterValue(LaunchConfiguration("bag"), value_type=str),
+                    },
+                ],
                 condition=IfCondition(recorder),
                 output="screen",
             ),
@@ -70,7 +90,11 @@ def generate_launch_description() -> LaunchDescription:
                 package="ins_sim_node",
                 executable="ins_sim_node",
                 name="ins_sim_node",
-                parameters=[params, common, {"rate": ParameterValue(LaunchConfiguration("rate"), value_type=float)}],
+                parameters=[
+                    params,
+                    common,
+                    {"rate": ParameterValue(LaunchConfiguration("rate"), value_type=float)},
+                ],
                 on_exit=Shutdown(reason="the simulated vehicle has arrived"),
                 output="screen",
             ),

@@ -1,1 +1,2 @@
-"""What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer, launcher."""
+"""What the Isogal nodes share: parameters, conversions, diagnostics, recorder, replayer,
+launcher."""

@@ -1,4 +1,5 @@
-"""The topics of the graph: types, who publishes, who listens, and with which quality of service."""
+"""The topics of the graph: types, who publishes, who listens, and with which quality of
+service."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +24,8 @@ LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of every topic: a slow reader holds the writer up instead of losing messages. A reader that is best effort holds up nobody."""
+"""Of every topic: a slow reader holds the writer up instead of losing messages. A reader that is
+best effort holds up nobody."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,15 @@ FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
-"""Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector (4) and matrix (4 x 4) of the likelihood
-of the (north, east, v_north, v_east) error, or nothing more where the fix says all. Relative to ``nav/*`` of that stamp before the fix."""
+"""Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector
+(4) and matrix (4 x 4) of the likelihood of the (north, east, v_north, v_east) error, or nothing
+more where the fix says all. Relative to ``nav/*`` of that stamp before the fix."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))
 NAV_COVARIANCE = Topic("nav/covariance", Float64MultiArray, (GRAVIMETER, PMHT_MM))
-"""Stamp (s, ns), then the 7 x 7 covariance, row by row, of the errors north, east (m), v_north, v_east (m/s), attitude about north, east,
-down (rad), which an Odometry cannot carry."""
+"""Stamp (s, ns), then the 7 x 7 covariance, row by row, of the errors north, east (m), v_north,
+v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot carry."""
 NAV_PATH = Topic("nav/path", Path)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 

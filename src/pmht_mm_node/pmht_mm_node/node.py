@@ -25,7 +25,8 @@ from pmht_mm_node.warm_up import warm_up
 
 
 class PmhtMmNode(GraphNode):
-    """Collects scans with the navigator's state at their stamps; at the end of a batch publishes a fix, or says why there is none."""
+    """Collects scans with the navigator's state at their stamps; at the end of a batch publishes a
+    fix, or says why there is none."""
 
     sections: ClassVar[Sequence[str]] = (
         "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map", "matcher",
@@ -47,7 +48,9 @@ class PmhtMmNode(GraphNode):
         self._matcher, self._memory = build_matcher(self.scenario.matcher, self._vector), None
         self._map = map_for_scenario(self.scenario)
         reduction, covariance = field.reduction(self.scenario), field.covariance(self.scenario)
-        self._builder = BatchBuilder(self.scenario.matcher, reduction, self._matcher.context, covariance)
+        self._builder = BatchBuilder(
+            self.scenario.matcher, reduction, self._matcher.context, covariance
+        )
         warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._scan)
@@ -55,7 +58,8 @@ class PmhtMmNode(GraphNode):
         self.listen(self._adapter.reduced, self._take)
 
     def changed(self, values: dict[str, Any]) -> None:
-        """Take new matcher settings from the next batch on; raises InputError where they cannot be used."""
+        """Take new matcher settings from the next batch on; raises InputError where they cannot be
+        used."""
         document = self.scenario.model_dump()
         for name, value in values.items():
             section, _, key = name.partition(".")
@@ -80,7 +84,9 @@ class PmhtMmNode(GraphNode):
         for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
         sigma = self.scenario.gravimeter.sigma
-        self._builder.add_scan(to_seconds(nav.ns), nav.latitude, nav.longitude, nav.velocity[:2], reading, sigma)
+        self._builder.add_scan(
+            to_seconds(nav.ns), nav.latitude, nav.longitude, nav.velocity[:2], reading, sigma
+        )
         if self._builder.ready:
             self._match(nav)
 
@@ -91,7 +97,10 @@ class PmhtMmNode(GraphNode):
             fix, self._memory = self._matcher.match(batch, self._map, self._memory)
         except Exception as error:
             self.get_logger().error(f"the matcher failed: {type(error).__name__}: {error}")
-            fix, self._memory = declined(batch, f"the matcher failed: {type(error).__name__}: {error}"), None
+            fix, self._memory = (
+                declined(batch, f"the matcher failed: {type(error).__name__}: {error}"),
+                None,
+            )
         seconds = time.perf_counter() - begun
         self._fixes += fix.published
         self._declined += not fix.published
@@ -102,8 +111,15 @@ class PmhtMmNode(GraphNode):
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""
         self.health.state(OK, "matching")
-        figures = {"stamp": f"{to_seconds(ns):.9f}", "published": fix.published, "seconds": seconds, **fix.diagnostics}
-        self.health.publish(status(f"{self.health.name}: batch", OK, fix.reason or "fix published", figures))
+        figures = {
+            "stamp": f"{to_seconds(ns):.9f}",
+            "published": fix.published,
+            "seconds": seconds,
+            **fix.diagnostics,
+        }
+        self.health.publish(
+            status(f"{self.health.name}: batch", OK, fix.reason or "fix published", figures)
+        )
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -6,7 +6,13 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.matching.interfaces import Batch, Fix, Information
 from isogal_ros import topics
-from isogal_ros.messages.convert import BASE, NOT_MEASURED, candidates_cloud, fill_fix, fill_information
+from isogal_ros.messages.convert import (
+    BASE,
+    NOT_MEASURED,
+    candidates_cloud,
+    fill_fix,
+    fill_information,
+)
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 
@@ -28,7 +34,8 @@ class Outputs:
         self._candidates.publish(candidates_cloud(ns, fix.candidates))
         each_scan = fix.published and self._retrodict and not fix.reset
         if each_scan and fix.scan_position is not None and fix.scan_covariance is not None:
-            # a fix for each scan that no earlier batch has used; the last one is that of the batch end
+            # a fix for each scan that no earlier batch has used; the last one is that of the batch
+            # end
             for stamp, position, covariance in zip(
                 batch.scan_time, fix.scan_position, fix.scan_covariance, strict=True
             ):
@@ -36,7 +43,9 @@ class Outputs:
                     self._send(from_seconds(stamp), (*position, height), covariance)
         else:
             position = fix.latitude, fix.longitude, height
-            self._send(ns, position, fix.covariance if fix.published else None, fix.information, fix.reset)
+            self._send(
+                ns, position, fix.covariance if fix.published else None, fix.information, fix.reset
+            )
 
     def _send(
         self,

@@ -1,4 +1,5 @@
-"""Readings and the navigator's states, which come apart and at any time, put together as scans in order."""
+"""Readings and the navigator's states, which come apart and at any time, put together as scans in
+order."""
 
 import math
 from collections.abc import Callable
@@ -25,10 +26,13 @@ class Scans:
     scenario : Scenario
         Says how far scans are apart.
     taken : callable
-        Called with the navigator's state and the reading (NaN = none) of each scan, in order of time.
+        Called with the navigator's state and the reading (NaN = none) of each scan, in order of
+        time.
     """
 
-    def __init__(self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, Any], None]) -> None:
+    def __init__(
+        self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, Any], None]
+    ) -> None:
         self.waiting: list[tuple[int, Any]] = []
         """Readings (stamp, value) for which the navigator's state is still to come."""
         self._health = node.health
@@ -39,9 +43,12 @@ class Scans:
         self._nav = NavBuffer(node, scenario, self._process)
 
     def require_later(self, ns: int) -> None:
-        """Raise BadMessageError unless a stamp is later than those of all readings so far, and note it."""
+        """Raise BadMessageError unless a stamp is later than those of all readings so far, and
+        note it."""
         if ns <= self._newest:
-            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s")
+            raise BadMessageError(
+                f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s"
+            )
         self._newest = ns
 
     def add(self, ns: int, reading: Any) -> None:
@@ -71,7 +78,8 @@ class Scans:
             self._health.tick(ns)
 
     def _fill_missing(self, ns: int) -> None:
-        """Add scans without reading where messages are missing, so that batches keep their length in time."""
+        """Add scans without reading where messages are missing, so that batches keep their length
+        in time."""
         if self._last < 0:
             return
         expected = [self._last + i * self._interval for i in range(1, MOST_MISSING)]

@@ -1,4 +1,5 @@
-"""One batch before the first: so that compiled parts are compiled, or loaded, before the graph starts to wait for answers."""
+"""One batch before the first: so that compiled parts are compiled, or loaded, before the graph
+starts to wait for answers."""
 
 import numpy as np
 
@@ -15,13 +16,19 @@ def warm_up(matcher: Matcher, field_map: AnyMap, scenario: Scenario, reduction: 
     """Match a made-up batch at the start of the route; the result is thrown away."""
     trajectory = build_trajectory(scenario)
     settings = scenario.matcher
-    builder = BatchBuilder(settings, reduction, matcher.context, measured_field(scenario).covariance(scenario))
+    builder = BatchBuilder(
+        settings, reduction, matcher.context, measured_field(scenario).covariance(scenario)
+    )
     for scan in range(1, settings.batch_length + 1):
         k = min(scan * scenario.steps_per_scan, len(trajectory))
         place = trajectory.latitude[k], trajectory.longitude[k]
         reading = field_map.value(*place) + reading_sigma(scenario) * (-1.0) ** scan
         builder.add_scan(
-            scan * scenario.gravimeter.interval, *place, trajectory.velocity[k, :2], reading, scenario.gravimeter.sigma
+            scan * scenario.gravimeter.interval,
+            *place,
+            trajectory.velocity[k, :2],
+            reading,
+            scenario.gravimeter.sigma,
         )
     sigma = np.array([100.0, 100.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4])
     matcher.match(builder.build(np.diag(sigma**2)), field_map, None)

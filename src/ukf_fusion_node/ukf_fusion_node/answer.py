@@ -22,10 +22,16 @@ class Answer:
     def __init__(self, node: GraphNode) -> None:
         self._frame = map_frame(node.scenario)
         self._interval = from_seconds(node.settings.path_interval)
-        self._covariance, self._fix = node.advertise(topics.NAV_COVARIANCE), node.advertise(topics.NAV_FIX)
+        self._covariance, self._fix = (
+            node.advertise(topics.NAV_COVARIANCE),
+            node.advertise(topics.NAV_FIX),
+        )
         self._odom, self._path = node.advertise(topics.NAV_ODOM), node.advertise(topics.NAV_PATH)
         self._m_covariance, self._m_fix = topics.NAV_COVARIANCE.type(), topics.NAV_FIX.type()
-        self._m_odom, self._m_path = topics.NAV_ODOM.type(child_frame_id=BASE), topics.NAV_PATH.type()
+        self._m_odom, self._m_path = (
+            topics.NAV_ODOM.type(child_frame_id=BASE),
+            topics.NAV_PATH.type(),
+        )
         self._m_fix.header.frame_id = BASE
         self._m_odom.header.frame_id = self._m_path.header.frame_id = MAP
 
@@ -47,14 +53,21 @@ class Answer:
         poses = self._m_path.poses
         if poses and ns - to_ns(poses[-1].header.stamp) < self._interval:
             return
-        poses.append(PoseStamped(header=deepcopy(self._m_odom.header), pose=deepcopy(self._m_odom.pose.pose)))
+        poses.append(
+            PoseStamped(
+                header=deepcopy(self._m_odom.header), pose=deepcopy(self._m_odom.pose.pose)
+            )
+        )
         self._m_path.header.stamp = from_ns(ns)
         self._path.publish(self._m_path)
 
 
 def _turn_rate(state: FilterState, angular_rate: Array) -> Array:
-    """Return the angular rate relative to the Earth (3,) FRD: the gyroscopes' without their biases and the Earth's rotation."""
+    """Return the angular rate relative to the Earth (3,) FRD: the gyroscopes' without their biases
+    and the Earth's rotation."""
     latitude = state.position[0, 0]
     w, x, y, z = state.attitude[0]
-    earth = rotate(w, -x, -y, -z, EARTH_RATE * math.cos(latitude), 0.0, -EARTH_RATE * math.sin(latitude))
+    earth = rotate(
+        w, -x, -y, -z, EARTH_RATE * math.cos(latitude), 0.0, -EARTH_RATE * math.sin(latitude)
+    )
     return angular_rate - state.gyroscope_bias[0] - np.array(earth)

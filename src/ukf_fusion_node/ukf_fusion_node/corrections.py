@@ -26,7 +26,8 @@ class Corrections:
         self._accepted = self._refused = 0
 
     def apply(self, navigator: BufferedNavigator | None, message: Any, extra: Extra) -> None:
-        """Correct the filter with a message on pmht_mm/fix and what belongs to it; None = it has not begun.
+        """Correct the filter with a message on pmht_mm/fix and what belongs to it; None = it has
+        not begun.
 
         Raises
         ------

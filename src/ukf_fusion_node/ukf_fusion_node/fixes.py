@@ -21,7 +21,8 @@ class FixQueue:
     Parameters
     ----------
     informants : callable
-        Returns how many publishers the topic of the information has; where there are none, a fix waits for nothing.
+        Returns how many publishers the topic of the information has; where there are none, a fix
+        waits for nothing.
     """
 
     def __init__(self, informants: Callable[[], int]) -> None:
@@ -51,6 +52,7 @@ class FixQueue:
             yield self._waiting.pop(0), self._extras.pop(ns, (False, None))
 
     def _may_come(self, ns: int, now_ns: int) -> bool:
-        """Whether the information of a stamp may still be under way: it is published in order, before the fix."""
+        """Whether the information of a stamp may still be under way: it is published in order,
+        before the fix."""
         newest = next(reversed(self._extras), -1)
         return self._informants() > 0 and newest <= ns and now_ns - ns < PATIENCE_NS

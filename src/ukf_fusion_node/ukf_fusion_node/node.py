@@ -23,7 +23,8 @@ from ukf_fusion_node.start import initial_state
 
 
 class UkfFusionNode(GraphNode):
-    """Advances with each IMU sample and answers it, and every message on pmht_mm/fix, with nav/* of its newest stamp."""
+    """Advances with each IMU sample and answers it, and every message on pmht_mm/fix, with nav/*
+    of its newest stamp."""
 
     sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error")
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
@@ -64,10 +65,14 @@ class UkfFusionNode(GraphNode):
             # the first sample's interval begins where the start is known
             self._ns = ns - from_seconds(self._model.dt)
             state = FilterState.start(self._start, self._model)
-            self._navigator = BufferedNavigator(self._model, state, to_seconds(self._ns), self.settings.horizon)
+            self._navigator = BufferedNavigator(
+                self._model, state, to_seconds(self._ns), self.settings.horizon
+            )
             self._publish()
         elif ns <= self._ns:
-            raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._ns):.3f} s")
+            raise BadMessageError(
+                f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._ns):.3f} s"
+            )
         else:
             self._note_gap(to_seconds(ns - self._ns))
         try:
@@ -90,7 +95,9 @@ class UkfFusionNode(GraphNode):
         self.health.figures["IMU samples missing"] = self._gaps
         end = to_seconds(self._ns) + interval
         level = ERROR if interval > self.settings.max_gap else WARN
-        self.health.state(level, f"{missing} IMU samples missing before {end:.3f} s, bridged with the next one")
+        self.health.state(
+            level, f"{missing} IMU samples missing before {end:.3f} s, bridged with the next one"
+        )
 
     def _take_information(self, data: bytes) -> None:
         extra = read_information(deserialize_message(data, topics.INFORMATION.type))
@@ -102,7 +109,8 @@ class UkfFusionNode(GraphNode):
         self._settle()
 
     def _settle(self) -> None:
-        """Apply the fixes that are complete; answer each, whatever it is: a lock-step simulation waits for that."""
+        """Apply the fixes that are complete; answer each, whatever it is: a lock-step simulation
+        waits for that."""
         for message, extra in self._fixes.complete(self._ns):
             try:
                 self._corrections.apply(self._navigator, message, extra)

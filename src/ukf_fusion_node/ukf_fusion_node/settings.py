@@ -12,16 +12,25 @@ _FROM_SCENARIO = (math.nan, math.nan, math.nan)
 
 
 class UkfFusionSettings(NodeSettings):
-    """What the filter is told beside the scenario. A start of NaN is the scenario's, with its initial errors drawn."""
+    """What the filter is told beside the scenario. A start of NaN is the scenario's, with its
+    initial errors drawn."""
 
-    imu_frame: str = Field(BASE, description="frame of imu/data_raw, axes forward, left, up; empty = take any")
+    imu_frame: str = Field(
+        BASE, description="frame of imu/data_raw, axes forward, left, up; empty = take any"
+    )
     horizon: float = Field(1200.0, ge=0.0, le=86400.0, description="how old a fix may be, s")
     max_gap: float = Field(
-        10.0, gt=0.0, description="longest gap between IMU samples that is bridged without an error, s"
+        10.0,
+        gt=0.0,
+        description="longest gap between IMU samples that is bridged without an error, s",
     )
     path_interval: float = Field(60.0, gt=0.0, description="time between the poses of nav/path, s")
     start_position: Triple = Field(
         _FROM_SCENARIO, description="first latitude deg, longitude deg, height m; NaN = as drawn"
     )
-    start_velocity: Triple = Field(_FROM_SCENARIO, description="first velocity north, east, down, m/s; NaN = as drawn")
-    start_attitude: Triple = Field(_FROM_SCENARIO, description="first roll, pitch, heading, deg; NaN = as drawn")
+    start_velocity: Triple = Field(
+        _FROM_SCENARIO, description="first velocity north, east, down, m/s; NaN = as drawn"
+    )
+    start_attitude: Triple = Field(
+        _FROM_SCENARIO, description="first roll, pitch, heading, deg; NaN = as drawn"
+    )

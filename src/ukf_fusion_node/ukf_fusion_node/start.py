@@ -33,11 +33,17 @@ def initial_state(scenario: Scenario, settings: Any) -> NavState:
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.imu.rate})
     short = scenario.model_copy(update={"route": route})
     state = draw_initial_state(scenario, build_trajectory(short), [settings.run])
-    position, velocity, attitude = state.position.copy(), state.velocity.copy(), state.attitude.copy()
+    position, velocity, attitude = (
+        state.position.copy(),
+        state.velocity.copy(),
+        state.attitude.copy(),
+    )
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
         if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):
-            raise InputError(f"start_position: no such place: {latitude}, {longitude} deg, {height} m")
+            raise InputError(
+                f"start_position: no such place: {latitude}, {longitude} deg, {height} m"
+            )
         position[0] = math.radians(latitude), math.radians(longitude), height
     if "start_velocity" in given:
         velocity[0] = given["start_velocity"]
@@ -47,7 +53,8 @@ def initial_state(scenario: Scenario, settings: Any) -> NavState:
 
 
 def _from_angles(roll: float, pitch: float, heading: float) -> tuple[float, ...]:
-    """Return the quaternion FRD to NED of heading, pitch, roll in this order (Groves 2013, eq. 2.38)."""
+    """Return the quaternion FRD to NED of heading, pitch, roll in this order (Groves 2013, eq.
+    2.38)."""
     about = [(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (roll, pitch, heading)]
     (cr, sr), (cp, sp), (ch, sh) = about
     pitched = multiply(ch, 0.0, 0.0, sh, cp, 0.0, sp, 0.0)

@@ -61,7 +61,10 @@ LAT, LON = np.meshgrid(np.linspace(-37.1, -36.1, 30), np.linspace(144.1, 145.4, 
 def check(field_map, tolerance):
     assert (field_map.unit, field_map.quantity) == ("m/s²", "disturbance")
     np.testing.assert_allclose(
-        field_map.value(np.radians(LAT), np.radians(LON)), disturbance(LAT, LON), rtol=0, atol=tolerance
+        field_map.value(np.radians(LAT), np.radians(LON)),
+        disturbance(LAT, LON),
+        rtol=0,
+        atol=tolerance,
     )
 
 
@@ -78,28 +81,42 @@ def test_geographic(tmp_path):
 def test_packed_with_no_data(tmp_path):
     packed = np.rint((MGAL - 5.0) / 0.01)
     packed[50, 60] = -32768
-    path = write(tmp_path / "a.tif", packed, NORTH_UP, nodata=-32768, scale=(0.01, 5.0), dtype="int16")
+    path = write(
+        tmp_path / "a.tif", packed, NORTH_UP, nodata=-32768, scale=(0.01, 5.0), dtype="int16"
+    )
     field_map = read_geotiff(path)
     assert field_map.quantisation == pytest.approx(1e-7)
     assert np.isnan(field_map.values).sum() == 1 and np.isnan(field_map.values[119 - 50, 60])
     known = np.isfinite(field_map.value(np.radians(LAT), np.radians(LON)))
     assert known.mean() > 0.95
     np.testing.assert_allclose(
-        field_map.value(np.radians(LAT), np.radians(LON))[known], disturbance(LAT, LON)[known], rtol=0, atol=1.2e-7
+        field_map.value(np.radians(LAT), np.radians(LON))[known],
+        disturbance(LAT, LON)[known],
+        rtol=0,
+        atol=1.2e-7,
     )
 
 
 @pytest.mark.parametrize("crs", ["EPSG:28355", "EPSG:32755", "EPSG:3857"])
 def test_projected_systems_are_resampled(tmp_path, crs):
-    """Written on a metric grid by an exact transformation of its cell centres; read back on a geographic one."""
+    """Written on a metric grid by an exact transformation of its cell centres; read back on a
+    geographic one."""
     import pyproj
 
     to_degrees = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    x, y = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform([143.9, 145.7], [-37.3, -35.9])
-    x, y = np.arange(min(x) - 5e3, max(x) + 5e3, 500.0), np.arange(max(y) + 5e3, min(y) - 5e3, -500.0)
+    x, y = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(
+        [143.9, 145.7], [-37.3, -35.9]
+    )
+    x, y = (
+        np.arange(min(x) - 5e3, max(x) + 5e3, 500.0),
+        np.arange(max(y) + 5e3, min(y) - 5e3, -500.0),
+    )
     lon, lat = to_degrees.transform(*np.meshgrid(x, y))
     path = write(
-        tmp_path / "a.tif", disturbance(lat, lon) * 1e5, from_origin(x[0] - 250.0, y[0] + 250.0, 500.0, 500.0), crs
+        tmp_path / "a.tif",
+        disturbance(lat, lon) * 1e5,
+        from_origin(x[0] - 250.0, y[0] + 250.0, 500.0, 500.0),
+        crs,
     )
     check(read_geotiff(path), 1e-6)
     part = read_geotiff(path, window=Window(*np.radians([-36.6, -36.5, 144.5, 144.7])))
@@ -109,7 +126,8 @@ def test_projected_systems_are_resampled(tmp_path, crs):
 
 
 def test_another_datum_is_transformed(tmp_path):
-    """AGD66 lies 200 m from WGS 84; taken as it is, the field would be off by more than the tolerance."""
+    """AGD66 lies 200 m from WGS 84; taken as it is, the field would be off by more than the
+    tolerance."""
     import pyproj
 
     transform = pyproj.Transformer.from_crs("EPSG:4202", "EPSG:4326", always_xy=True)
@@ -157,7 +175,11 @@ def test_refusals(tmp_path):
         with pytest.raises(InputError) as error:
             read_geotiff(path, **options)
         assert words in str(error.value) and "\n" not in str(error.value)
-    for name, content in (("empty", b""), ("foreign", b"PK\x03\x04" * 100), ("cut", path.read_bytes()[:3000])):
+    for name, content in (
+        ("empty", b""),
+        ("foreign", b"PK\x03\x04" * 100),
+        ("cut", path.read_bytes()[:3000]),
+    ):
         (tmp_path / f"{name}.tif").write_bytes(content)
         with pytest.raises(InputError, match="cannot be read as GeoTIFF") as error:
             read_geotiff(tmp_path / f"{name}.tif")

@@ -38,7 +38,9 @@ def write(
         for key in ("lat", "lon"):
             dataset.createDimension(names[key], axes[key].size)
             variable = dataset.createVariable(names[key], "f8", (names[key],))
-            variable.units = "radians" if radians else {"lat": "degrees_north", "lon": "degrees_east"}[key]
+            variable.units = (
+                "radians" if radians else {"lat": "degrees_north", "lon": "degrees_east"}[key]
+            )
             if radians:
                 variable.standard_name = {"lat": "latitude", "lon": "longitude"}[key]
             variable[:] = np.radians(axes[key]) if radians else axes[key]
@@ -61,7 +63,9 @@ def same(one, other, tolerance=1e-15):
     lat, lon = np.meshgrid(other.latitude[1:-1], other.longitude[1:-1], indexing="ij")
     lat, lon = lat + 1e-5, lon + 1e-5
     inside = np.s_[1:-1, 1:-1]
-    np.testing.assert_allclose(one.value(lat, lon)[inside], other.value(lat, lon)[inside], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(
+        one.value(lat, lon)[inside], other.value(lat, lon)[inside], rtol=0, atol=tolerance
+    )
     assert np.isfinite(other.value(lat, lon)[inside]).all()
 
 
@@ -81,7 +85,10 @@ GMT = {"lat": "y", "lon": "x", "z": "z"}
         {"extra": ("time", "level")},
         {"pack": (3e-8, 1e-4)},
         {"names": GMT, "long_name": "gravity disturbance"},
-        {"names": {"lat": "north", "lon": "east", "z": "field"}, "standard_name": "gravity_disturbance"},
+        {
+            "names": {"lat": "north", "lon": "east", "z": "field"},
+            "standard_name": "gravity_disturbance",
+        },
     ],
     ids=str,
 )
@@ -95,9 +102,19 @@ def test_every_arrangement_is_the_same_map(tmp_path, small_map, arrangement):
 
 
 def test_units_are_converted(tmp_path, small_map):
-    for units, factor in (("mGal", 1e5), ("milligal", 1e5), ("µGal", 1e8), ("1e-5 m s-2", 1e5), ("m/s2", 1.0)):
+    for units, factor in (
+        ("mGal", 1e5),
+        ("milligal", 1e5),
+        ("µGal", 1e8),
+        ("1e-5 m s-2", 1e5),
+        ("m/s2", 1.0),
+    ):
         scaled = type(small_map)(
-            small_map.latitude, small_map.longitude, small_map.values * factor, "any", "disturbance"
+            small_map.latitude,
+            small_map.longitude,
+            small_map.values * factor,
+            "any",
+            "disturbance",
         )
         read = read_netcdf(write(tmp_path / "map.nc", scaled, units=units))
         same(read, small_map, 1e-12)
@@ -110,15 +127,21 @@ def test_what_the_file_does_not_say_is_asked_for(tmp_path, small_map):
         read_netcdf(silent)
     same(read_netcdf(silent, unit="m/s²"), small_map)
     nameless = write(tmp_path / "nameless.nc", small_map, names=GMT)
-    with pytest.raises(InputError, match=r"does not say what it is a map of; give quantity= \(--quantity\) one of"):
+    with pytest.raises(
+        InputError, match=r"does not say what it is a map of; give quantity= \(--quantity\) one of"
+    ):
         read_netcdf(nameless)
     same(read_netcdf(nameless, quantity="disturbance"), small_map)
 
 
 def test_missing_values(tmp_path, small_map):
     path = write(tmp_path / "map.nc", small_map, missing_value=float(small_map.values[5, 7]))
-    assert np.isnan(read_netcdf(path).values[5, 7]) and np.isnan(read_netcdf(path).values).sum() == 1
-    path = write(tmp_path / "range.nc", small_map, valid_min=float(np.sort(small_map.values.ravel())[3]))
+    assert (
+        np.isnan(read_netcdf(path).values[5, 7]) and np.isnan(read_netcdf(path).values).sum() == 1
+    )
+    path = write(
+        tmp_path / "range.nc", small_map, valid_min=float(np.sort(small_map.values.ravel())[3])
+    )
     assert np.isnan(read_netcdf(path).values).sum() == 3
 
 
@@ -133,9 +156,14 @@ def test_a_global_map_from_0_to_360_cut_at_greenwich(tmp_path):
         dataset["dg"][:] = 1e-4 * np.cos(np.radians(lon))[None, :] * np.ones((lat.size, 1))
     whole = read_netcdf(tmp_path / "global.nc")
     assert whole.longitude.size == 180
-    for read in (whole, read_netcdf(tmp_path / "global.nc", window=Window(*np.radians([-5.0, 5.0, -7.0, 9.0])))):
+    for read in (
+        whole,
+        read_netcdf(tmp_path / "global.nc", window=Window(*np.radians([-5.0, 5.0, -7.0, 9.0]))),
+    ):
         for degrees in (-6.9, 0.0, 8.9, 352.0):
-            assert read.value(0.01, np.radians(degrees)) == pytest.approx(1e-4 * np.cos(np.radians(degrees)), abs=1e-8)
+            assert read.value(0.01, np.radians(degrees)) == pytest.approx(
+                1e-4 * np.cos(np.radians(degrees)), abs=1e-8
+            )
     assert read.values.shape[1] < 20
 
 
@@ -155,15 +183,29 @@ def test_round_trip(tmp_path, small_map, sigma):
     values = small_map.values.copy()
     values[3, 4] = np.nan
     field_map = type(small_map)(
-        small_map.latitude, small_map.longitude, values, "m/s²", "disturbance", sigma, 4000.0, 1e-6, "here"
+        small_map.latitude,
+        small_map.longitude,
+        values,
+        "m/s²",
+        "disturbance",
+        sigma,
+        4000.0,
+        1e-6,
+        "here",
     )
     write_netcdf(field_map, tmp_path / "out.nc")
     read = read_netcdf(tmp_path / "out.nc")
     for name in ("latitude", "longitude"):
-        np.testing.assert_allclose(getattr(read, name), getattr(field_map, name), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(
+            getattr(read, name), getattr(field_map, name), rtol=0, atol=1e-14
+        )
     np.testing.assert_array_equal(read.values, values)
     np.testing.assert_array_equal(read.sigma, sigma)
-    assert (read.correlation_length, read.quantisation, read.quantity) == (4000.0, 1e-6, "disturbance")
+    assert (read.correlation_length, read.quantisation, read.quantity) == (
+        4000.0,
+        1e-6,
+        "disturbance",
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["out.nc"]
 
 
@@ -182,10 +224,26 @@ def test_the_shared_maps(shared_data):
 
 def test_refusals(tmp_path, small_map):
     cases = [
-        (write(tmp_path / "a.nc", small_map, units="furlong"), {}, "unknown unit 'furlong'; known: m/s²"),
-        (write(tmp_path / "b.nc", small_map, units="nT"), {}, "unit 'nT' does not fit a disturbance map"),
-        (write(tmp_path / "c.nc", small_map, units="mGal"), {}, "these look like m/s²: give unit=m/s²"),
-        (write(tmp_path / "d.nc", small_map), {"variable": "dg", "quantity": "gravity"}, "cannot be a gravity map"),
+        (
+            write(tmp_path / "a.nc", small_map, units="furlong"),
+            {},
+            "unknown unit 'furlong'; known: m/s²",
+        ),
+        (
+            write(tmp_path / "b.nc", small_map, units="nT"),
+            {},
+            "unit 'nT' does not fit a disturbance map",
+        ),
+        (
+            write(tmp_path / "c.nc", small_map, units="mGal"),
+            {},
+            "these look like m/s²: give unit=m/s²",
+        ),
+        (
+            write(tmp_path / "d.nc", small_map),
+            {"variable": "dg", "quantity": "gravity"},
+            "cannot be a gravity map",
+        ),
         (write(tmp_path / "e.nc", small_map), {"variable": "lat"}, "'lat' is not a grid"),
         (write(tmp_path / "f.nc", small_map), {"variable": "nix"}, "no variable 'nix'"),
         (
@@ -193,7 +251,11 @@ def test_refusals(tmp_path, small_map):
             {"quantity": "gravity"},
             "does not say which variable for gravity; give variable= (--variable) one of dg",
         ),
-        (write(tmp_path / "h.nc", small_map), {"window": Window(0.0, 0.1, 0.0, 0.1)}, "has nothing at"),
+        (
+            write(tmp_path / "h.nc", small_map),
+            {"window": Window(0.0, 0.1, 0.0, 0.1)},
+            "has nothing at",
+        ),
     ]
     for path, options, words in cases:
         with pytest.raises(InputError) as error:
@@ -202,14 +264,24 @@ def test_refusals(tmp_path, small_map):
 
 
 def test_hints_for_impossible_numbers(tmp_path, small_map):
-    mgal = type(small_map)(small_map.latitude, small_map.longitude, small_map.values * 1e5, "any", "disturbance")
+    mgal = type(small_map)(
+        small_map.latitude, small_map.longitude, small_map.values * 1e5, "any", "disturbance"
+    )
     with pytest.raises(InputError, match="these look like mGal: give unit=mGal"):
         read_netcdf(write(tmp_path / "a.nc", mgal))
-    gravity = type(small_map)(small_map.latitude, small_map.longitude, small_map.values + 9.8, "any", "disturbance")
+    gravity = type(small_map)(
+        small_map.latitude, small_map.longitude, small_map.values + 9.8, "any", "disturbance"
+    )
     with pytest.raises(InputError, match="these look like gravity: give quantity=gravity"):
         read_netcdf(write(tmp_path / "b.nc", gravity))
     with pytest.raises(InputError, match=r"cannot be a gravity map.*give unit=mGal"):
-        gal = type(small_map)(small_map.latitude, small_map.longitude, (small_map.values + 9.8) * 1e5, "any", "gravity")
+        gal = type(small_map)(
+            small_map.latitude,
+            small_map.longitude,
+            (small_map.values + 9.8) * 1e5,
+            "any",
+            "gravity",
+        )
         read_netcdf(write(tmp_path / "c.nc", gal), "dg", quantity="gravity")
 
 
@@ -244,7 +316,10 @@ def test_bad_axes(tmp_path, small_map):
 
 def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
     with netCDF4.Dataset(tmp_path / "huge.nc", "w") as dataset:
-        for name, size, unit in (("lat", 40_000, "degrees_north"), ("lon", 80_000, "degrees_east")):
+        for name, size, unit in (
+            ("lat", 40_000, "degrees_north"),
+            ("lon", 80_000, "degrees_east"),
+        ):
             dataset.createDimension(name, size)
             dataset.createVariable(name, "f8", (name,)).units = unit
             dataset[name][:] = np.linspace(-40.0, 40.0, size)
@@ -252,7 +327,9 @@ def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
         dataset["dg"][20_000:20_050, 40_000:40_050] = 3.0
     with pytest.raises(InputError, match="3,200,000,000 cells are too many"):
         read_netcdf(tmp_path / "huge.nc")
-    part = read_netcdf(tmp_path / "huge.nc", window=Window(*np.radians([0.003, 0.08, 0.003, 0.04])))
+    part = read_netcdf(
+        tmp_path / "huge.nc", window=Window(*np.radians([0.003, 0.08, 0.003, 0.04]))
+    )
     assert np.isfinite(part.values).any()
 
 
@@ -272,7 +349,9 @@ def test_no_file_is_left_half_written(tmp_path, small_map, monkeypatch):
     assert (tmp_path / "out.nc").read_bytes() == before and len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize("layout", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"])
+@pytest.mark.parametrize(
+    "layout", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"]
+)
 def test_classic_files(tmp_path, small_map, layout):
     good = tmp_path / "map.nc"
     with (
@@ -289,7 +368,9 @@ def test_classic_files(tmp_path, small_map, layout):
     whole = good.read_bytes()
     bad = tmp_path / "bad.nc"
     bad.write_bytes(whole[:-800])
-    with pytest.raises(InputError, match=f"has {len(whole) - 800} bytes, its header describes .*; cut short"):
+    with pytest.raises(
+        InputError, match=f"has {len(whole) - 800} bytes, its header describes .*; cut short"
+    ):
         read_netcdf(bad)
     count = whole.index(b"\x00\x00\x00\x0b") + 4  # of the list of variables
     bad.write_bytes(whole[:count] + b"\x7f\xff\xff\xff" + whole[count + 4 :])

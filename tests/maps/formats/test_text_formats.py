@@ -35,7 +35,15 @@ def gdf(body=None, drop=(), **changes):
     } | changes
     lines = [f"{key:24s} {value}" for key, value in header.items() if key not in drop]
     names = "  longitude  latitude  gravity_disturbance\n  [deg.]  [deg.]  [mgal]\n"
-    return "\n".join(lines) + "\n\n" + names + "end_of_head " + "=" * 30 + "\n" + (table() if body is None else body)
+    return (
+        "\n".join(lines)
+        + "\n\n"
+        + names
+        + "end_of_head "
+        + "=" * 30
+        + "\n"
+        + (table() if body is None else body)
+    )
 
 
 def save(path, text):
@@ -60,9 +68,13 @@ def test_gdf(tmp_path, small_map):
 
 def test_gdf_gaps_and_a_height_column(tmp_path, small_map):
     body = table().replace(f"{1e5 * disturbance(LAT[3], LON[4]):16.10f}", "9999.0")
-    assert np.argwhere(np.isnan(read_gdf(save(tmp_path / "gap.gdf", gdf(body))).values)).tolist() == [[3, 4]]
+    assert np.argwhere(
+        np.isnan(read_gdf(save(tmp_path / "gap.gdf", gdf(body))).values)
+    ).tolist() == [[3, 4]]
     text = gdf("".join(f"{a} {b} 500.0 {c}\n" for a, b, c in map(str.split, table().splitlines())))
-    text = text.replace("latitude  gravity_disturbance\n", "latitude  h_over_geoid  gravity_disturbance\n")
+    text = text.replace(
+        "latitude  gravity_disturbance\n", "latitude  h_over_geoid  gravity_disturbance\n"
+    )
     same(read_gdf(save(tmp_path / "height.gdf", text)), small_map)
 
 
@@ -89,10 +101,15 @@ CUT = "".join(table().splitlines(keepends=True)[:-30])
             "columns must begin with longitude, latitude",
         ),
         (
-            gdf("\n".join(" ".join((b, a, c)) for a, b, c in map(str.split, table().splitlines()))),
+            gdf(
+                "\n".join(" ".join((b, a, c)) for a, b, c in map(str.split, table().splitlines()))
+            ),
             "latitudes reach 145.65 deg",
         ),
-        (gdf("".join(f"{a} {b} 9999.0\n" for a, b, _ in map(str.split, table().splitlines()))), "all missing"),
+        (
+            gdf("".join(f"{a} {b} 9999.0\n" for a, b, _ in map(str.split, table().splitlines()))),
+            "all missing",
+        ),
         (gdf(""), "columns of numbers"),
         (gdf("1 2 3\n"), "points, the header says 480"),
     ],
@@ -109,8 +126,10 @@ def test_gdf_refusals(tmp_path, text, words):
     [
         "lon lat dg[mGal]\n" + table(),
         "# longitude latitude gravity_disturbance(mGal)\n" + table(north_first=False),
-        "latitude,longitude,dg[mGal]\n" + "".join(f"{b},{a},{c}\n" for a, b, c in map(str.split, table().splitlines())),
-        "lon;lat;h;dg[mGal]\n" + "".join(f"{a};{b};7;{c}\n" for a, b, c in map(str.split, table().splitlines())),
+        "latitude,longitude,dg[mGal]\n"
+        + "".join(f"{b},{a},{c}\n" for a, b, c in map(str.split, table().splitlines())),
+        "lon;lat;h;dg[mGal]\n"
+        + "".join(f"{a};{b};7;{c}\n" for a, b, c in map(str.split, table().splitlines())),
         "lon lat dg[mGal]\n" + "\n".join(sorted(table().splitlines())) + "\n",
     ],
     ids=["plain", "comment", "comma", "semicolon", "any order"],
@@ -136,8 +155,12 @@ def test_xyz_without_names(tmp_path, small_map):
 
 def test_xyz_with_holes(tmp_path, small_map):
     lines = table().splitlines()
-    field_map = read_xyz(save(tmp_path / "map.xyz", "lon lat dg[mGal]\n" + "\n".join(lines[:100] + lines[103:])))
-    assert np.isnan(field_map.values).sum() == 3 and field_map.values.shape == small_map.values.shape
+    field_map = read_xyz(
+        save(tmp_path / "map.xyz", "lon lat dg[mGal]\n" + "\n".join(lines[:100] + lines[103:]))
+    )
+    assert (
+        np.isnan(field_map.values).sum() == 3 and field_map.values.shape == small_map.values.shape
+    )
 
 
 @pytest.mark.parametrize(
@@ -147,9 +170,18 @@ def test_xyz_with_holes(tmp_path, small_map):
         ("lon lat dg[mGal]\n", "columns of numbers"),
         ("lon lat dg[mGal]\n1 2\n", "columns of numbers, not 3"),
         ("lon lat dg[mGal]\n1 2 3\n1 2 x\n", "not a table of numbers"),
-        ("lon lat dg[mGal]\n" + table() + table().splitlines()[0], "two points lie on the same node"),
-        ("lon lat dg[mGal]\n" + "".join(f"{np.sqrt(i)} {i % 7} 1\n" for i in range(99)), "regular grid"),
-        ("lon lat dg[mGal]\n" + "".join(f"{i} {i * 1.3 % 60} 1\n" for i in range(99)), "regular grid"),
+        (
+            "lon lat dg[mGal]\n" + table() + table().splitlines()[0],
+            "two points lie on the same node",
+        ),
+        (
+            "lon lat dg[mGal]\n" + "".join(f"{np.sqrt(i)} {i % 7} 1\n" for i in range(99)),
+            "regular grid",
+        ),
+        (
+            "lon lat dg[mGal]\n" + "".join(f"{i} {i * 1.3 % 60} 1\n" for i in range(99)),
+            "regular grid",
+        ),
         ("lon lat dg[mGal]\n" + "1 2 3\n" * 9, "all points have the same latitude"),
         ("lon lat dg[mGal]\nnan 2 3\n", "no coordinates"),
         ("lon lat a b\n1 2 3 4\n", "needs one latitude, one longitude and one value column"),

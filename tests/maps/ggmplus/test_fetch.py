@@ -118,12 +118,19 @@ def test_tiles_arrive_whole_with_progress_and_checksums(mirror, tmp_path):
         patience=QUICK,
         progress=lambda *a: seen.append(a),
     )
-    assert (result.downloaded, result.absent, result.present) == ([NAME, "S40E140.dg"], ["S45E145.dg"], [])
+    assert (result.downloaded, result.absent, result.present) == (
+        [NAME, "S40E140.dg"],
+        ["S45E145.dg"],
+        [],
+    )
     assert result.trusted == result.downloaded
     assert (tmp_path / NAME).read_bytes() == mirror.files[NAME]
     assert left(tmp_path) == sorted([NAME, "S40E140.dg", REGISTRY])
     known = read_registry(tmp_path)
-    assert known[NAME] == hashlib.sha256(mirror.files[NAME]).hexdigest() and known["S45E145.dg"] == "absent"
+    assert (
+        known[NAME] == hashlib.sha256(mirror.files[NAME]).hexdigest()
+        and known["S45E145.dg"] == "absent"
+    )
     assert seen[-1] == ("S40E140.dg", 2 * CELLS * CELLS, 2 * CELLS * CELLS)
     assert mirror.requests[0][0] == f"/data/dg/{NAME}"
 
@@ -131,7 +138,9 @@ def test_tiles_arrive_whole_with_progress_and_checksums(mirror, tmp_path):
 def test_what_is_there_is_not_fetched_again(mirror, tmp_path):
     fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
     again = fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
-    assert (again.present, again.downloaded, again.trusted) == ([NAME], [], []) and len(mirror.requests) == 1
+    assert (again.present, again.downloaded, again.trusted) == ([NAME], [], []) and len(
+        mirror.requests
+    ) == 1
 
 
 def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, tmp_path):
@@ -142,13 +151,22 @@ def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, tmp_path):
 
 @pytest.mark.parametrize(
     "trouble",
-    [["cut"], ["cut", "cut", "cut", "cut", "cut", "cut"], ["stall"], ["slow"], [503, 429, "cut"], ["cut", "lies"]],
+    [
+        ["cut"],
+        ["cut", "cut", "cut", "cut", "cut", "cut"],
+        ["stall"],
+        ["slow"],
+        [503, 429, "cut"],
+        ["cut", "lies"],
+    ],
     ids=str,
 )
 def test_troubles_that_pass(mirror, tmp_path, trouble):
     mirror.trouble[NAME] = list(trouble)
     assert fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK).downloaded == [NAME]
-    assert (tmp_path / NAME).read_bytes() == mirror.files[NAME] and left(tmp_path) == sorted([NAME, REGISTRY])
+    assert (tmp_path / NAME).read_bytes() == mirror.files[NAME] and left(tmp_path) == sorted(
+        [NAME, REGISTRY]
+    )
     if trouble[0] == "cut":
         assert mirror.requests[1][1] == f"bytes={CELLS * CELLS}-"
 
@@ -185,7 +203,9 @@ def test_troubles_that_stay(mirror, tmp_path, trouble, words):
     mirror.trouble[NAME] = list(trouble)
     seen = []
     with pytest.raises(InputError) as error:
-        fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK, progress=lambda *a: seen.append(a))
+        fetch_tiles(
+            [NAME], mirror.url, tmp_path, patience=QUICK, progress=lambda *a: seen.append(a)
+        )
     assert words in str(error.value) and "\n" not in str(error.value)
     assert all(done <= total for _, done, total in seen)
     assert NAME not in left(tmp_path)
@@ -196,7 +216,9 @@ def test_offline_is_one_clear_line(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     for url in (f"http://127.0.0.1:{port}", "http://no-such-host.invalid"):
-        with pytest.raises(InputError, match=r"cannot be reached .*; offline\?; gave up after 3 tries") as error:
+        with pytest.raises(
+            InputError, match=r"cannot be reached .*; offline\?; gave up after 3 tries"
+        ) as error:
             fetch_tiles([NAME], url, tmp_path, patience=QUICK)
         assert "\n" not in str(error.value)
 
@@ -209,7 +231,9 @@ def test_another_edition_is_refused_and_damage_repaired(mirror, tmp_path):
     assert (tmp_path / NAME).read_bytes() == good
     (tmp_path / NAME).unlink()
     mirror.files[NAME] = bytes(len(good))
-    with pytest.raises(InputError, match=r"differs from the checksum of its first download in .*checksums\.txt"):
+    with pytest.raises(
+        InputError, match=r"differs from the checksum of its first download in .*checksums\.txt"
+    ):
         fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
     assert left(tmp_path) == [REGISTRY]
 

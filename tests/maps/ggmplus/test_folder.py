@@ -15,7 +15,15 @@ from isogal.evaluation.figures.style import field_scale
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Track, Window
 from isogal.maps.field_map import FieldMap
-from isogal.maps.ggmplus.folder import CELLS, KINDS, is_ggmplus, read_ggmplus, tile_name, tiles_of, write_ggmplus
+from isogal.maps.ggmplus.folder import (
+    CELLS,
+    KINDS,
+    is_ggmplus,
+    read_ggmplus,
+    tile_name,
+    tiles_of,
+    write_ggmplus,
+)
 from isogal.maps.load import load_map, route_window
 from isogal.maps.sparse import row_spans, strip_grid
 from isogal.montecarlo.chunks import map_digest
@@ -31,7 +39,8 @@ def window(south, north, west, east):
 
 
 def tile_by_hand(path, kind, function, cut=None):
-    """Write a tile as the format is described, without any code of the library: latitude fastest, big-endian."""
+    """Write a tile as the format is described, without any code of the library: latitude fastest,
+    big-endian."""
     south = (-1 if path.name[0] == "S" else 1) * int(path.name[1:3])
     west = (-1 if path.name[3] == "W" else 1) * int(path.name[4:7])
     lon, lat = np.meshgrid(centres(west), centres(south), indexing="ij")
@@ -63,15 +72,25 @@ def folder(tmp_path_factory):
 def test_values_are_where_the_format_puts_them(folder):
     field_map = read_ggmplus(folder, "dg", window(-37.1, -37.0, 146.0, 146.2))
     lat, lon = np.degrees(field_map.latitude), np.degrees(field_map.longitude)
-    np.testing.assert_allclose(field_map.values, wave(lat[:, None], lon[None, :]), rtol=0, atol=0.51e-6)
-    assert (field_map.quantity, field_map.unit, field_map.quantisation) == ("disturbance", "m/s²", 1e-6)
+    np.testing.assert_allclose(
+        field_map.values, wave(lat[:, None], lon[None, :]), rtol=0, atol=0.51e-6
+    )
+    assert (field_map.quantity, field_map.unit, field_map.quantisation) == (
+        "disturbance",
+        "m/s²",
+        1e-6,
+    )
     np.testing.assert_allclose((lat + 90.0) / 0.002 % 1.0, 0.5, atol=1e-6)
 
 
 def test_tiles_are_joined(folder):
-    field_map = read_ggmplus(folder, None, window(-37.2, -37.0, 144.8, 145.3), quantity="disturbance")
+    field_map = read_ggmplus(
+        folder, None, window(-37.2, -37.0, 144.8, 145.3), quantity="disturbance"
+    )
     lat, lon = np.radians(np.full(200, -37.1)), np.radians(np.linspace(144.8, 145.3, 200))
-    np.testing.assert_allclose(field_map.value(lat, lon), wave(np.degrees(lat), np.degrees(lon)), rtol=0, atol=2e-6)
+    np.testing.assert_allclose(
+        field_map.value(lat, lon), wave(np.degrees(lat), np.degrees(lon)), rtol=0, atol=2e-6
+    )
 
 
 def test_no_data_and_missing_tiles_are_nan(folder):
@@ -87,14 +106,27 @@ def test_names_and_corners():
     assert tile_name(10, 180, "ga") == "N10W180.ga" and tile_name(-5, 355, "ga") == "S05W005.ga"
     route = window(-38.0, -35.0, 144.5, 150.0).grown(25_000.0)
     names = {tile_name(*corner, "ga") for corner in tiles_of(route)}
-    assert names == {"S40E140.ga", "S40E145.ga", "S40E150.ga", "S35E140.ga", "S35E145.ga", "S35E150.ga"}
-    assert [tile_name(*c, "ga") for c in tiles_of(window(1.0, 2.0, 179.9, -179.9))] == ["N00E175.ga", "N00W180.ga"]
+    assert names == {
+        "S40E140.ga",
+        "S40E145.ga",
+        "S40E150.ga",
+        "S35E140.ga",
+        "S35E145.ga",
+        "S35E150.ga",
+    }
+    assert [tile_name(*c, "ga") for c in tiles_of(window(1.0, 2.0, 179.9, -179.9))] == [
+        "N00E175.ga",
+        "N00W180.ga",
+    ]
 
 
 @pytest.mark.parametrize("extension", sorted(KINDS))
 def test_written_tiles_come_back(tmp_path, extension):
     kind = KINDS[extension]
-    lat, lon = np.radians(-35.05 + 0.001 + 0.002 * np.arange(40)), np.radians(144.97 + 0.001 + 0.002 * np.arange(30))
+    lat, lon = (
+        np.radians(-35.05 + 0.001 + 0.002 * np.arange(40)),
+        np.radians(144.97 + 0.001 + 0.002 * np.arange(30)),
+    )
     middle = 9.8 if extension == "ga" else 0.0
     values = middle + kind.step * np.random.default_rng(1).integers(-300, 300, (40, 30))
     values[3, 4] = np.nan
@@ -105,7 +137,8 @@ def test_written_tiles_come_back(tmp_path, extension):
     inside = read.values[3:-3, 3:-3]
     known = np.isfinite(inside)
     rows, columns = (
-        round((a[0] - b[0]) / np.radians(0.002)) + 3 for a, b in ((read.latitude, lat), (read.longitude, lon))
+        round((a[0] - b[0]) / np.radians(0.002)) + 3
+        for a, b in ((read.latitude, lat), (read.longitude, lon))
     )
     np.testing.assert_allclose(
         inside[known],
@@ -148,13 +181,20 @@ def test_a_folder_and_a_tile_are_recognised(tmp_path, folder):
 
 def test_a_scenario_names_the_folder(folder):
     scenario = load_scenario(
-        overrides=[f"map.source={folder}", "gravimeter.quantity=disturbance", "route.duration=3000"]
+        overrides=[
+            f"map.source={folder}",
+            "gravimeter.quantity=disturbance",
+            "route.duration=3000",
+        ]
     )
     assert map_for_scenario(scenario).quantity == "disturbance"
 
 
 def test_a_strip_is_the_window_where_it_has_values(folder, monkeypatch):
-    lat, lon = np.radians(np.linspace(-38.0, -37.0, 500)), np.radians(np.linspace(144.5, 146.5, 500))
+    lat, lon = (
+        np.radians(np.linspace(-38.0, -37.0, 500)),
+        np.radians(np.linspace(144.5, 146.5, 500)),
+    )
     around = route_window(lat, lon, 5_000.0)
     whole = read_ggmplus(folder, "dg", around._replace(track=None))
     monkeypatch.setattr("isogal.maps.ggmplus.folder.DENSE_BYTES", 0)
@@ -220,7 +260,11 @@ def four_tiles(tmp_path_factory):
 @pytest.mark.parametrize(
     "start,end,cells",
     [
-        ("[-37.5,142.5]", "[-32.5,147.5]", 6_000_000),  # from the middle of one tile to the middle of the opposite one
+        (
+            "[-37.5,142.5]",
+            "[-32.5,147.5]",
+            6_000_000,
+        ),  # from the middle of one tile to the middle of the opposite one
         ("[-39.7,140.3]", "[-30.3,149.7]", 18_000_000),  # from corner to corner
     ],
 )
@@ -242,7 +286,10 @@ def test_a_route_over_four_full_tiles_takes_under_60_mb(four_tiles, start, end, 
 @pytest.fixture
 def strip(four_tiles):
     """A map along a route over four tiles, its route."""
-    route = [f"route.{key}" for key in ("start=[-37.5,142.5]", "end=[-32.5,147.5]", "speed=100", "duration=null")]
+    route = [
+        f"route.{key}"
+        for key in ("start=[-37.5,142.5]", "end=[-32.5,147.5]", "speed=100", "duration=null")
+    ]
     field_map = map_for_scenario(load_scenario(overrides=[f"map.source={four_tiles}", *route]))
     assert field_map.strip is not None
     return field_map

@@ -30,7 +30,8 @@ def own_cache(tmp_path_factory):
 
 
 def test_values_do_not_change_between_versions():
-    """The numbers of this version. If they change, raise VERSION, or old cache files are mixed with new ones."""
+    """The numbers of this version. If they change, raise VERSION, or old cache files are mixed
+    with new ones."""
     field_map = synthetic_map("disturbance", window(-37.01, -36.99, 144.99, 145.01))
     assert VERSION == 1
     centre = np.rint(field_map.values[::4, ::4] / 1e-6).astype(int)
@@ -41,7 +42,10 @@ def test_a_place_has_one_value_whichever_window_asks():
     wide = synthetic_map("disturbance", window(-37.3, -36.8, 144.6, 145.2))
     narrow = synthetic_map("disturbance", window(-37.02, -36.97, 144.93, 145.04))
     turned = synthetic_map("disturbance", window(-37.02, -36.97, 144.93 - 360.0, 145.04 - 360.0))
-    lat, lon = np.radians(np.linspace(-37.02, -36.97, 40)), np.radians(np.linspace(144.93, 145.04, 40))
+    lat, lon = (
+        np.radians(np.linspace(-37.02, -36.97, 40)),
+        np.radians(np.linspace(144.93, 145.04, 40)),
+    )
     np.testing.assert_allclose(narrow.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
     np.testing.assert_allclose(turned.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
     assert np.isfinite(narrow.value(lat, lon)).all()
@@ -53,22 +57,30 @@ def test_it_goes_across_the_date_line():
     v = across.value(np.radians(10.01), lon)
     steps = np.abs(np.diff(v))
     assert np.isfinite(v).all() and steps[24] < 2.0 * max(steps[20], steps[28])
-    np.testing.assert_allclose(v, across.value(np.radians(10.01), lon - 2 * np.pi), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        v, across.value(np.radians(10.01), lon - 2 * np.pi), rtol=0, atol=1e-12
+    )
 
 
 def test_tiles_meet_without_a_step():
     """Second differences across the joints of tiles are like those inside them."""
     field_map = synthetic_map("disturbance", window(-37.1, -36.9, 144.9, 145.1))
-    for values, axis in ((field_map.values, field_map.latitude), (field_map.values.T, field_map.longitude)):
+    for values, axis in (
+        (field_map.values, field_map.latitude),
+        (field_map.values.T, field_map.longitude),
+    ):
         bend = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]).mean(axis=1)
-        joint = np.argmin(np.abs(np.degrees(axis[1:-1]) - np.rint(np.degrees(axis[axis.size // 2]))))
+        joint = np.argmin(
+            np.abs(np.degrees(axis[1:-1]) - np.rint(np.degrees(axis[axis.size // 2])))
+        )
         inside = np.r_[bend[joint - 30 : joint - 2], bend[joint + 3 : joint + 30]]
         assert bend[joint - 1 : joint + 2].max() < 1.5 * inside.max()
 
 
 def test_like_ggmplus():
     gravity, disturbance, height = (
-        synthetic_map(q, window(-37.1, -37.0, 145.0, 145.1)) for q in ("gravity", "disturbance", "height")
+        synthetic_map(q, window(-37.1, -37.0, 145.0, 145.1))
+        for q in ("gravity", "disturbance", "height")
     )
     np.testing.assert_allclose(
         gravity.values,
@@ -93,11 +105,14 @@ def test_a_broken_cache_file_is_made_again(tmp_path, monkeypatch):
 
 
 def test_tiles_are_made_in_another_process_or_else_here(tmp_path, monkeypatch):
-    """A node must not keep the memory of the generator; without a second process the map comes all the same."""
+    """A node must not keep the memory of the generator; without a second process the map comes all
+    the same."""
     part = window(20.5, 20.51, 30.5, 30.51)
     here = []
     real = synthetic.make_tile
-    monkeypatch.setattr(synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner))
+    monkeypatch.setattr(
+        synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner)
+    )
     monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "one"))
     seen = []
     child = synthetic_map("gravity", part, lambda *a: seen.append(a))
@@ -126,7 +141,9 @@ def test_the_default_route_is_like_the_real_terrain(shared_data):
 def test_scenarios_choose_it_by_quantity():
     short = ["route.duration=600"]
     assert map_for_scenario(load_scenario(overrides=short), margin=3000.0).quantity == "gravity"
-    dg = map_for_scenario(load_scenario(overrides=[*short, "gravimeter.quantity=disturbance"]), margin=3000.0)
+    dg = map_for_scenario(
+        load_scenario(overrides=[*short, "gravimeter.quantity=disturbance"]), margin=3000.0
+    )
     assert dg.quantity == "disturbance"
     with pytest.raises(InputError, match="is a disturbance map, but"):
         map_for_scenario(load_scenario(overrides=[*short, "map.variable=dg"]))
@@ -144,7 +161,10 @@ def test_limits():
 
 
 def test_noise_has_the_stated_rms_and_no_mean():
-    lat, lon = np.radians(np.linspace(-60.0, 60.0, 400)), np.radians(np.linspace(-180.0, 179.0, 500))
+    lat, lon = (
+        np.radians(np.linspace(-60.0, 60.0, 400)),
+        np.radians(np.linspace(-180.0, 179.0, 500)),
+    )
     out = np.empty((1, 400, 500))
     sum_of_octaves(lat, lon, np.array([0.013]), np.array([[1.0]]), 5, out)
     assert out.std() == pytest.approx(1.0, abs=0.03) and abs(out.mean()) < 0.03

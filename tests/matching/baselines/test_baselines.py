@@ -30,14 +30,21 @@ def test_all_names_of_a_scenario_are_registered():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_knows_where_the_vehicle_is_and_how_well(rough_map, name):
-    # the same prior that the errors are drawn from; the posterior is what a filter has after the fix
+    # the same prior that the errors are drawn from; the posterior is what a filter has after the
+    # fix
     prior = np.diag([150.0**2, 150.0**2, 0.05**2, 0.05**2])
     nees, ratio = [], []
     for seed in range(60):
         random = np.random.default_rng(seed)
         xi = np.sqrt(np.diag(prior)) * random.standard_normal(4)
         batch, truth = make_batch(
-            rough_map, xi, seed=seed, sigma=2e-5, prior=prior, start=random.uniform(-25e3, 20e3, 2), jacobian=GRAVIMETER
+            rough_map,
+            xi,
+            seed=seed,
+            sigma=2e-5,
+            prior=prior,
+            start=random.uniform(-25e3, 20e3, 2),
+            jacobian=GRAVIMETER,
         )
         fix, _ = build(name).match(batch, rough_map, None)
         if not fix.published:
@@ -49,7 +56,8 @@ def test_knows_where_the_vehicle_is_and_how_well(rough_map, name):
         ratio.append(np.hypot(*error) / np.hypot(*xi[:2]))
     assert len(nees) >= 50
     assert np.median(ratio) < {"iccp": 0.8}.get(name, 0.55)
-    # 60 values of chi-square(2)/2: mean 1 +- 0.13, 99.9 % below 1.45; ICCP is cautious, none may be overconfident
+    # 60 values of chi-square(2)/2: mean 1 +- 0.13, 99.9 % below 1.45; ICCP is cautious, none may
+    # be overconfident
     assert 0.15 < np.mean(nees) < 1.6
 
 
@@ -78,7 +86,9 @@ def test_less_to_say_with_a_bad_sensor(rough_map, name):
 def test_map_error_is_white_noise(rough_map, name):
     batch, _ = make_batch(rough_map, DRIFT, sigma=1e-5)
     doubted, _ = build(name, map_sigma=np.sqrt(15.0) * 1e-5).match(batch, rough_map, None)
-    noisy, _ = build(name).match(dataclasses.replace(batch, sigma=np.full(30, 4e-5)), rough_map, None)
+    noisy, _ = build(name).match(
+        dataclasses.replace(batch, sigma=np.full(30, 4e-5)), rough_map, None
+    )
     assert doubted.reason == noisy.reason
     np.testing.assert_allclose(doubted.covariance, noisy.covariance, rtol=1e-6)
     automatic, _ = build(name, map_sigma="auto").match(batch, rough_map, None)
@@ -89,7 +99,9 @@ def test_map_error_is_white_noise(rough_map, name):
 @pytest.mark.parametrize("name", ["tercom", "sitan", "particle", "point-mass"])
 def test_an_unknown_bias_is_put_up_with(rough_map, name):
     bias = 5e-5
-    batch, truth = make_batch(rough_map, (150.0, -100.0, 0.02, 0.02), sigma=2e-6, prior_sigma=(200.0, 0.05))
+    batch, truth = make_batch(
+        rough_map, (150.0, -100.0, 0.02, 0.02), sigma=2e-6, prior_sigma=(200.0, 0.05)
+    )
     batch = dataclasses.replace(batch, reading=batch.reading + bias)
     fix, _ = build(name, bias_sigma=bias).match(batch, rough_map, None)
     assert fix.published
@@ -106,14 +118,18 @@ def test_offsets_belong_to_the_readings(rough_map, name):
     shifted, _ = build(name).match(
         dataclasses.replace(batch, offset=offset, reading=batch.reading + offset), rough_map, None
     )
-    np.testing.assert_allclose([shifted.latitude, shifted.longitude], [plain.latitude, plain.longitude], atol=1e-8)
+    np.testing.assert_allclose(
+        [shifted.latitude, shifted.longitude], [plain.latitude, plain.longitude], atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_declines_with_a_reason(rough_map, name):
     matcher = build(name)
     batch, _ = make_batch(rough_map, DRIFT)
-    missing, _ = matcher.match(dataclasses.replace(batch, reading=np.full(30, np.nan)), rough_map, None)
+    missing, _ = matcher.match(
+        dataclasses.replace(batch, reading=np.full(30, np.nan)), rough_map, None
+    )
     assert missing.reason.startswith("only 0 of 30 scans have a reading")
     assert np.isnan(missing.covariance).all()
     outside, _ = make_batch(rough_map, start=(0.0, 80e3), reading=np.zeros(30))
@@ -122,7 +138,9 @@ def test_declines_with_a_reason(rough_map, name):
     flat = field_map_of(lambda n, e: 0.0 * n * e)
     nothing, _ = matcher.match(make_batch(flat)[0], flat, None)
     assert nothing.reason is not None
-    odd, _ = matcher.match(dataclasses.replace(batch, prior=np.full((4, 4), np.nan)), rough_map, None)
+    odd, _ = matcher.match(
+        dataclasses.replace(batch, prior=np.full((4, 4), np.nan)), rough_map, None
+    )
     assert odd.reason == "prior of the navigator is not finite"
 
 
@@ -144,7 +162,11 @@ def test_takes_new_readings_only(rough_map, name):
     garbled[:20] += 1.0
     one, _ = build(name).match(batch, rough_map, None)
     other, _ = build(name).match(dataclasses.replace(batch, reading=garbled), rough_map, None)
-    assert (one.latitude, one.longitude, one.reason) == (other.latitude, other.longitude, other.reason)
+    assert (one.latitude, one.longitude, one.reason) == (
+        other.latitude,
+        other.longitude,
+        other.reason,
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)

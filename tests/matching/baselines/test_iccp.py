@@ -33,7 +33,8 @@ def test_contours_of_a_plane_are_straight_lines():
 
 
 def lines(count, angle):
-    """A track northwards and for each of its points two contour lines, one along north, one along east, after a rigid move."""
+    """A track northwards and for each of its points two contour lines, one along north, one along
+    east, after a rigid move."""
     track = np.stack([200.0 * np.arange(count), np.zeros(count)], axis=1)
     lever = track - track.mean(axis=0)
     moved = np.array([30.0, -40.0]) + angle * np.stack([-lever[:, 1], lever[:, 0]], axis=1)
@@ -60,7 +61,15 @@ def test_each_start_goes_to_its_nearest_contour():
     tangent = np.tile([0.0, 1.0], (20, 1))
     for start, end in ((0.0, -100.0), (150.0, 300.0)):
         shift, _, _ = _iterate(
-            track, point, tangent, np.ones(20), 2 * np.arange(11), np.array([start, 0.0]), False, 50, 0.1
+            track,
+            point,
+            tangent,
+            np.ones(20),
+            2 * np.arange(11),
+            np.array([start, 0.0]),
+            False,
+            50,
+            0.1,
         )
         assert shift[0] == pytest.approx(end)
 
@@ -84,7 +93,9 @@ def test_finds_far_shifts_with_a_good_sensor(rough_map):
 
 
 def test_matched_contour_points_are_listed(rough_map):
-    batch, _ = make_batch(rough_map, (60.0, -40.0, 0.0, 0.0), sigma=2e-6, prior_sigma=(100.0, 0.02))
+    batch, _ = make_batch(
+        rough_map, (60.0, -40.0, 0.0, 0.0), sigma=2e-6, prior_sigma=(100.0, 0.02)
+    )
     fix, _ = Iccp().match(batch, rough_map, None)
     value = rough_map.value(fix.candidates.latitude, fix.candidates.longitude)
     np.testing.assert_allclose(value, batch.reading[fix.candidates.scan], atol=3e-6)

@@ -1,10 +1,17 @@
-"""What the baselines share: from a posterior or a measured shift to a fix, and back through a filter."""
+"""What the baselines share: from a posterior or a measured shift to a fix, and back through a
+filter."""
 
 import numpy as np
 
 from helpers.batches import field_map_of, make_batch
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.matching.baselines.readings import Scans, WhiteNoise, publish_measured, publish_posterior, shift_covariance
+from isogal.matching.baselines.readings import (
+    Scans,
+    WhiteNoise,
+    publish_measured,
+    publish_posterior,
+    shift_covariance,
+)
 
 
 def update(prior, z, R, H):
@@ -16,7 +23,10 @@ def measured_error(batch, fix):
     """The navigator's error (2,) according to the fix."""
     metres = metres_per_radian(batch.latitude[-1])
     return np.array(
-        [(batch.latitude[-1] - fix.latitude) * metres[0], (batch.longitude[-1] - fix.longitude) * metres[1]]
+        [
+            (batch.latitude[-1] - fix.latitude) * metres[0],
+            (batch.longitude[-1] - fix.longitude) * metres[1],
+        ]
     )
 
 
@@ -25,13 +35,20 @@ def test_publishing_a_posterior(rough_map):
     mean = np.array([30.0, -40.0, 0.01, 0.0])
     covariance = np.diag([50.0**2, 60.0**2, 0.04**2, 0.05**2])
     fix = publish_posterior(batch, mean, covariance, {"figure": 1.0})
-    new_mean, new_covariance = update(batch.prior, measured_error(batch, fix), fix.covariance, np.eye(2, 4))
+    new_mean, new_covariance = update(
+        batch.prior, measured_error(batch, fix), fix.covariance, np.eye(2, 4)
+    )
     np.testing.assert_allclose(new_mean[:2], mean[:2], rtol=1e-6)
     np.testing.assert_allclose(new_covariance[:2, :2], covariance[:2, :2], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(
-        np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix), covariance, rtol=1e-6, atol=1e-9
+        np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix),
+        covariance,
+        rtol=1e-6,
+        atol=1e-9,
     )
-    np.testing.assert_allclose(np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9
+    )
     nothing = publish_posterior(batch, np.zeros(4), batch.prior, {})
     assert nothing.reason == "the readings tell nothing that the navigator does not know"
 
@@ -42,7 +59,9 @@ def test_publishing_a_measurement_counts_each_reading_once(rough_map):
     np.testing.assert_allclose(measured_error(batch, fix), [30.0, -40.0], rtol=1e-9)
     np.testing.assert_allclose(fix.covariance, np.diag([300.0, 1200.0]))
     assert np.isnan(fix.scan_covariance[:20]).all()
-    np.testing.assert_allclose(np.linalg.inv(fix.scan_covariance[20:]).sum(axis=0), np.linalg.inv(fix.covariance))
+    np.testing.assert_allclose(
+        np.linalg.inv(fix.scan_covariance[20:]).sum(axis=0), np.linalg.inv(fix.covariance)
+    )
 
 
 def test_readings_in_and_out(rough_map):
@@ -73,8 +92,9 @@ def test_residuals_vanish_at_the_true_error(rough_map):
 
 
 def test_curvature_covariance_by_hand():
-    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a velocity error that looks like half a unit
-    # of the north slope shifts the fix by half a metre per unit
+    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a
+    # velocity error that looks like half a unit of the north slope shifts the fix by half a metre
+    # per unit
     slope = np.zeros((20, 4))
     slope[:10, 0], slope[10:, 1], slope[:10, 2] = 2.0, 4.0, 1.0
     covariance = shift_covariance(slope, np.ones(20), np.diag([0.36, 0.0]), 1e3)

@@ -22,7 +22,16 @@ def test_trellis_equals_trying_all_paths():
     jacobian = 1e-3 * rng.standard_normal((scans, 4))
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
     path, marginal = _trellis(
-        *grid, latitude, longitude, radian, level, np.full(scans, sigma**2), jacobian, side, start, *drift
+        *grid,
+        latitude,
+        longitude,
+        radian,
+        level,
+        np.full(scans, sigma**2),
+        jacobian,
+        side,
+        start,
+        *drift,
     )
 
     places = list(itertools.product(range(cells), range(cells)))
@@ -38,9 +47,13 @@ def test_trellis_equals_trying_all_paths():
     step = [[0.5 * d, 1.0 - d, 0.5 * d] for d in drift]
     best, best_path, total = 0.0, None, np.zeros((cells, cells))
     for candidate in itertools.product(places, repeat=scans):
-        p = np.exp(start[candidate[0]]) * np.prod([emission[(t, *place)] for t, place in enumerate(candidate)])
+        p = np.exp(start[candidate[0]]) * np.prod(
+            [emission[(t, *place)] for t, place in enumerate(candidate)]
+        )
         for (a, b), (c, d) in itertools.pairwise(candidate):
-            p *= 0.0 if max(abs(a - c), abs(b - d)) > 1 else step[0][c - a + 1] * step[1][d - b + 1]
+            p *= (
+                0.0 if max(abs(a - c), abs(b - d)) > 1 else step[0][c - a + 1] * step[1][d - b + 1]
+            )
         total[candidate[-1]] += p
         if p > best:
             best, best_path = p, candidate

@@ -1,4 +1,5 @@
-"""Filter and smoother against filterpy and against one dense least-squares solution of the whole batch."""
+"""Filter and smoother against filterpy and against one dense least-squares solution of the whole
+batch."""
 
 import numpy as np
 import pytest
@@ -26,7 +27,9 @@ def problem():
 def test_constant_velocity_by_hand():
     F, Q = constant_velocity(np.array([2.0]), 3.0)
     np.testing.assert_array_equal(F[0], [[1, 0, 2, 0], [0, 1, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]])
-    np.testing.assert_allclose(Q[0], 3.0 * np.array([[8 / 3, 0, 2, 0], [0, 8 / 3, 0, 2], [2, 0, 2, 0], [0, 2, 0, 2]]))
+    np.testing.assert_allclose(
+        Q[0], 3.0 * np.array([[8 / 3, 0, 2, 0], [0, 8 / 3, 0, 2], [2, 0, 2, 0], [0, 2, 0, 2]])
+    )
 
 
 def test_two_steps_of_noise_are_one_long_step():
@@ -95,5 +98,7 @@ def test_the_prior_scan_is_not_updated(problem):
     mean, covariance, F, Q, _, z, R = problem
     moved = z.copy()
     moved[0] += 1e6
-    for one, other in zip(forward_filter(*problem), forward_filter(mean, covariance, F, Q, H, moved, R), strict=True):
+    for one, other in zip(
+        forward_filter(*problem), forward_filter(mean, covariance, F, Q, H, moved, R), strict=True
+    ):
         np.testing.assert_array_equal(one, other)

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window, subdivision
 
-# a grid with steps of 0.001 rad and 1e5 metres per radian: 100 m cells, node (i, j) at (100 i, 100 j) m
+# a grid with steps of 0.001 rad and 1e5 metres per radian: 100 m cells, node (i, j) at (100 i, 100
+# j) m
 STEP, METRES, NODES = 1e-3, (1e5, 1e5), 41
 
 
@@ -61,12 +62,19 @@ def test_a_rectangle_holds_the_corners_that_the_ellipse_leaves_out():
     grid = grid_of(lambda n, e: 0.0 * n)
     around = look(grid, 2000.0, 2000.0, np.diag([1e4, 1e4]), 0.0)[0]
     box = look(grid, 2000.0, 2000.0, np.diag([1e4, 1e4]), 0.0, rectangle=True)[0]
-    assert sorted(map(tuple, np.rint(around))) == [(-100, 0), (0, -100), (0, 0), (0, 100), (100, 0)]
+    assert sorted(map(tuple, np.rint(around))) == [
+        (-100, 0),
+        (0, -100),
+        (0, 0),
+        (0, 100),
+        (100, 0),
+    ]
     assert len(box) == 9
 
 
 def test_nearest_values_on_a_slope_by_hand():
-    # the value is the distance north in km: of the nodes at 1.9, 2.0, ... km, 2.04 is nearest to 2.0, then 2.1
+    # the value is the distance north in km: of the nodes at 1.9, 2.0, ... km, 2.04 is nearest to
+    # 2.0, then 2.1
     offset, mismatch, gradient = look(
         grid_of(lambda n, e: n / 1000.0),
         2000.0,
@@ -98,8 +106,8 @@ def test_one_reading_fits_both_flanks_of_a_hill():
 
 
 def test_reduction_with_the_wrong_position_is_undone():
-    # a flat map, but readings fall by 1 per 100 m that the navigator is too far north; so a point 100 m north of it, where the
-    # navigator would be 100 m too far south, predicts 1 more
+    # a flat map, but readings fall by 1 per 100 m that the navigator is too far north; so a point
+    # 100 m north of it, where the navigator would be 100 m too far south, predicts 1 more
     offset, _, gradient = look(
         grid_of(lambda n, e: 0.0 * n),
         2000.0,
@@ -152,14 +160,22 @@ def test_missing_and_outside_are_never_candidates():
     st.floats(900.0, 3100.0), st.floats(900.0, 3100.0), st.floats(0.0, 5.0), st.floats(1e3, 4e5), st.floats(1e3, 4e5),
     st.floats(-0.9, 0.9), st.booleans(), st.integers(1, 30),
 )  # fmt: skip
-def test_equals_sorting_all_cells_of_the_window(north, east, reading, nn, ee, correlation, rectangle, wanted):
+def test_equals_sorting_all_cells_of_the_window(
+    north, east, reading, nn, ee, correlation, rectangle, wanted
+):
     grid = grid_of(lambda n, e: np.sin(n / 300.0) + np.cos(e / 211.0) + n * e / 4e6)
-    covariance = np.array([[nn, correlation * np.sqrt(nn * ee)], [correlation * np.sqrt(nn * ee), ee]])
-    offset, mismatch, _ = look(grid, north, east, covariance, reading, rectangle=rectangle, minimum=60.0, wanted=wanted)
+    covariance = np.array(
+        [[nn, correlation * np.sqrt(nn * ee)], [correlation * np.sqrt(nn * ee), ee]]
+    )
+    offset, mismatch, _ = look(
+        grid, north, east, covariance, reading, rectangle=rectangle, minimum=60.0, wanted=wanted
+    )
     shape, half_width = search_window(covariance, 1.0, 60.0, rectangle)
     i, j = np.meshgrid(np.arange(1, NODES - 1), np.arange(1, NODES - 1), indexing="ij")
     d = np.stack([100.0 * i - north, 100.0 * j - east], -1)
-    inside = (np.abs(d) <= half_width).all(-1) & (np.einsum("...i,ij,...j->...", d, shape, d) <= 1.0)
+    inside = (np.abs(d) <= half_width).all(-1) & (
+        np.einsum("...i,ij,...j->...", d, shape, d) <= 1.0
+    )
     brute = np.sort(np.abs(reading - grid[0][i, j])[inside])[:wanted]
     np.testing.assert_allclose(np.abs(mismatch), brute, atol=1e-9)
     assert (np.abs(offset) <= half_width + 1e-6).all()

@@ -1,4 +1,5 @@
-"""The paper's matcher: its iteration against an independent one, its fixes on a made-up and on a real field, what it declines."""
+"""The paper's matcher: its iteration against an independent one, its fixes on a made-up and on a
+real field, what it declines."""
 
 import numpy as np
 import pytest
@@ -20,7 +21,9 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     rng = np.random.default_rng(5)
     scans, n, q, iterations = 6, 4, 1e-3, 4
     time = 10.0 * np.arange(scans)
-    navigator = np.concatenate([200.0 * np.arange(scans)[:, None] * np.ones(2), np.full((scans, 2), 20.0)], axis=1)
+    navigator = np.concatenate(
+        [200.0 * np.arange(scans)[:, None] * np.ones(2), np.full((scans, 2), 20.0)], axis=1
+    )
     first = np.diag([300.0**2, 200.0**2, 0.3**2, 0.3**2])
     candidates = navigator[:, None, :2] + rng.normal(scale=300.0, size=(scans, n, 2))
     variances = rng.uniform(80.0, 200.0, (scans, n)) ** 2
@@ -34,7 +37,10 @@ def test_iteration_equals_section_3_2_written_out(predicted):
             if count[t]:
                 used = variances[t] if R_bar is None else np.full(n, R_bar[t])
                 p = np.array(
-                    [multivariate_normal.pdf(candidates[t, i], centre[t], used[i] * np.eye(2)) for i in range(count[t])]
+                    [
+                        multivariate_normal.pdf(candidates[t, i], centre[t], used[i] * np.eye(2))
+                        for i in range(count[t])
+                    ]
                 )
                 w = p / p.sum()
                 z_bar[t] = w @ candidates[t, : count[t]]
@@ -58,7 +64,16 @@ def test_iteration_equals_section_3_2_written_out(predicted):
         centre = np.array(predictions)[:, :2, 0] if predicted else X[:, :2].copy()
 
     state, covariance, weight, done, _ = _maximise(
-        navigator, first, np.diff(time), candidates, variances, count, q, iterations, 0.0, predicted
+        navigator,
+        first,
+        np.diff(time),
+        candidates,
+        variances,
+        count,
+        q,
+        iterations,
+        0.0,
+        predicted,
     )
     assert done == iterations
     np.testing.assert_allclose(state, X, rtol=1e-8)
@@ -70,7 +85,9 @@ def test_finds_the_vehicle_on_a_rough_map(rough_map):
     errors = []
     for seed in range(10):
         offset = np.random.default_rng(seed).uniform(-400.0, 400.0, 2)
-        batch, truth = make_batch(rough_map, (*offset, 0.03, -0.02), seed=seed, start=200.0 * (seed - 50) * np.ones(2))
+        batch, truth = make_batch(
+            rough_map, (*offset, 0.03, -0.02), seed=seed, start=200.0 * (seed - 50) * np.ones(2)
+        )
         fix, _ = PmhtPaper().match(batch, rough_map, None)
         assert fix.published
         errors.append(np.hypot(*truth.error_of(fix)))
@@ -86,7 +103,9 @@ def test_along_the_real_route(shared_data):
         random = np.random.default_rng(seed)
         # over the rough half of the route (paper: the first hour has too few features)
         start = (random.uniform(-50e3, 50e3), random.uniform(-50e3, 50e3))
-        batch, truth = make_batch(field_map, (*random.normal(0, 300.0, 2), 0.03, -0.03), seed=seed, start=start)
+        batch, truth = make_batch(
+            field_map, (*random.normal(0, 300.0, 2), 0.03, -0.03), seed=seed, start=start
+        )
         fix, _ = PmhtPaper().match(batch, field_map, None)
         errors.append(np.hypot(*truth.error_of(fix)))
     assert np.median(errors) < 250.0
@@ -99,7 +118,8 @@ def test_candidates_are_listed_with_their_weights(rough_map):
     np.testing.assert_allclose(sums, 1.0)
     assert np.bincount(fix.candidates.scan).max() == 20
     nearness = np.abs(
-        rough_map.value(fix.candidates.latitude, fix.candidates.longitude) - batch.reading[fix.candidates.scan]
+        rough_map.value(fix.candidates.latitude, fix.candidates.longitude)
+        - batch.reading[fix.candidates.scan]
     )
     assert np.median(nearness) < 1e-5
     assert {"feature_variability", "iterations", "spread"} <= set(fix.diagnostics)
@@ -141,7 +161,9 @@ def test_declines_off_the_map_and_where_it_ends(rough_map):
 
 
 def test_stops_aiding_where_the_map_is_flat():
-    flat_here = field_map_of(lambda n, e: 1e-4 * np.where(n > 20e3, np.sin(n / 1e3), 0.0) + 0.0 * e)
+    flat_here = field_map_of(
+        lambda n, e: 1e-4 * np.where(n > 20e3, np.sin(n / 1e3), 0.0) + 0.0 * e
+    )
     batch, _ = make_batch(flat_here)
     fix, _ = PmhtPaper().match(batch, flat_here, None)
     assert fix.reason.startswith("map feature variability 0 of")
@@ -150,10 +172,14 @@ def test_stops_aiding_where_the_map_is_flat():
 
 def test_the_less_feature_the_more_covariance(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
-    plain, _ = PmhtPaper(PaperOptions(covariance_factor=1.0, variability_exponent=0.0)).match(batch, rough_map, None)
+    plain, _ = PmhtPaper(PaperOptions(covariance_factor=1.0, variability_exponent=0.0)).match(
+        batch, rough_map, None
+    )
     weighted, _ = PmhtPaper().match(batch, rough_map, None)
     variability = weighted.diagnostics["feature_variability"]
-    np.testing.assert_allclose(weighted.covariance, 30.0 / variability * plain.covariance, rtol=1e-12)
+    np.testing.assert_allclose(
+        weighted.covariance, 30.0 / variability * plain.covariance, rtol=1e-12
+    )
     # half of the readings were used before: each counts once over two batches
     overlapping, _ = make_batch(rough_map, ERROR, new=15)
     twice, _ = PmhtPaper().match(overlapping, rough_map, None)
@@ -166,7 +192,9 @@ def test_retrodiction_holds_the_information_once(rough_map):
     fix, _ = matcher.match(batch, rough_map, None)
     assert fix.scan_position.shape == (30, 2)
     np.testing.assert_allclose(fix.scan_position[-1], [fix.latitude, fix.longitude])
-    np.testing.assert_allclose(np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9
+    )
 
 
 def test_stops_early_when_told_to(rough_map):

@@ -1,4 +1,5 @@
-"""The search over tens of kilometres: the true place is among the tiles, evidence and moments are right, nothing off the map."""
+"""The search over tens of kilometres: the true place is among the tiles, evidence and moments are
+right, nothing off the map."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ NOISE = NoiseModel()
 OFFSET = np.array([500.0, -500.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("error", [(8000.0, -6000.0, 0.0, 0.0), (-12000.0, 9000.0, 0.1, -0.1), (0.0, 0.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "error", [(8000.0, -6000.0, 0.0, 0.0), (-12000.0, 9000.0, 0.1, -0.1), (0.0, 0.0, 0.0, 0.0)]
+)
 def test_the_true_place_is_among_the_tiles(rough_map, error):
     batch, _ = make_batch(rough_map, error, scans=60, prior_sigma=(10e3, 0.1))
     found = acquire(BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 64)
@@ -35,29 +38,37 @@ def test_the_true_place_is_among_the_tiles(rough_map, error):
 def test_around_another_mean(rough_map):
     error = np.array([8000.0, -6000.0, 0.0, 0.0])
     batch, _ = make_batch(rough_map, error, scans=60, prior_sigma=(3e3, 0.1))
-    tiles, _, _ = acquire(BatchLikelihood.of(batch, rough_map, NOISE), error + OFFSET, batch.prior, 16)
+    tiles, _, _ = acquire(
+        BatchLikelihood.of(batch, rough_map, NOISE), error + OFFSET, batch.prior, 16
+    )
     assert np.linalg.norm(tiles.mean[0, :2] - error[:2]) < 300.0
 
 
 @pytest.mark.parametrize("error", [(300.0, -200.0, 0.0, 0.0), (1500.0, 500.0, 0.02, -0.03)])
 @pytest.mark.parametrize("sigma", [1e-4, 1e-5, 1e-6])
 def test_evidence_is_the_samplers(rough_map, sigma, error):
-    """Where noise is small against what the map changes within a cell it may be too low, as the cells are widened, never too high."""
+    """Where noise is small against what the map changes within a cell it may be too low, as the
+    cells are widened, never too high."""
     batch, _ = make_batch(rough_map, error, prior_sigma=(800.0, 0.01), sigma=sigma)
     likelihood = BatchLikelihood.of(batch, rough_map, NOISE)
     _, evidence, _ = acquire(likelihood, np.zeros(4), batch.prior, 64)
-    posterior, _ = sample(likelihood, Mixture.gaussian(np.zeros(4), batch.prior), Sampling(samples=8192))
+    posterior, _ = sample(
+        likelihood, Mixture.gaussian(np.zeros(4), batch.prior), Sampling(samples=8192)
+    )
     assert posterior.beta == 1.0
     assert evidence < posterior.log_evidence + 0.5
     assert evidence > posterior.log_evidence - (0.5 if sigma > 5e-6 else 30.0)
 
 
 def test_a_ridge_on_a_plane_is_tiled():
-    """One contour across the search area: tiles follow it, with the posterior's extent along and across."""
+    """One contour across the search area: tiles follow it, with the posterior's extent along and
+    across."""
     slope = 5e-8
     plane = field_map_of(lambda north, east: slope * north + 0.0 * east, half=60e3, step=2000.0)
     batch, _ = make_batch(plane, (1000.0, 0.0, 0.0, 0.0), prior_sigma=(3000.0, 1e-4), sigma=1e-4)
-    tiles, evidence, _ = acquire(BatchLikelihood.of(batch, plane, NOISE), np.zeros(4), batch.prior, 400)
+    tiles, evidence, _ = acquire(
+        BatchLikelihood.of(batch, plane, NOISE), np.zeros(4), batch.prior, 400
+    )
     mean, covariance = tiles.moments()
     across = 1e-4 / slope / np.sqrt(30.0)
     assert mean[0] == pytest.approx(1000.0, abs=4.0 * across)
@@ -66,7 +77,9 @@ def test_a_ridge_on_a_plane_is_tiled():
     assert len(tiles) > 30
     H = -slope * batch.transition[:, 0]
     value = plane.value(batch.latitude, batch.longitude)
-    exact = multivariate_normal.logpdf(batch.reading, value, H @ batch.prior @ H.T + 1e-8 * np.eye(30))
+    exact = multivariate_normal.logpdf(
+        batch.reading, value, H @ batch.prior @ H.T + 1e-8 * np.eye(30)
+    )
     assert evidence - 30 * np.log(1e-4) - 15 * np.log(2 * np.pi) == pytest.approx(exact, abs=0.3)
 
 
@@ -78,6 +91,8 @@ def test_nothing_off_the_map(rough_map):
 
 def test_partly_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, start=(30e3, 0.0), prior_sigma=(8000.0, 0.1))
-    tiles, _, _ = acquire(BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 16)
+    tiles, _, _ = acquire(
+        BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 16
+    )
     assert np.isfinite(tiles.mean).all()
     assert np.linalg.norm(tiles.mean[:, :2], axis=1).min() < 300.0

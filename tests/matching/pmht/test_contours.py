@@ -16,7 +16,9 @@ ERROR = np.array([120.0, -60.0, 0.02, 0.01])
 def errors_of(batch, candidates):
     """Navigator's error (m) that each candidate stands for."""
     t = candidates.scan
-    return -horizontal_difference(candidates.latitude, candidates.longitude, batch.latitude[t], batch.longitude[t])
+    return -horizontal_difference(
+        candidates.latitude, candidates.longitude, batch.latitude[t], batch.longitude[t]
+    )
 
 
 @pytest.mark.parametrize("jacobian", [(0.0, 0.0, 0.0, 0.0), (1e-9, 0.0, 1e-5, 1e-4)])
@@ -38,14 +40,20 @@ def test_weights_are_a_distribution_over_each_scan(rough_map):
     some = total > 0.0  # near an extremum of the map the contour may be out of reach
     assert some.sum() >= 28
     np.testing.assert_allclose(total[some], 1.0, atol=1e-4)
-    assert candidates.latitude.shape == candidates.longitude.shape == candidates.weight.shape == candidates.scan.shape
+    assert (
+        candidates.latitude.shape
+        == candidates.longitude.shape
+        == candidates.weight.shape
+        == candidates.scan.shape
+    )
     assert candidates.weight.min() > 0.0
     apart = errors_of(batch, candidates) - ERROR[:2]
     assert (np.abs(apart) < 5.5 * np.sqrt([150.0**2 + 15.0**2, 80.0**2 + 15.0**2])).all()
 
 
 def test_on_a_plane_they_line_up_along_the_contour():
-    """The map rises to the north: contours run east, so the north error is known and the east error is not."""
+    """The map rises to the north: contours run east, so the north error is known and the east
+    error is not."""
     slope = 3e-8
     plane = field_map_of(lambda north, east: slope * north + 0.0 * east, step=2000.0)
     batch, _ = make_batch(plane, ERROR, seed=None)
@@ -63,7 +71,9 @@ def test_scans_without_a_reading_and_older_ones_have_none(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
     reading = batch.reading.copy()
     reading[[12, 25]] = np.nan
-    candidates = contour_candidates(replace(batch, reading=reading, new=20), rough_map, ERROR, COVARIANCE)
+    candidates = contour_candidates(
+        replace(batch, reading=reading, new=20), rough_map, ERROR, COVARIANCE
+    )
     assert set(candidates.scan) == set(range(10, 30)) - {12, 25}
     assert candidates.scan.dtype == np.int64
 

@@ -18,7 +18,9 @@ GRAVIMETER = (-8e-9, 0.0, 6e-6, 1.2e-4)
 def by_sampling(batch: Batch, field_map, bias_sigma=0.0, samples=400_000):
     """Mean and covariance of xi by weighing samples of the prior."""
     likelihood = BatchLikelihood.of(batch, field_map, NoiseModel(bias_sigma=bias_sigma))
-    xi = np.random.default_rng(0).multivariate_normal(np.zeros(4), batch.prior, samples, method="cholesky")
+    xi = np.random.default_rng(0).multivariate_normal(
+        np.zeros(4), batch.prior, samples, method="cholesky"
+    )
     log = likelihood.log(xi)
     weight = np.exp(log - log.max())
     weight /= weight.sum()
@@ -32,8 +34,11 @@ def posterior_of(batch, fix):
     return covariance @ fix.information.vector, covariance
 
 
-# a prior with the velocity error that drifting for an hour leaves: correlated with the position error
-PRIOR = np.array([[250.0**2, 0, 8.0, 0], [0, 200.0**2, 0, 6.0], [8.0, 0, 0.06**2, 0], [0, 6.0, 0, 0.06**2]])
+# a prior with the velocity error that drifting for an hour leaves: correlated with the position
+# error
+PRIOR = np.array(
+    [[250.0**2, 0, 8.0, 0], [0, 200.0**2, 0, 6.0], [8.0, 0, 0.06**2, 0], [0, 6.0, 0, 0.06**2]]
+)
 
 
 @pytest.mark.parametrize("sigma", [1.5e-5, 8e-5])
@@ -42,10 +47,17 @@ PRIOR = np.array([[250.0**2, 0, 8.0, 0], [0, 200.0**2, 0, 6.0], [8.0, 0, 0.06**2
 def test_moments_of_the_posterior(rough_map, sigma, bias_sigma, name):
     noise = WhiteNoise(bias_sigma=bias_sigma)
     matcher = (
-        PointMass(noise) if name == "point-mass" else Particle(noise, ParticleOptions(particles=20_000, noise=0.1))
+        PointMass(noise)
+        if name == "point-mass"
+        else Particle(noise, ParticleOptions(particles=20_000, noise=0.1))
     )
     batch, _ = make_batch(
-        rough_map, (200.0, 150.0, 0.05, -0.04), sigma=sigma, prior=PRIOR, start=(5e3, -8e3), jacobian=GRAVIMETER
+        rough_map,
+        (200.0, 150.0, 0.05, -0.04),
+        sigma=sigma,
+        prior=PRIOR,
+        start=(5e3, -8e3),
+        jacobian=GRAVIMETER,
     )
     fix, _ = matcher.match(batch, rough_map, None)
     mean, covariance = by_sampling(batch, rough_map, bias_sigma)
@@ -56,9 +68,9 @@ def test_moments_of_the_posterior(rough_map, sigma, bias_sigma, name):
     np.testing.assert_allclose(told[:2] / spread[:2], mean[:2] / spread[:2], atol=2.0 * slack)
     np.testing.assert_allclose(np.sqrt(np.diag(told_covariance)[:2]), spread[:2], rtol=slack)
     correlation = covariance[0, 1] / (spread[0] * spread[1])
-    assert told_covariance[0, 1] / np.sqrt(told_covariance[0, 0] * told_covariance[1, 1]) == pytest.approx(
-        correlation, abs=2.0 * slack
-    )
+    assert told_covariance[0, 1] / np.sqrt(
+        told_covariance[0, 0] * told_covariance[1, 1]
+    ) == pytest.approx(correlation, abs=2.0 * slack)
     if name == "point-mass":  # velocity as well
         np.testing.assert_allclose(told / spread, mean / spread, atol=0.1)
         np.testing.assert_allclose(np.sqrt(np.diag(told_covariance)), spread, rtol=0.06)
@@ -83,13 +95,17 @@ def test_velocity_and_bias_are_integrated_out(rough_map):
         dense[k] = multivariate_normal.logpdf(residual, np.zeros(30), S)
         K = linear @ D.T @ np.linalg.inv(S)
         np.testing.assert_allclose(velocity[k], (gain @ p) + (K @ residual)[:2], rtol=1e-3)
-        np.testing.assert_allclose(spread[k], (linear - K @ D @ linear)[:2, :2], rtol=1e-3, atol=1e-6)
+        np.testing.assert_allclose(
+            spread[k], (linear - K @ D @ linear)[:2, :2], rtol=1e-3, atol=1e-6
+        )
     np.testing.assert_allclose(np.diff(log), np.diff(dense), rtol=1e-4, atol=0.02)
 
 
 def test_a_posterior_between_the_nodes_is_found(rough_map):
     # first grid: 188 m between nodes; posterior: a few metres
-    batch, truth = make_batch(rough_map, (333.0, -287.0, 0.002, 0.001), sigma=5e-7, prior_sigma=(500.0, 0.005))
+    batch, truth = make_batch(
+        rough_map, (333.0, -287.0, 0.002, 0.001), sigma=5e-7, prior_sigma=(500.0, 0.005)
+    )
     fix, _ = PointMass().match(batch, rough_map, None)
     assert np.hypot(*truth.error_of(fix)) < 15.0
     assert fix.diagnostics["levels"] > 2.0
@@ -104,6 +120,8 @@ def test_too_few_levels_say_so(rough_map):
 
 
 def test_particles_that_do_not_agree_say_so(rough_map):
-    batch, _ = make_batch(rough_map, (800.0, -700.0, 0.0, 0.0), sigma=5e-7, prior_sigma=(100.0, 0.01))
+    batch, _ = make_batch(
+        rough_map, (800.0, -700.0, 0.0, 0.0), sigma=5e-7, prior_sigma=(100.0, 0.01)
+    )
     fix, _ = Particle().match(batch, rough_map, None)
     assert fix.reason == "too few particles agree with the readings"

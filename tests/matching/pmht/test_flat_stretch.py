@@ -1,4 +1,5 @@
-"""A flat stretch and a poor map: the truth may be in the tail of a posterior for an hour, and must not be forgotten there."""
+"""A flat stretch and a poor map: the truth may be in the tail of a posterior for an hour, and must
+not be forgotten there."""
 
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.montecarlo.engine import simulate
@@ -7,7 +8,8 @@ from isogal.sensors.trajectory import build_trajectory
 
 
 def test_the_tail_of_a_wide_posterior_is_not_forgotten():
-    """Run 95 of the synthetic map with 8 mGal of map error, whose navigator went 4 km astray while it claimed 500 m."""
+    """Run 95 of the synthetic map with 8 mGal of map error, whose navigator went 4 km astray while
+    it claimed 500 m."""
     scenario = Scenario(
         route={"duration": 9600.0},
         gravimeter={"quantity": "disturbance", "sigma": 1e-6},

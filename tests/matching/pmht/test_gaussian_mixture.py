@@ -1,4 +1,5 @@
-"""Gaussian mixtures: density, drawing, moments, transition, joining, and fitting separate groups of samples."""
+"""Gaussian mixtures: density, drawing, moments, transition, joining, and fitting separate groups
+of samples."""
 
 import numpy as np
 import pytest
@@ -27,7 +28,10 @@ def mixture(count=3, seed=0):
 def test_density_equals_scipy(count):
     it = mixture(count)
     x = np.random.default_rng(1).normal(0.0, 1500.0, (50, 4)) * [1.0, 1.0, 1e-3, 1e-3]
-    parts = [w * multivariate_normal.pdf(x, m, P) for w, m, P in zip(it.weight, it.mean, it.covariance, strict=True)]
+    parts = [
+        w * multivariate_normal.pdf(x, m, P)
+        for w, m, P in zip(it.weight, it.mean, it.covariance, strict=True)
+    ]
     expected = np.log(np.sum(parts, axis=0))
     good = np.isfinite(expected)
     assert good.sum() > 20
@@ -46,8 +50,13 @@ def test_draws_have_the_moments_of_the_mixture():
     mean, covariance = it.moments()
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((x.mean(axis=0) - mean) / deviation, 0.0, atol=4.5 / 200.0)
-    np.testing.assert_allclose((np.cov(x.T) - covariance) / deviation / deviation[:, None], 0.0, atol=0.05)
-    assert it.draw(np.array([[1.0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0]])).shape == (2, 4)  # both ends of the unit interval
+    np.testing.assert_allclose(
+        (np.cov(x.T) - covariance) / deviation / deviation[:, None], 0.0, atol=0.05
+    )
+    assert it.draw(np.array([[1.0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0]])).shape == (
+        2,
+        4,
+    )  # both ends of the unit interval
 
 
 def test_moments_of_one():
@@ -106,7 +115,10 @@ def test_pruning_keeps_weights_a_distribution(seed):
 @given(st.integers(0, 2**32 - 1))
 def test_one_cloud_is_one_group(seed):
     random = np.random.default_rng(seed)
-    x = random.standard_normal((800, 4)) @ np.linalg.cholesky(random_covariance(SIGMA, seed % 1000)).T
+    x = (
+        random.standard_normal((800, 4))
+        @ np.linalg.cholesky(random_covariance(SIGMA, seed % 1000)).T
+    )
     fitted, labels = fit(x, np.full(800, 1.0 / 800), 6, FLOOR)
     assert len(fitted) == 1
     assert not labels.any()
@@ -117,12 +129,16 @@ def test_one_cloud_is_one_group(seed):
 
 def clouds(centres, sizes, seed=3, sigma=SIGMA):
     random = np.random.default_rng(seed)
-    x = [random.standard_normal((n, 4)) * sigma + np.append(c, [0.0, 0.0]) for c, n in zip(centres, sizes, strict=True)]
+    x = [
+        random.standard_normal((n, 4)) * sigma + np.append(c, [0.0, 0.0])
+        for c, n in zip(centres, sizes, strict=True)
+    ]
     return np.concatenate(x), np.repeat(np.arange(len(sizes)), sizes)
 
 
 @pytest.mark.parametrize(
-    "centres", [[(0.0, 0.0), (4000.0, 0.0)], [(0.0, 0.0), (0.0, 4000.0), (4000.0, 0.0), (4000.0, 4000.0)]]
+    "centres",
+    [[(0.0, 0.0), (4000.0, 0.0)], [(0.0, 0.0), (0.0, 4000.0), (4000.0, 0.0), (4000.0, 4000.0)]],
 )
 def test_separate_clouds_are_separate_groups(centres):
     sizes = [400, 300, 200, 100][: len(centres)]
@@ -160,7 +176,12 @@ def ridge(count, seed):
     random = np.random.default_rng(seed)
     along = random.standard_normal(count)
     x = SIGMA * np.stack(
-        [along, along**2 + 0.1 * random.standard_normal(count), *random.standard_normal((2, count))], -1
+        [
+            along,
+            along**2 + 0.1 * random.standard_normal(count),
+            *random.standard_normal((2, count)),
+        ],
+        -1,
     )
     return x, random.uniform(0.1, 1.0, count)
 

@@ -1,4 +1,5 @@
-"""Several hypotheses and one batch: weights go by evidence, dead ones are dropped, equal ones joined."""
+"""Several hypotheses and one batch: weights go by evidence, dead ones are dropped, equal ones
+joined."""
 
 import numpy as np
 import pytest
@@ -29,12 +30,16 @@ def tiles_around(middle):
     """Four tiles side by side."""
     offsets = 150.0 * np.array([[0.7, 0.7], [0.7, -0.7], [-0.7, 0.7], [-0.7, -0.7]])
     means = np.asarray(middle) + np.column_stack([offsets, np.zeros((4, 2))])
-    return Mixture(np.full(4, 0.25), means, np.stack([np.diag([80.0**2, 80.0**2, 4e-4, 4e-4])] * 4))
+    return Mixture(
+        np.full(4, 0.25), means, np.stack([np.diag([80.0**2, 80.0**2, 4e-4, 4e-4])] * 4)
+    )
 
 
 def test_the_wrong_place_dies_by_its_evidence(rough_map):
     likelihood, prior = likelihood_of(rough_map)
-    result = update(likelihood, places(prior, [[4000.0, 4000.0, 0, 0], ERROR], [0.9, 0.1]), SAMPLING, 16)
+    result = update(
+        likelihood, places(prior, [[4000.0, 4000.0, 0, 0], ERROR], [0.9, 0.1]), SAMPLING, 16
+    )
     assert len(result.belief) == 1
     assert result.belief.weight[0] == 1.0
     assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
@@ -43,9 +48,12 @@ def test_the_wrong_place_dies_by_its_evidence(rough_map):
 
 
 def test_weights_go_by_prior_times_evidence():
-    """A map of two equal halves: the same readings fit 8 km apart, with equal evidence, so the prior's weights stay."""
+    """A map of two equal halves: the same readings fit 8 km apart, with equal evidence, so the
+    prior's weights stay."""
     waves = field_map_of(
-        lambda n, e: 5e-5 * (np.sin(2 * np.pi * n / 8000.0) + np.sin(2 * np.pi * (e + 0.4 * n) / 5000.0))
+        lambda n, e: (
+            5e-5 * (np.sin(2 * np.pi * n / 8000.0) + np.sin(2 * np.pi * (e + 0.4 * n) / 5000.0))
+        )
     )
     likelihood, prior = likelihood_of(waves, np.zeros(4))
     there = [8000.0, 0.4 * -8000.0 + 5000.0, 0.0, 0.0]
@@ -63,7 +71,9 @@ def test_two_that_come_to_the_same_place_are_joined(rough_map):
     assert len(result.belief) == 1
     whole, _ = sample(likelihood, places(prior, around, [0.5, 0.5]), SAMPLING)
     deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
-    np.testing.assert_allclose((result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.2)
+    np.testing.assert_allclose(
+        (result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.2
+    )
     assert result.log_evidence == pytest.approx(whole.log_evidence, abs=0.1)
 
 
@@ -78,8 +88,15 @@ def test_at_most_so_many(rough_map):
 
 def test_none_on_the_map(rough_map):
     likelihood, prior = likelihood_of(rough_map)
-    assert update(likelihood, places(prior, [[1e6, 0, 0, 0], [0, 1e6, 0, 0]], [0.5, 0.5]), SAMPLING, 16) is None
-    one_left = update(likelihood, places(prior, [[1e6, 0, 0, 0], ERROR], [0.999, 0.001]), SAMPLING, 16)
+    assert (
+        update(
+            likelihood, places(prior, [[1e6, 0, 0, 0], [0, 1e6, 0, 0]], [0.5, 0.5]), SAMPLING, 16
+        )
+        is None
+    )
+    one_left = update(
+        likelihood, places(prior, [[1e6, 0, 0, 0], ERROR], [0.999, 0.001]), SAMPLING, 16
+    )
     assert np.linalg.norm(one_left.belief.mean[0, :2] - ERROR[:2]) < 100.0
 
 
@@ -91,19 +108,27 @@ def test_a_wide_prior_is_searched(rough_map):
 
 
 def test_of_many_the_right_one_survives_a_glance(rough_map):
-    """A thousand places on a lattice, the true one with little weight: it must win, and the others must not all be sampled."""
+    """A thousand places on a lattice, the true one with little weight: it must win, and the others
+    must not all be sampled."""
     likelihood, _ = likelihood_of(rough_map)
     side = 400.0 * np.arange(-16, 17)
     lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2) + ERROR[:2]
     means = np.column_stack([lattice, np.zeros((len(lattice), 2))])
     weight = np.where(np.abs(lattice - ERROR[:2]).max(axis=1) < 1.0, 0.3, 1.0)
-    prior = Mixture(weight / weight.sum(), means, np.stack([np.diag([120.0**2, 120.0**2, 4e-4, 4e-4])] * len(means)))
+    prior = Mixture(
+        weight / weight.sum(),
+        means,
+        np.stack([np.diag([120.0**2, 120.0**2, 4e-4, 4e-4])] * len(means)),
+    )
     assert len(prior) > SAMPLED
     result = update(likelihood, prior, SAMPLING, 2048)
     assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
     assert result.belief.weight[0] > 0.99
     away = update(
-        likelihood, Mixture(prior.weight, means + np.array([1e6, 0.0, 0.0, 0.0]), prior.covariance), SAMPLING, 2048
+        likelihood,
+        Mixture(prior.weight, means + np.array([1e6, 0.0, 0.0, 0.0]), prior.covariance),
+        SAMPLING,
+        2048,
     )
     assert away is None
 
@@ -113,7 +138,11 @@ def test_those_that_are_not_sampled_keep_their_weight():
     flat = field_map_of(lambda n, e: 1e-10 * n + 0.0 * e)
     likelihood, _ = likelihood_of(flat, np.zeros(4), sigma=1e-3)
     means = np.column_stack(
-        [3000.0 * np.arange(-5, 5).repeat(100), 200.0 * np.tile(np.arange(-50, 50), 10), np.zeros((1000, 2))]
+        [
+            3000.0 * np.arange(-5, 5).repeat(100),
+            200.0 * np.tile(np.arange(-50, 50), 10),
+            np.zeros((1000, 2)),
+        ]
     )
     covariance = np.diag([100.0**2, 50.0**2, 1e-4, 1e-4])
     prior = Mixture(np.full(1000, 1e-3), means, np.stack([covariance] * 1000))
@@ -133,42 +162,60 @@ def test_neighbours_become_one(rough_map):
     assert result.resolved
     whole, _ = sample(likelihood, tiles, Sampling(samples=8192))
     deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
-    np.testing.assert_allclose((result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.1)
+    np.testing.assert_allclose(
+        (result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.1
+    )
 
 
 @pytest.mark.parametrize("light", [2e-3, 2e-4])
 def test_the_right_place_wins_however_light_and_far_away_it_was(rough_map, light):
-    """Weight says nothing about distance: 0.2 % at 6 km leave a mixture's 1-sigma below 600 m. With noise like this the other places are
-    worse by e^-20 and more, but not so hopeless that a sampler looks for something else."""
+    """Weight says nothing about distance: 0.2 % at 6 km leave a mixture's 1-sigma below 600 m.
+    With noise like this the other places are worse by e^-20 and more, but not so hopeless that a
+    sampler looks for something else."""
     likelihood, prior = likelihood_of(rough_map, sigma=3e-4, prior_sigma=(300.0, 0.02))
     wrong = np.add(ERROR, [-5000.0, 3500.0, 0.0, 0.0])
-    mixture = places(prior, [wrong, np.add(wrong, [60.0, -40.0, 0.0, 0.0]), ERROR], [0.5, 0.5 - light, light])
+    mixture = places(
+        prior, [wrong, np.add(wrong, [60.0, -40.0, 0.0, 0.0]), ERROR], [0.5, 0.5 - light, light]
+    )
     assert np.sqrt(np.linalg.eigvalsh(mixture.moments()[1][:2, :2])[-1]) < WIDE
     result = update(likelihood, mixture, Sampling(samples=512), 16)
-    apart = [sample(likelihood, mixture.component(k), Sampling(samples=4096))[0].log_evidence for k in range(3)]
+    apart = [
+        sample(likelihood, mixture.component(k), Sampling(samples=4096))[0].log_evidence
+        for k in range(3)
+    ]
     assert apart[2] - max(apart[:2]) > 15.0
     assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 150.0
     assert result.belief.weight[0] > 0.999
 
 
 def test_neighbours_become_one_whatever_else_is_possible():
-    """Readings that decide nothing: the four tiles are one place, the hypothesis far away another, and weights stay."""
+    """Readings that decide nothing: the four tiles are one place, the hypothesis far away another,
+    and weights stay."""
     flat = field_map_of(lambda n, e: 1e-10 * n + 0.0 * e)
     likelihood, _ = likelihood_of(flat, np.zeros(4), sigma=1e-3)
-    far = Mixture.gaussian(np.add(ERROR, [-5000.0, 3500.0, 0.0, 0.0]), np.diag([80.0**2, 80.0**2, 4e-4, 4e-4]))
+    far = Mixture.gaussian(
+        np.add(ERROR, [-5000.0, 3500.0, 0.0, 0.0]), np.diag([80.0**2, 80.0**2, 4e-4, 4e-4])
+    )
     tiles = tiles_around(ERROR)
     result = update(likelihood, Mixture.join([tiles, far], np.array([0.7, 0.3])), SAMPLING, 16)
     np.testing.assert_allclose(result.belief.weight, [0.7, 0.3], atol=0.01)
     np.testing.assert_allclose(result.belief.mean[:, :2], [ERROR[:2], far.mean[0, :2]], atol=10.0)
-    np.testing.assert_allclose(np.sqrt(np.diag(result.belief.covariance[0])[:2]), np.hypot(80.0, 105.0), rtol=0.05)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(result.belief.covariance[0])[:2]), np.hypot(80.0, 105.0), rtol=0.05
+    )
 
 
 def test_a_light_place_far_away_survives_the_search():
-    """A map that repeats itself every 12 km: of the two places that the prior allows the farther one is unlikely, not impossible."""
+    """A map that repeats itself every 12 km: of the two places that the prior allows the farther
+    one is unlikely, not impossible."""
     waves = field_map_of(
         lambda n, e: (
             2e-4
-            * (np.sin(2 * np.pi * n / 12e3) + np.sin(2 * np.pi * (n / 4e3 + e / 5e3)) + np.sin(2 * np.pi * e / 7e3))
+            * (
+                np.sin(2 * np.pi * n / 12e3)
+                + np.sin(2 * np.pi * (n / 4e3 + e / 5e3))
+                + np.sin(2 * np.pi * e / 7e3)
+            )
         )
     )
     error = np.array([3200.0, 0.0, 0.0, 0.0])

@@ -1,4 +1,5 @@
-"""The annealed sampler against Bayes' rule in closed form: one Gaussian, two modes, evidence, trouble."""
+"""The annealed sampler against Bayes' rule in closed form: one Gaussian, two modes, evidence,
+trouble."""
 
 from dataclasses import dataclass
 
@@ -58,7 +59,9 @@ def close(mixture_mean, mixture_covariance, mean, covariance, within):
 @pytest.mark.parametrize("narrow", [3.0, 0.3, 0.03, 0.01])
 def test_moments_and_evidence_of_a_gaussian_case(narrow):
     likelihood = Gaussians(
-        np.array([[300.0, 250.0, -0.2, 0.1]]), random_covariance(narrow * SIGMA, 3)[None], np.array([-1234.0])
+        np.array([[300.0, 250.0, -0.2, 0.1]]),
+        random_covariance(narrow * SIGMA, 3)[None],
+        np.array([-1234.0]),
     )
     result, _ = sample(likelihood, PRIOR, Sampling())
     _, mean, covariance, evidence = posterior(PRIOR, likelihood)
@@ -94,15 +97,25 @@ def test_two_modes_are_two_hypotheses_with_their_weights(height):
     np.testing.assert_allclose(result.mixture.weight, weight[order], atol=0.03)
     for k, mode in enumerate(order):
         within = 0.1 if weight[mode] > 0.1 else 0.3
-        close(result.mixture.mean[k], result.mixture.covariance[k], means[mode], covariances[mode], within)
+        close(
+            result.mixture.mean[k],
+            result.mixture.covariance[k],
+            means[mode],
+            covariances[mode],
+            within,
+        )
     assert result.log_evidence == pytest.approx(evidence, abs=0.1)
 
 
 def test_a_mixture_as_prior():
     prior = Mixture(
-        np.array([0.7, 0.3]), np.array([[0.0, 0, 0, 0], [3000.0, 0, 0, 0]]), np.stack([random_covariance(SIGMA)] * 2)
+        np.array([0.7, 0.3]),
+        np.array([[0.0, 0, 0, 0], [3000.0, 0, 0, 0]]),
+        np.stack([random_covariance(SIGMA)] * 2),
     )
-    likelihood = Gaussians(np.array([[3000.0, 100.0, 0.0, 0.0]]), np.diag((0.1 * SIGMA) ** 2)[None], np.zeros(1))
+    likelihood = Gaussians(
+        np.array([[3000.0, 100.0, 0.0, 0.0]]), np.diag((0.1 * SIGMA) ** 2)[None], np.zeros(1)
+    )
     result, _ = sample(likelihood, prior, Sampling())
     log = [
         np.log(w) + multivariate_normal.logpdf(likelihood.mean[0], m, P + likelihood.covariance[0])
@@ -114,10 +127,13 @@ def test_a_mixture_as_prior():
 
 @pytest.mark.parametrize("light", [1e-2, 1e-4])
 def test_a_light_part_of_the_prior_is_not_overlooked(light):
-    """All of the likelihood is where the prior has little weight: moments and evidence are those of that part."""
+    """All of the likelihood is where the prior has little weight: moments and evidence are those
+    of that part."""
     small = random_covariance(0.1 * SIGMA)
     prior = Mixture(
-        np.array([1.0 - light, light]), np.array([[0.0, 0, 0, 0], [900.0, -600.0, 0, 0]]), np.stack([small] * 2)
+        np.array([1.0 - light, light]),
+        np.array([[0.0, 0, 0, 0], [900.0, -600.0, 0, 0]]),
+        np.stack([small] * 2),
     )
     likelihood = Gaussians(np.array([[940.0, -580.0, 0.0, 0.0]]), 0.5 * small[None], np.zeros(1))
     result, _ = sample(likelihood, prior, Sampling(samples=512))
@@ -169,7 +185,9 @@ def test_likelihood_is_linearised_where_it_ends():
             seen.append(xi)
             return self
 
-    likelihood = Noting(np.array([[300.0, 250.0, -0.2, 0.1]]), random_covariance(0.05 * SIGMA)[None], np.zeros(1))
+    likelihood = Noting(
+        np.array([[300.0, 250.0, -0.2, 0.1]]), random_covariance(0.05 * SIGMA)[None], np.zeros(1)
+    )
     result, _ = sample(likelihood, PRIOR, Sampling())
     assert len(seen) == result.rounds - 1
     deviation = np.sqrt(np.diag(result.mixture.covariance[0]))

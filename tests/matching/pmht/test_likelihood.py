@@ -1,4 +1,5 @@
-"""The batch likelihood against scipy's multivariate normal on a plane map, where everything is linear; what is left out; trouble."""
+"""The batch likelihood against scipy's multivariate normal on a plane map, where everything is
+linear; what is left out; trouble."""
 
 from dataclasses import replace
 
@@ -15,7 +16,9 @@ from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 
 T, SIGMA = 12, 1e-5
 SLOPE = np.array([2e-8, -3e-8])
-PLANE = field_map_of(lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=40e3, step=2000.0)
+PLANE = field_map_of(
+    lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=40e3, step=2000.0
+)
 CORRELATED = NoiseModel(map_sigma=3e-5, correlation_length=1500.0, bias_sigma=2e-5)
 XI = np.array([[0.0, 0.0, 0.0, 0.0], [150.0, -80.0, 0.1, 0.2], [-2000.0, 1500.0, -1.0, 0.5]])
 
@@ -23,7 +26,11 @@ XI = np.array([[0.0, 0.0, 0.0, 0.0], [150.0, -80.0, 0.1, 0.2], [-2000.0, 1500.0,
 def plane_batch(new=T, drift=True, field_map=PLANE, **changes):
     """A batch on the plane with everything that may be in a batch."""
     random = np.random.default_rng(5)
-    keys = {"new": new, "offset": random.normal(0.0, 1e-4, T), "sigma": SIGMA * random.uniform(0.5, 3.0, T)}
+    keys = {
+        "new": new,
+        "offset": random.normal(0.0, 1e-4, T),
+        "sigma": SIGMA * random.uniform(0.5, 3.0, T),
+    }
     if drift:
         age = np.linspace(1.0, 0.0, T)[:, None, None]
         keys |= {
@@ -31,7 +38,12 @@ def plane_batch(new=T, drift=True, field_map=PLANE, **changes):
             "drift_reading": 5e-6 * age[:, 0] * random.standard_normal(3),
         }
     batch, _ = make_batch(
-        field_map, (100.0, 50.0, 0.1, -0.1), scans=T, jacobian=(1e-9, 0.0, 3e-6, 1e-4), seed=1, **keys | changes
+        field_map,
+        (100.0, 50.0, 0.1, -0.1),
+        scans=T,
+        jacobian=(1e-9, 0.0, 3e-6, 1e-4),
+        seed=1,
+        **keys | changes,
     )
     return batch
 
@@ -42,7 +54,9 @@ def linear_model(batch, noise, field_map=PLANE):
     _, north, east = field_map.value_and_gradient(batch.latitude, batch.longitude)
     gradient = np.stack([north, east], axis=-1)
     H = -np.einsum("ti,tij->tj", gradient, batch.transition) + batch.reading_jacobian
-    apart = horizontal_difference(batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude)
+    apart = horizontal_difference(
+        batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude
+    )
     distance = np.hypot(apart[..., 0], apart[..., 1])
     distance = 0.5 * (distance + distance.T)  # metres east are counted at one of the two latitudes
     R = (
@@ -55,7 +69,9 @@ def linear_model(batch, noise, field_map=PLANE):
 
 
 @pytest.mark.parametrize("drift", [False, True])
-@pytest.mark.parametrize("noise", [NoiseModel(), CORRELATED, NoiseModel(bias_sigma=1e-4)], ids=["white", "map", "bias"])
+@pytest.mark.parametrize(
+    "noise", [NoiseModel(), CORRELATED, NoiseModel(bias_sigma=1e-4)], ids=["white", "map", "bias"]
+)
 def test_log_is_that_of_the_multivariate_normal(noise, drift):
     batch = plane_batch(drift=drift)
     likelihood = BatchLikelihood.of(batch, PLANE, noise)
@@ -82,7 +98,8 @@ def test_new_readings_count_given_the_old(noise):
 
 
 def test_drift_of_new_readings_given_the_old():
-    """The navigator's prior of the drift has seen the old readings: their residuals predict the map error only."""
+    """The navigator's prior of the drift has seen the old readings: their residuals predict the
+    map error only."""
     batch = plane_batch(new=5)
     likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED)
     at, H, R, G = linear_model(batch, CORRELATED)
@@ -92,14 +109,18 @@ def test_drift_of_new_readings_given_the_old():
     moved = G[new] - predict @ G[old]
     for xi, log in zip(XI, likelihood.log(XI), strict=True):
         residual = batch.reading - at - H @ xi
-        expected = multivariate_normal.logpdf(residual[new] - predict @ residual[old], np.zeros(5), S + moved @ moved.T)
+        expected = multivariate_normal.logpdf(
+            residual[new] - predict @ residual[old], np.zeros(5), S + moved @ moved.T
+        )
         assert log + likelihood.log_normaliser == pytest.approx(expected, rel=1e-8)
 
 
 def test_likelihoods_of_successive_batches_make_up_that_of_all_readings():
     whole = BatchLikelihood.of(plane_batch(drift=False), PLANE, CORRELATED)
     first = BatchLikelihood.of(
-        plane_batch(drift=False, reading=_blank(plane_batch(drift=False).reading, 7)), PLANE, CORRELATED
+        plane_batch(drift=False, reading=_blank(plane_batch(drift=False).reading, 7)),
+        PLANE,
+        CORRELATED,
     )
     second = BatchLikelihood.of(plane_batch(new=5, drift=False), PLANE, CORRELATED)
     total = first.log(XI) + first.log_normaliser + second.log(XI) + second.log_normaliser
@@ -115,11 +136,15 @@ def test_readings_left_out_are_as_if_never_taken(how):
     batch = plane_batch(new=6)
     bad = np.isin(np.arange(T), [2, 7, 11])
     if how == "nan":
-        likelihood = BatchLikelihood.of(replace(batch, reading=np.where(bad, np.nan, batch.reading)), PLANE, CORRELATED)
+        likelihood = BatchLikelihood.of(
+            replace(batch, reading=np.where(bad, np.nan, batch.reading)), PLANE, CORRELATED
+        )
     elif how == "without":
         likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED).without(bad)
     else:
-        likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED, extra_variance=np.where(bad, np.inf, 0.0))
+        likelihood = BatchLikelihood.of(
+            batch, PLANE, CORRELATED, extra_variance=np.where(bad, np.inf, 0.0)
+        )
     rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "transition", "reading_jacobian",
             "drift_position", "drift_reading")  # fmt: skip
     kept = replace(batch, new=4, **{name: getattr(batch, name)[~bad] for name in rows})
@@ -139,19 +164,25 @@ def test_extra_variance_widens_single_readings():
     extra = np.linspace(0.0, 9.0, T) * SIGMA**2
     wider = replace(batch, sigma=np.sqrt(batch.sigma**2 + extra))
     expected = BatchLikelihood.of(wider, PLANE, CORRELATED).log(XI)
-    np.testing.assert_allclose(BatchLikelihood.of(batch, PLANE, CORRELATED, extra).log(XI), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        BatchLikelihood.of(batch, PLANE, CORRELATED, extra).log(XI), expected, rtol=1e-9
+    )
 
 
 def test_rounding_and_sigma_of_the_map_are_in_the_covariance():
     batch = plane_batch()
     rounded = replace(PLANE, quantisation=3e-5)
     expected = np.diag(batch.sigma**2 + 3e-5**2 / 12.0)
-    np.testing.assert_allclose(BatchLikelihood.of(batch, rounded, NoiseModel()).covariance, expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        BatchLikelihood.of(batch, rounded, NoiseModel()).covariance, expected, rtol=1e-12
+    )
     side = np.linspace(1e-5, 9e-5, PLANE.values.shape[1]) * np.ones((PLANE.values.shape[0], 1))
     uneven = replace(PLANE, sigma=side)
     here = (np.zeros(4), np.zeros((4, 4)))
     covariance = BatchLikelihood.of(batch, uneven, CORRELATED, belief=here).covariance
-    own = np.maximum(uneven.sigma_at(batch.latitude, batch.longitude), 3e-5)  # the larger of what map and user say
+    own = np.maximum(
+        uneven.sigma_at(batch.latitude, batch.longitude), 3e-5
+    )  # the larger of what map and user say
     np.testing.assert_allclose(np.diag(covariance), batch.sigma**2 + own**2 + 2e-5**2, rtol=1e-12)
     assert own.max() > 3e-5
 
@@ -220,7 +251,9 @@ def test_residuals_at_the_true_error_are_the_noise(rough_map):
 def test_a_factor_on_the_variance(rough_map):
     batch, _ = make_batch(rough_map)
     likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
-    np.testing.assert_allclose(likelihood.scaled(4.0).log(XI), likelihood.log(XI) / 4.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        likelihood.scaled(4.0).log(XI), likelihood.log(XI) / 4.0, rtol=1e-12
+    )
     np.testing.assert_allclose(likelihood.scaled(4.0).covariance, 4.0 * likelihood.covariance)
 
 

@@ -1,4 +1,5 @@
-"""The second opinion: a batch seen by another navigator, when one is asked for, and that a lost navigator is found on a wrong map."""
+"""The second opinion: a batch seen by another navigator, when one is asked for, and that a lost
+navigator is found on a wrong map."""
 
 from dataclasses import replace
 
@@ -27,7 +28,8 @@ SHIFT = np.array([900.0, -700.0, 0.4, -0.3, 8e-5, -5e-5, 2e-4])
 
 
 def builder(scans: int = 30) -> BatchBuilder:
-    """Scans of a navigator that flies straight, the last 25 of them in the batch, ten of those used by an earlier one."""
+    """Scans of a navigator that flies straight, the last 25 of them in the batch, ten of those
+    used by an earlier one."""
     made = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=10)
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     reading = np.random.default_rng(0).normal(0.0, 1e-4, scans)
@@ -49,27 +51,46 @@ def test_a_batch_seen_by_another_navigator_is_the_one_that_navigator_would_have_
     for name in ("latitude", "longitude", "prior", "new", "time"):
         np.testing.assert_allclose(getattr(seen, name), getattr(expected, name), rtol=1e-9)
     np.testing.assert_allclose(seen.reading, expected.reading, rtol=0.0, atol=1e-9)
-    for name in ("transition", "reading_jacobian", "back_transition"):  # linearised 1 km and 0.5 m/s away
+    for name in (
+        "transition",
+        "reading_jacobian",
+        "back_transition",
+    ):  # linearised 1 km and 0.5 m/s away
         wanted = getattr(expected, name)
-        np.testing.assert_allclose(getattr(seen, name), wanted, rtol=1e-2, atol=2e-3 * np.abs(wanted).max())
+        np.testing.assert_allclose(
+            getattr(seen, name), wanted, rtol=1e-2, atol=2e-3 * np.abs(wanted).max()
+        )
 
     def spread(batch):  # its components may be turned
-        every = np.concatenate([batch.drift_position.reshape(-1, 3), batch.drift_reading * 1e5, batch.back_drift[:4]])
+        every = np.concatenate(
+            [batch.drift_position.reshape(-1, 3), batch.drift_reading * 1e5, batch.back_drift[:4]]
+        )
         return every @ every.T
 
-    np.testing.assert_allclose(spread(seen), spread(expected), rtol=2e-2, atol=1e-3 * np.abs(spread(expected)).max())
+    np.testing.assert_allclose(
+        spread(seen), spread(expected), rtol=2e-2, atol=1e-3 * np.abs(spread(expected)).max()
+    )
     np.testing.assert_allclose(joint_prior(seen), other, rtol=1e-6, atol=1e-9)
 
 
 def test_of_itself_a_navigator_sees_what_it_saw():
     batch = builder().build(random_covariance(SIGMA, 0))
     seen = _seen_by(batch, np.zeros(7), joint_prior(batch))
-    for name in ("latitude", "longitude", "reading", "transition", "reading_jacobian", "back_transition", "prior"):
+    for name in (
+        "latitude",
+        "longitude",
+        "reading",
+        "transition",
+        "reading_jacobian",
+        "back_transition",
+        "prior",
+    ):
         np.testing.assert_allclose(getattr(seen, name), getattr(batch, name), rtol=1e-7, atol=1e-9)
 
 
 class Scripted:
-    """Stands for `pmht`: a navigator that is sure gets a fix that moves it by JUMP, a lost one nothing before `sure`, then FOUND."""
+    """Stands for `pmht`: a navigator that is sure gets a fix that moves it by JUMP, a lost one
+    nothing before `sure`, then FOUND."""
 
     name, context = "pmht", 15
 
@@ -93,7 +114,12 @@ class Scripted:
         mean = FOUND if lost else -JUMP
         precision = np.linalg.inv(prior)
         information = Information(vector=4.0 * precision @ mean, matrix=3.0 * precision)
-        return replace(declined(batch, ""), reason=None, information=information, covariance=np.eye(2)), after
+        return (
+            replace(
+                declined(batch, ""), reason=None, information=information, covariance=np.eye(2)
+            ),
+            after,
+        )
 
 
 JUMP, FOUND = np.array([40.0, -30.0, 0, 0, 0, 0, 0]), np.array([3000.0, -2000.0, 0, 0, 0, 0, 0])
@@ -135,7 +161,8 @@ def field_map():
 
 
 def flown(field_map, hidden: float, **matcher):
-    """Errors (m) of a run on the synthetic map with 3 mGal added to it, and each batch's fix and memory."""
+    """Errors (m) of a run on the synthetic map with 3 mGal added to it, and each batch's fix and
+    memory."""
     scenario = Scenario(
         route={"duration": 3000.0},
         map_error={"sigma": 3e-5},

@@ -1,4 +1,5 @@
-"""A planted map error comes back: sigma within a factor of 1.4, length within 2.5, none where there is none."""
+"""A planted map error comes back: sigma within a factor of 1.4, length within 2.5, none where
+there is none."""
 
 from dataclasses import replace
 
@@ -42,13 +43,22 @@ def estimate(
         )
         random = np.random.default_rng(1000 + k)
         R = residual_covariance(
-            batch.latitude, batch.longitude, np.full(scans, 1e-14), np.full(scans, sigma), length, 0.0
+            batch.latitude,
+            batch.longitude,
+            np.full(scans, 1e-14),
+            np.full(scans, sigma),
+            length,
+            0.0,
         )
-        planted = np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
+        planted = (
+            np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
+        )
         batch = replace(batch, reading=batch.reading + planted)
         it = it or NoiseEstimate.unknown(batch, field_map)
         known = bias if told is None else told
-        batch = BiasEstimate.unknown(float(batch.time[0]), known, 0.0).at_end(batch).added_to(batch)
+        batch = (
+            BiasEstimate.unknown(float(batch.time[0]), known, 0.0).at_end(batch).added_to(batch)
+        )
         likelihood = BatchLikelihood.of(batch, field_map, it.model(BASE))
         it = it.update(batch, likelihood, field_map, np.zeros(4))
     return it
@@ -87,7 +97,12 @@ def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     assert np.ptp(start.probability) == 0.0
     tenfold = NoiseEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
     np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
-    assert start.sigma[0] < 0.01 * rough_map.values.std() < 0.3 * rough_map.values.std() < start.sigma[-1]
+    assert (
+        start.sigma[0]
+        < 0.01 * rough_map.values.std()
+        < 0.3 * rough_map.values.std()
+        < start.sigma[-1]
+    )
     flat = NoiseEstimate.unknown(batch, replace(rough_map, values=0.0 * rough_map.values))
     assert (flat.sigma > 0.0).all()
 
@@ -96,15 +111,22 @@ def test_nothing_is_learnt_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
     start = NoiseEstimate.unknown(batch, rough_map)
     away = np.array([1e6, 0.0, 0.0, 0.0])
-    assert start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away) is start
+    assert (
+        start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away) is start
+    )
 
 
 @pytest.mark.parametrize("before", [0, 4, 10])
 def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
-    """Against dense Gaussians: p(all residuals of a fixed navigator) / p(old ones), the navigator's error known to the new ones only."""
+    """Against dense Gaussians: p(all residuals of a fixed navigator) / p(old ones), the
+    navigator's error known to the new ones only."""
     scans = 16
     batch, _ = make_batch(
-        rough_map, (30.0, -20.0, 0.01, 0.0), scans=scans, prior_sigma=(60.0, 0.03), velocity=(17.0, 18.0)
+        rough_map,
+        (30.0, -20.0, 0.01, 0.0),
+        scans=scans,
+        prior_sigma=(60.0, 0.03),
+        velocity=(17.0, 18.0),
     )
     random = np.random.default_rng(before)
     batch = replace(
@@ -125,9 +147,16 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
     expected = np.empty_like(got)
     for i, sigma in enumerate(start.sigma):
         for j, length in enumerate(start.length):
-            R = residual_covariance(batch.latitude, batch.longitude, batch.sigma**2, np.full(scans, sigma), length, 0.0)
-            # given the old residuals, at a given error: regression; then the error is integrated out
-            gain = np.linalg.solve(R[:before, :before], R[:before, before:]).T if before else np.zeros((scans, 0))
+            R = residual_covariance(
+                batch.latitude, batch.longitude, batch.sigma**2, np.full(scans, sigma), length, 0.0
+            )
+            # given the old residuals, at a given error: regression; then the error is integrated
+            # out
+            gain = (
+                np.linalg.solve(R[:before, :before], R[:before, before:]).T
+                if before
+                else np.zeros((scans, 0))
+            )
             turn = np.concatenate([-gain, np.eye(scans - before)], axis=1)
             S = turn @ (known + R) @ turn.T
             expected[i, j] = multivariate_normal(np.zeros(scans - before), S).logpdf(turn @ fixed)
@@ -149,10 +178,12 @@ def test_differs_and_figures(rough_map):
 
 
 @pytest.mark.parametrize(
-    ("sigma", "length"), [(6e-5, 4000.0), (1.5e-5, 4000.0), (3e-5, 8000.0), (3e-5, 2000.0), (3e-5, 4000.0)]
+    ("sigma", "length"),
+    [(6e-5, 4000.0), (1.5e-5, 4000.0), (3e-5, 8000.0), (3e-5, 2000.0), (3e-5, 4000.0)],
 )
 def test_what_was_told_is_set_right(rough_map, sigma, length):
-    """The map errs by 3 mGal with 4 km; told twice or half of either, the estimate comes back towards the truth."""
+    """The map errs by 3 mGal with 4 km; told twice or half of either, the estimate comes back
+    towards the truth."""
     told = NoiseModel(map_sigma=sigma, correlation_length=length)
     it = NoiseEstimate.told(told, 2.0)
     assert it.model(told) == told  # to the letter before there is evidence

@@ -1,4 +1,5 @@
-"""The default matcher as a whole: Kalman's answer where that is right, hypotheses, lost navigators, odd data."""
+"""The default matcher as a whole: Kalman's answer where that is right, hypotheses, lost
+navigators, odd data."""
 
 from dataclasses import replace
 
@@ -13,7 +14,9 @@ from isogal.scenario import Matcher
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
 SLOPE = np.array([4e-8, -3e-8])
-PLANE = field_map_of(lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=60e3, step=2000.0)
+PLANE = field_map_of(
+    lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=60e3, step=2000.0
+)
 VELOCITY = np.array([14.0, 17.0])
 
 
@@ -27,7 +30,12 @@ def batch_at(field_map, number=0, error=ERROR, scans=30, start=(-3000.0, -3000.0
     moved = np.array(error) + np.concatenate([np.array(error[2:]) * age, [0.0, 0.0]])
     time = 1000.0 + age + 10.0 * np.arange(scans)
     keys = {"seed": number} | keys
-    return make_batch(field_map, moved, scans, start=np.array(start) + VELOCITY * age, time=time, **keys)[0], moved
+    return (
+        make_batch(
+            field_map, moved, scans, start=np.array(start) + VELOCITY * age, time=time, **keys
+        )[0],
+        moved,
+    )
 
 
 def posterior_of(fix, prior):
@@ -43,14 +51,19 @@ def kalman(batch, R, field_map=PLANE):
     G = np.einsum("ti,tij->tj", gradient, batch.drift_position) - batch.drift_reading
     information = H.T @ np.linalg.solve(R + G @ G.T, H)
     covariance = np.linalg.inv(np.linalg.inv(batch.prior) + information)
-    return covariance @ H.T @ np.linalg.solve(R + G @ G.T, batch.reading - batch.offset - value), covariance
+    return (
+        covariance @ H.T @ np.linalg.solve(R + G @ G.T, batch.reading - batch.offset - value),
+        covariance,
+    )
 
 
 def close(got, expected, within):
     mean, covariance = expected
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((got[0] - mean) / deviation, 0.0, atol=within)
-    np.testing.assert_allclose((got[1] - covariance) / deviation / deviation[:, None], 0.0, atol=2.0 * within)
+    np.testing.assert_allclose(
+        (got[1] - covariance) / deviation / deviation[:, None], 0.0, atol=2.0 * within
+    )
 
 
 def distances(batch):
@@ -71,7 +84,12 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     R = np.diag(batch.sigma**2)
     settings = {}
     if correlated:
-        settings = {"map_sigma": 2e-5, "map_correlation_length": 3000.0, "bias_sigma": 1e-5, "options": {"trust": 1.0}}
+        settings = {
+            "map_sigma": 2e-5,
+            "map_correlation_length": 3000.0,
+            "bias_sigma": 1e-5,
+            "options": {"trust": 1.0},
+        }
         R = R + 2e-5**2 * np.exp(-distances(batch) / 3000.0) + 1e-5**2
     fix, memory = pmht(**settings).match(batch, PLANE, None)
     assert fix.published
@@ -82,23 +100,34 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     # the position alone, for those who cannot use more
     prior = batch.prior[:2, :2]
     gain = prior @ np.linalg.inv(prior + fix.covariance)
-    # not to the last digit: sampling error may give directions less than no information, which is cut off
-    np.testing.assert_allclose((np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=0.05)
+    # not to the last digit: sampling error may give directions less than no information, which is
+    # cut off
+    np.testing.assert_allclose(
+        (np.eye(2) - gain) @ prior, posterior_of(fix, batch.prior)[1][:2, :2], rtol=0.05
+    )
 
 
 def test_no_reading_counts_twice():
-    """Two batches that overlap, the second with its context, tell together what one batch of all readings tells."""
+    """Two batches that overlap, the second with its context, tell together what one batch of all
+    readings tells."""
     settings = {"map_sigma": 2e-5, "map_correlation_length": 3000.0}
     whole, _ = batch_at(PLANE, prior_sigma=(2000.0, 0.3))
     R = np.diag(whole.sigma**2) + 2e-5**2 * np.exp(-distances(whole) / 3000.0)
     rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "reading_jacobian",
             "drift_position", "drift_reading")  # fmt: skip
-    first = replace(whole, new=18, transition=whole.transition[12:], **{n: getattr(whole, n)[:18] for n in rows})
+    first = replace(
+        whole,
+        new=18,
+        transition=whole.transition[12:],
+        **{n: getattr(whole, n)[:18] for n in rows},
+    )
     to_end = np.eye(4)
     to_end[:2, 2:] = 120.0 * np.eye(2)
     matcher = pmht(**settings)
     early, memory = matcher.match(
-        replace(first, prior=np.linalg.inv(to_end) @ whole.prior @ np.linalg.inv(to_end).T), PLANE, None
+        replace(first, prior=np.linalg.inv(to_end) @ whole.prior @ np.linalg.inv(to_end).T),
+        PLANE,
+        None,
     )
     late, _ = matcher.match(replace(whole, new=12), PLANE, memory)
     back = np.linalg.inv(to_end)
@@ -109,7 +138,8 @@ def test_no_reading_counts_twice():
 
 
 def test_errors_keep_to_the_posterior(rough_map):
-    """NEES of position and velocity over 60 batches, chi-square 99.9 %: right with map error and without."""
+    """NEES of position and velocity over 60 batches, chi-square 99.9 %: right with map error and
+    without."""
     for map_sigma in (0.0, 2e-5):
         total, count = 0.0, 0
         for seed in range(60):
@@ -119,7 +149,9 @@ def test_errors_keep_to_the_posterior(rough_map):
             batch, _ = batch_at(rough_map, error=error, start=start, seed=seed)
             planted = 4000.0
             root = np.linalg.cholesky(np.exp(-distances(batch) / planted) + 1e-12 * np.eye(30))
-            batch = replace(batch, reading=batch.reading + map_sigma * root @ random.standard_normal(30))
+            batch = replace(
+                batch, reading=batch.reading + map_sigma * root @ random.standard_normal(30)
+            )
             fix, _ = pmht(map_sigma=map_sigma).match(batch, rough_map, None)
             if fix.published:
                 mean, covariance = posterior_of(fix, batch.prior)
@@ -133,7 +165,9 @@ def test_errors_keep_to_the_posterior(rough_map):
 def tiled(north, east):
     """The same every 1500 m up to 6 km north, one of a kind beyond."""
     here = 3e-5 * (np.sin(2 * np.pi * north / 1500.0) + np.sin(2 * np.pi * east / 1500.0))
-    return np.where(north < 6000.0, here, 0.0) + wavy(north, east) / (1.0 + np.exp((6000.0 - north) / 300.0))
+    return np.where(north < 6000.0, here, 0.0) + wavy(north, east) / (
+        1.0 + np.exp((6000.0 - north) / 300.0)
+    )
 
 
 def test_an_ambiguous_batch_waits_for_the_next():
@@ -141,7 +175,9 @@ def test_an_ambiguous_batch_waits_for_the_next():
     matcher, memory = pmht(), None
     reasons = []
     for number in range(4):
-        batch, error = batch_at(field_map, number, np.array([1600.0, 100.0, 0.0, 0.0]), prior_sigma=(1500.0, 0.02))
+        batch, error = batch_at(
+            field_map, number, np.array([1600.0, 100.0, 0.0, 0.0]), prior_sigma=(1500.0, 0.02)
+        )
         fix, memory = matcher.match(batch, field_map, memory)
         reasons.append(fix.reason)
         if fix.published:
@@ -167,7 +203,9 @@ def test_a_lost_navigator_is_found_ten_kilometres_away(rough_map):
     widened = np.zeros(4)
     fixes = []
     for number in range(8):
-        batch, error = batch_at(rough_map, number, lost, prior_sigma=(100.0, 0.05), start=(-20e3, -20e3))
+        batch, error = batch_at(
+            rough_map, number, lost, prior_sigma=(100.0, 0.05), start=(-20e3, -20e3)
+        )
         batch = replace(batch, prior=batch.prior + np.diag(widened))
         fix, memory = matcher.match(batch, rough_map, memory)
         fixes.append(fix)
@@ -199,12 +237,16 @@ def test_spikes_are_left_out(rough_map):
 
 def test_the_same_batch_gives_the_same_fix(rough_map):
     batch, _ = batch_at(rough_map)
-    (a, first), (b, second) = (pmht(map_sigma="auto").match(batch, rough_map, None) for _ in range(2))
+    (a, first), (b, second) = (
+        pmht(map_sigma="auto").match(batch, rough_map, None) for _ in range(2)
+    )
     assert (a.latitude, a.longitude, a.diagnostics) == (b.latitude, b.longitude, b.diagnostics)
     assert (a.information.matrix == b.information.matrix).all()
     third, _ = pmht(map_sigma="auto").match(batch_at(rough_map, 1)[0], rough_map, first)
     fourth, _ = pmht(map_sigma="auto").match(batch_at(rough_map, 1)[0], rough_map, second)
-    again, _ = pmht(map_sigma="auto").match(batch_at(rough_map, 1)[0], rough_map, first)  # memories are not used up
+    again, _ = pmht(map_sigma="auto").match(
+        batch_at(rough_map, 1)[0], rough_map, first
+    )  # memories are not used up
     assert third.latitude == fourth.latitude == again.latitude
 
 
@@ -217,14 +259,23 @@ def test_fixes_for_retrodiction_hold_the_information_once(rough_map):
     assert set(fix.candidates.scan) <= set(range(10, 30))
     true = make_batch(rough_map, error, seed=0)[1]
     assert (
-        np.hypot(*true.error_of(replace(fix, latitude=fix.scan_position[-1, 0], longitude=fix.scan_position[-1, 1])))
+        np.hypot(
+            *true.error_of(
+                replace(fix, latitude=fix.scan_position[-1, 0], longitude=fix.scan_position[-1, 1])
+            )
+        )
         < 100.0
     )
 
 
 def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
     batch, _ = make_batch(
-        rough_map, (200.0, -150.0, 0.05, 0.03), scans=10, sigma=3e-5, prior_sigma=(700.0, 0.1), seed=3
+        rough_map,
+        (200.0, -150.0, 0.05, 0.03),
+        scans=10,
+        sigma=3e-5,
+        prior_sigma=(700.0, 0.1),
+        seed=3,
     )
     fix, memory = pmht().match(batch, rough_map, None)
     assert fix.published
@@ -234,6 +285,10 @@ def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
     mean, covariance = memory.belief.moments()  # of the navigator that has taken the fix
     sigma = np.sqrt(np.diag(posterior))
     np.testing.assert_allclose(mean / sigma, 0.0, atol=1e-6)
-    np.testing.assert_allclose(covariance / np.outer(sigma, sigma), posterior / np.outer(sigma, sigma), atol=1e-6)
-    sharp, _ = make_batch(rough_map, (20.0, -15.0, 0.05, 0.03), scans=30, sigma=1e-5, prior_sigma=(30.0, 0.1), seed=3)
+    np.testing.assert_allclose(
+        covariance / np.outer(sigma, sigma), posterior / np.outer(sigma, sigma), atol=1e-6
+    )
+    sharp, _ = make_batch(
+        rough_map, (20.0, -15.0, 0.05, 0.03), scans=30, sigma=1e-5, prior_sigma=(30.0, 0.1), seed=3
+    )
     assert pmht().match(sharp, rough_map, None)[1].belief is None

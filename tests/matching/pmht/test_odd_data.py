@@ -1,4 +1,5 @@
-"""Data as they should not be: the matcher declines with one line, or does without, and goes on with the next batch."""
+"""Data as they should not be: the matcher declines with one line, or does without, and goes on
+with the next batch."""
 
 from dataclasses import replace
 
@@ -14,7 +15,9 @@ ERROR = np.array([250.0, -300.0, 0.03, 0.02])
 
 
 def blank(batch, keep):
-    return replace(batch, reading=np.where(np.isin(np.arange(len(batch)), keep), batch.reading, np.nan))
+    return replace(
+        batch, reading=np.where(np.isin(np.arange(len(batch)), keep), batch.reading, np.nan)
+    )
 
 
 def with_prior(batch, prior):
@@ -54,7 +57,8 @@ DECLINED = {
 }
 
 PAPER_TRUSTS = ("readings of another world", "huge readings")
-"""The paper's algorithm takes the nearest values of the map, however far they are from the readings."""
+"""The paper's algorithm takes the nearest values of the map, however far they are from the
+readings."""
 
 
 @pytest.mark.parametrize("name", ["pmht", "pmht-paper"])
@@ -90,7 +94,8 @@ def test_missing_readings_are_done_without(rough_map, keep):
 
 
 def test_a_hole_in_the_map_where_the_navigator_may_be(rough_map):
-    """Half the prior lies in a hole: what the map covers is searched, and the true place is in it."""
+    """Half the prior lies in a hole: what the map covers is searched, and the true place is in
+    it."""
     batch, truth = make_batch(rough_map, ERROR, start=(-3000.0, -3000.0))
     values = rough_map.values.copy()
     values[:, : values.shape[1] // 2 - 20] = np.nan  # all that is further than 5 km to the west
@@ -117,7 +122,8 @@ def test_a_certain_navigator_learns_nothing(rough_map):
 
 
 def test_more_noise_than_assumed_is_noticed_and_owned_up_to(rough_map):
-    """Readings three times noisier than their sigma says: fixes stay honest, as the matcher widens its noise."""
+    """Readings three times noisier than their sigma says: fixes stay honest, as the matcher widens
+    its noise."""
     matcher, memory = Pmht.from_settings(Matcher()), None
     squares, factors = [], []
     for number in range(25):
@@ -126,7 +132,13 @@ def test_more_noise_than_assumed_is_noticed_and_owned_up_to(rough_map):
         start = random.uniform(-15e3, 8e3, 2)
         time = 1000.0 + 300.0 * number + 10.0 * np.arange(30)
         batch, _ = make_batch(
-            rough_map, error, start=start, prior_sigma=(200.0, 0.05), seed=number, sigma=3e-5, time=time
+            rough_map,
+            error,
+            start=start,
+            prior_sigma=(200.0, 0.05),
+            seed=number,
+            sigma=3e-5,
+            time=time,
         )
         batch = replace(batch, sigma=np.full(30, 1e-5))
         fix, memory = matcher.match(batch, rough_map, memory)
@@ -150,7 +162,9 @@ def test_estimated_map_error_makes_fixes_honest():
         error = random.standard_normal(4) * [200.0, 200.0, 0.05, 0.05]
         start = random.uniform(-15e3, 8e3, 2)
         time = 1000.0 + 300.0 * number + 10.0 * np.arange(30)
-        batch, _ = make_batch(field_map, error, start=start, prior_sigma=(200.0, 0.05), seed=number, time=time)
+        batch, _ = make_batch(
+            field_map, error, start=start, prior_sigma=(200.0, 0.05), seed=number, time=time
+        )
         away = 220.0 * np.abs(np.arange(30)[:, None] - np.arange(30))
         root = np.linalg.cholesky(np.exp(-away / 3000.0))
         batch = replace(batch, reading=batch.reading + 4e-5 * root @ random.standard_normal(30))

@@ -7,14 +7,19 @@ from scipy.stats import norm
 from isogal.matching.pmht.outliers import leave_one_out, outliers, smooth_misfit
 
 T = 40
-LATITUDE, LONGITUDE = -0.63 + 2e-5 * np.arange(T), 2.56 + 3e-5 * np.arange(T)  # about 210 m from scan to scan
+LATITUDE, LONGITUDE = (
+    -0.63 + 2e-5 * np.arange(T),
+    2.56 + 3e-5 * np.arange(T),
+)  # about 210 m from scan to scan
 WHITE = 1e-10 * np.eye(T)
 SMOOTH = smooth_misfit(LATITUDE, LONGITUDE, 5e-5, 1500.0)
 SMOOTH = WHITE + 0.5 * (SMOOTH + SMOOTH.T)  # metres east are counted at one of the two latitudes
 
 
 def draw(covariance, seed):
-    return np.linalg.cholesky(covariance) @ np.random.default_rng(seed).standard_normal(len(covariance))
+    return np.linalg.cholesky(covariance) @ np.random.default_rng(seed).standard_normal(
+        len(covariance)
+    )
 
 
 @pytest.mark.parametrize("covariance", [WHITE, SMOOTH], ids=["white", "smooth"])
@@ -25,7 +30,9 @@ def test_leave_one_out_is_the_conditional_normal(covariance):
         rest = np.delete(np.arange(T), i)
         weight = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, i])
         variance = covariance[i, i] - weight @ covariance[rest, i]
-        assert got[i] == pytest.approx((residual[i] - weight @ residual[rest]) / np.sqrt(variance), rel=1e-6)
+        assert got[i] == pytest.approx(
+            (residual[i] - weight @ residual[rest]) / np.sqrt(variance), rel=1e-6
+        )
 
 
 @pytest.mark.parametrize("covariance", [WHITE, SMOOTH], ids=["white", "smooth"])
@@ -37,7 +44,9 @@ def test_clean_residuals_are_left_alone(covariance):
 
 
 @pytest.mark.parametrize("covariance", [WHITE, SMOOTH], ids=["white", "smooth"])
-@pytest.mark.parametrize("places", [[20], [0], [T - 1], [5, 6], [3, 12, 13, 30, 38], list(range(0, 24, 2))])
+@pytest.mark.parametrize(
+    "places", [[20], [0], [T - 1], [5, 6], [3, 12, 13, 30, 38], list(range(0, 24, 2))]
+)
 def test_spikes_are_found_where_they_are(covariance, places):
     residual = draw(covariance, 1)
     signs = np.where(np.arange(len(places)) % 3 == 0, -1.0, 1.0)
@@ -72,5 +81,7 @@ def test_smooth_misfit_falls_off_with_distance():
     covariance = smooth_misfit(LATITUDE, LONGITUDE, 3e-5, 1500.0)
     np.testing.assert_allclose(np.diag(covariance), 9e-10)
     distance = np.hypot(6.36e6 * 2e-5, 6.387e6 * np.cos(0.63) * 3e-5) * np.arange(T)
-    np.testing.assert_allclose(covariance[0], 9e-10 * np.exp(-0.5 * (distance / 1500.0) ** 2), rtol=0.05)
+    np.testing.assert_allclose(
+        covariance[0], 9e-10 * np.exp(-0.5 * (distance / 1500.0) ** 2), rtol=0.05
+    )
     assert np.linalg.eigvalsh(covariance + 1e-14 * np.eye(T))[0] > 0.0

@@ -1,4 +1,5 @@
-"""What a fix does not owe to its noise model: confirmed with twice the noise, widened by what the residuals show."""
+"""What a fix does not owe to its noise model: confirmed with twice the noise, widened by what the
+residuals show."""
 
 from dataclasses import dataclass, replace
 
@@ -22,10 +23,13 @@ PRIOR = np.diag([3e3**2, 3e3**2, 1e-12, 1e-12])
 
 
 def regression(run: int, noise_of, count: int = 300):
-    """Least squares of two parameters from whitened readings; returns error, H⁻¹ and the excess."""
+    """Least squares of two parameters from whitened readings; returns error, H⁻¹ and the
+    excess."""
     random = generator(11, run, "sandwich")
     slope = np.zeros((count, 4))
-    slope[:, :2] = random.normal(0.0, 1e-2, (count, 2)) * np.exp(random.normal(0.0, 0.4, count))[:, None]
+    slope[:, :2] = (
+        random.normal(0.0, 1e-2, (count, 2)) * np.exp(random.normal(0.0, 0.4, count))[:, None]
+    )
     reading = noise_of(slope) * random.normal(size=count)
     curvature = slope[:, :2].T @ slope[:, :2]
     error = np.linalg.solve(curvature, slope[:, :2].T @ reading)
@@ -63,7 +67,9 @@ def test_correlation_that_the_model_leaves_out_is_seen():
     slope = np.zeros((400, 4))
     slope[:, :2] = 1e-2 * np.sin(np.arange(400)[:, None] / np.array([30.0, 41.0]))
     walk = np.convolve(random.normal(size=404), np.ones(5) / np.sqrt(5.0), mode="valid")
-    assert np.trace(excess_covariance(walk, slope, PRIOR)) > np.trace(np.linalg.inv(slope[:, :2].T @ slope[:, :2]))
+    assert np.trace(excess_covariance(walk, slope, PRIOR)) > np.trace(
+        np.linalg.inv(slope[:, :2].T @ slope[:, :2])
+    )
 
 
 def test_a_direction_that_the_readings_do_not_tell_is_left_alone():
@@ -84,13 +90,16 @@ def test_a_widened_fix_keeps_its_place_in_both_its_forms():
     excess[:2, :2] = [[500.0, 300.0], [300.0, 900.0]]
     wide = _with_excess(fix, excess, 30)
     np.testing.assert_allclose(np.linalg.inv(wide.information.matrix[:2, :2]), wide.covariance)
-    np.testing.assert_allclose(np.linalg.solve(wide.information.matrix[:2, :2], wide.information.vector[:2]), place)
+    np.testing.assert_allclose(
+        np.linalg.solve(wide.information.matrix[:2, :2], wide.information.vector[:2]), place
+    )
     assert (wide.latitude, wide.longitude) == (fix.latitude, fix.longitude)
 
 
 @pytest.mark.parametrize("negative", [1e-9, 1e-6, 2e-4])
 def test_widening_makes_no_information_out_of_what_was_none(negative):
-    """A direction in which the posterior was wider than the prior stays without information, however much is added to it."""
+    """A direction in which the posterior was wider than the prior stays without information,
+    however much is added to it."""
     matrix = np.diag([-negative, 4e-4, 0.0, 0.0])
     vector = np.array([1e-3, 4e-4 * -50.0, 0.0, 0.0])
     fix = Fix(0.0, 0.5, 1.0, np.diag([1e8, 2500.0]), information=Information(vector, matrix))
@@ -149,7 +158,12 @@ class Vague:
         self.covariance = np.diag(np.square(sigma))
 
     def match(self, batch, field_map, memory):
-        return Fix(float(batch.time[-1]), float(batch.latitude[-1]), float(batch.longitude[-1]), self.covariance), None
+        return Fix(
+            float(batch.time[-1]),
+            float(batch.latitude[-1]),
+            float(batch.longitude[-1]),
+            self.covariance,
+        ), None
 
 
 def test_a_fix_far_less_certain_than_the_prior_is_none():

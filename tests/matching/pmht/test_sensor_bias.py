@@ -1,4 +1,5 @@
-"""Bias and drift from batch to batch: what conditioning on all readings at once says, and what must not be believed."""
+"""Bias and drift from batch to batch: what conditioning on all readings at once says, and what
+must not be believed."""
 
 from dataclasses import replace
 
@@ -14,7 +15,9 @@ from isogal.scenario import Matcher
 
 SCANS, BATCHES, SIGMA = 20, 4, 1e-5
 SLOPE = np.array([4e-8, -3e-8])
-PLANE = field_map_of(lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=60e3, step=2000.0)
+PLANE = field_map_of(
+    lambda north, east: SLOPE[0] * north + SLOPE[1] * east, half=60e3, step=2000.0
+)
 VELOCITY = np.array([14.0, 17.0])
 BIAS_SIGMA, DRIFT_SIGMA = 5e-5, 2e-8
 ELAPSED = SCANS * INTERVAL
@@ -22,7 +25,8 @@ FORWARD = np.eye(4) + ELAPSED * np.eye(4, k=2)
 
 
 def batch_of(number, error, prior, reading, field_map=PLANE):
-    """The batch of that number of a navigator with that error at its end; `reading` is added to what the map says."""
+    """The batch of that number of a navigator with that error at its end; `reading` is added to
+    what the map says."""
     time = 1000.0 + ELAPSED * number + INTERVAL * np.arange(SCANS)
     batch, _ = make_batch(
         field_map,
@@ -48,7 +52,9 @@ def posterior(batch):
     likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel())
     residual, slope = likelihood.linearise(np.zeros(4))
     drift = likelihood.drift_at(np.zeros(4))
-    weighted = np.linalg.solve(likelihood.covariance + drift @ drift.T, np.column_stack([residual, slope]))
+    weighted = np.linalg.solve(
+        likelihood.covariance + drift @ drift.T, np.column_stack([residual, slope])
+    )
     covariance = np.linalg.inv(np.linalg.inv(batch.prior) + slope.T @ weighted[:, 1:])
     return -covariance @ slope.T @ weighted[:, 0], covariance, likelihood
 
@@ -65,10 +71,13 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
     residuals, designs = [], []
     for number in range(BATCHES):
         noise = SIGMA * random.standard_normal(SCANS)
-        raw = batch_of(number, error, prior, lambda t, e=noise: theta[0] + theta[1] * (t - 1000.0) + e)
+        raw = batch_of(
+            number, error, prior, lambda t, e=noise: theta[0] + theta[1] * (t - 1000.0) + e
+        )
         bias = estimate.at_end(raw)
         batch = bias.added_to(raw)
-        # the same readings for a navigator that is never corrected, by its error at the end of the first batch and by theta
+        # the same readings for a navigator that is never corrected, by its error at the end of the
+        # first batch and by theta
         residual, slope = BatchLikelihood.of(raw, PLANE, NoiseModel()).linearise(np.zeros(4))
         residuals.append(residual - slope @ corrections)
         carried = np.linalg.matrix_power(FORWARD, number)
@@ -88,11 +97,20 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
     end[4, 5] = estimate.time - 1000.0
     expected, spread = end @ S @ H.T @ r / SIGMA**2, end @ S @ end.T
     scale = np.sqrt(np.diag(spread))
-    np.testing.assert_allclose((np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=2e-3)
+    np.testing.assert_allclose(
+        (np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=2e-3
+    )
     np.testing.assert_allclose((estimate.mean - expected[4:]) / scale[4:], 0.0, atol=2e-3)
-    joint = np.block([[covariance, covariance @ estimate.gain.T], [estimate.gain @ covariance, np.zeros((2, 2))]])
+    joint = np.block(
+        [
+            [covariance, covariance @ estimate.gain.T],
+            [estimate.gain @ covariance, np.zeros((2, 2))],
+        ]
+    )
     joint[4:, 4:] = estimate.covariance + estimate.gain @ covariance @ estimate.gain.T
-    np.testing.assert_allclose(joint / scale / scale[:, None], spread / scale / scale[:, None], atol=2e-3)
+    np.testing.assert_allclose(
+        joint / scale / scale[:, None], spread / scale / scale[:, None], atol=2e-3
+    )
     assert estimate.figures()["bias_sigma"] == pytest.approx(scale[4], rel=2e-3)
     assert estimate.figures()["drift"] == estimate.mean[1]
 
@@ -152,12 +170,15 @@ def test_attitude_of_the_navigator_is_part_of_what_a_bias_goes_together_with():
     state = bias.unmeasured(batch)
     assert state.gain.shape == (2, 7)
     # the state's error is (xi, attitude = by_xi xi + root d): the same dependence on xi and d
-    np.testing.assert_allclose(state.gain[:, :4] + state.gain[:, 4:] @ by_xi, bias.by_error, atol=1e-15)
+    np.testing.assert_allclose(
+        state.gain[:, :4] + state.gain[:, 4:] @ by_xi, bias.by_error, atol=1e-15
+    )
     np.testing.assert_allclose(state.gain[:, 4:] @ root, bias.by_drift, rtol=1e-6)
     np.testing.assert_allclose(state.covariance, bias.own @ bias.own.T, rtol=1e-6, atol=1e-22)
 
 
-# ------------------------------------------------------------------------------------------------------------ in the matcher
+# ------------------------------------------------------------------------------------------------------------
+# in the matcher
 
 ROUGH = field_map_of(wavy)
 
@@ -176,17 +197,26 @@ def run(settings, bias, batches=6, seed=0):
         if fix.published:
             covariance = np.linalg.inv(np.linalg.inv(prior) + fix.information.matrix)
             error, prior = error - covariance @ fix.information.vector, covariance
-        errors.append((fix, np.hypot(*error[:2]), error[:2] @ np.linalg.solve(prior[:2, :2], error[:2]) / 2.0))
+        errors.append(
+            (
+                fix,
+                np.hypot(*error[:2]),
+                error[:2] @ np.linalg.solve(prior[:2, :2], error[:2]) / 2.0,
+            )
+        )
         error, prior = FORWARD @ error, FORWARD @ prior @ FORWARD.T
     return errors, memory
 
 
 @pytest.mark.parametrize(
-    "settings", [{"bias_sigma": BIAS_SIGMA}, {"map_sigma": "auto"}, {}], ids=["told", "auto", "untold"]
+    "settings",
+    [{"bias_sigma": BIAS_SIGMA}, {"map_sigma": "auto"}, {}],
+    ids=["told", "auto", "untold"],
 )
 @pytest.mark.parametrize("bias", [1e-4, -6e-5])
 def test_a_bias_is_found(settings, bias):
-    """Ten and six sigmas of the sensor: told of, unknown to somebody who says so, and unknown to somebody who says there is none."""
+    """Ten and six sigmas of the sensor: told of, unknown to somebody who says so, and unknown to
+    somebody who says there is none."""
     errors, memory = run(settings, bias)
     figures = errors[-1][0].diagnostics
     # who says that there is none learns better from the second batch that does not agree
@@ -208,7 +238,9 @@ def test_a_lost_navigator_is_not_taken_for_a_bias():
     prior = np.diag([50.0**2, 50.0**2, 0.05**2, 0.05**2])
     memory, lost = None, False
     for number in range(3):
-        batch = batch_of(number, np.array([6000.0, -4000.0, 0.0, 0.0]), prior, lambda t: 0.0 * t, ROUGH)
+        batch = batch_of(
+            number, np.array([6000.0, -4000.0, 0.0, 0.0]), prior, lambda t: 0.0 * t, ROUGH
+        )
         fix, memory = matcher.match(batch, ROUGH, memory)
         lost |= fix.reset
     assert lost

@@ -1,4 +1,5 @@
-"""A map that is more wrong in some places than in others: the likelihood goes by where the readings may be from."""
+"""A map that is more wrong in some places than in others: the likelihood goes by where the
+readings may be from."""
 
 from dataclasses import replace
 
@@ -18,7 +19,10 @@ T, SIGMA, LENGTH = 12, 1e-9, 1500.0
 NOISE = NoiseModel(map_sigma=2e-6, correlation_length=LENGTH)
 XI = np.array([[0.0, 0.0, 0.0, 0.0], [1500.0, -800.0, 0.1, 0.2], [-2000.0, 1500.0, -1.0, 0.5]])
 PLANE = field_map_of(lambda north, east: 2e-8 * north - 3e-8 * east, step=2000.0)
-UNEVEN = replace(PLANE, sigma=np.linspace(1e-6, 6e-5, PLANE.values.shape[0])[:, None] * np.ones(PLANE.values.shape[1]))
+UNEVEN = replace(
+    PLANE,
+    sigma=np.linspace(1e-6, 6e-5, PLANE.values.shape[0])[:, None] * np.ones(PLANE.values.shape[1]),
+)
 """Six times more wrong in the north than in the middle."""
 
 
@@ -28,7 +32,12 @@ def batch_on_the_plane(**changes) -> Batch:
 
 def expected_covariance(batch, map_sigma):
     return residual_covariance(
-        batch.latitude, batch.longitude, batch.sigma**2, np.maximum(map_sigma, NOISE.map_sigma), LENGTH, 0.0
+        batch.latitude,
+        batch.longitude,
+        batch.sigma**2,
+        np.maximum(map_sigma, NOISE.map_sigma),
+        LENGTH,
+        0.0,
     )
 
 
@@ -37,7 +46,9 @@ def test_of_a_place_that_is_known_the_error_there_counts(xi):
     batch = batch_on_the_plane()
     moved = batch.transition @ xi
     north, east = metres_per_radian(batch.latitude)
-    there = UNEVEN.sigma_at(batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east)
+    there = UNEVEN.sigma_at(
+        batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east
+    )
     likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE, belief=(xi, 1e-12 * np.eye(4)))
     np.testing.assert_allclose(likelihood.covariance, expected_covariance(batch, there), rtol=1e-6)
 
@@ -46,7 +57,9 @@ def test_of_a_place_that_is_not_known_the_mean_variance_counts():
     # sigma = a + b north: its mean square over N(0, p²) is (a + b north)² + b² p²
     batch = batch_on_the_plane(prior_sigma=(3000.0, 1e-6))
     metres = metres_per_radian(ORIGIN[0])[0]
-    by_north = (UNEVEN.sigma[-1, 0] - UNEVEN.sigma[0, 0]) / ((UNEVEN.latitude[-1] - UNEVEN.latitude[0]) * metres)
+    by_north = (UNEVEN.sigma[-1, 0] - UNEVEN.sigma[0, 0]) / (
+        (UNEVEN.latitude[-1] - UNEVEN.latitude[0]) * metres
+    )
     square = UNEVEN.sigma_at(batch.latitude, batch.longitude) ** 2 + (by_north * 3000.0) ** 2
     likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE)
     np.testing.assert_allclose(np.diag(likelihood.covariance), square + batch.sigma**2, rtol=0.01)
@@ -66,7 +79,9 @@ def test_sigma_on_nodes_that_is_even_counts_as_one_number():
     one = replace(PLANE, sigma=3e-5)
     for noise in (NOISE, NoiseModel(bias_sigma=1e-5), NoiseModel(map_sigma=1e-4)):
         expected = BatchLikelihood.of(batch, one, noise)
-        np.testing.assert_allclose(BatchLikelihood.of(batch, everywhere, noise).log(XI), expected.log(XI), rtol=1e-9)
+        np.testing.assert_allclose(
+            BatchLikelihood.of(batch, everywhere, noise).log(XI), expected.log(XI), rtol=1e-9
+        )
 
 
 def test_where_the_map_does_not_know_its_error_the_least_counts():
@@ -77,34 +92,47 @@ def test_where_the_map_does_not_know_its_error_the_least_counts():
 
 
 def test_pmht_weighs_by_the_error_where_the_track_turns_out_to_be():
-    """North of the middle the map is wrong by 30 mGal, and says so; the track is in the south, its navigator 6 km north."""
+    """North of the middle the map is wrong by 30 mGal, and says so; the track is in the south, its
+    navigator 6 km north."""
     truth = field_map_of(wavy)
     random = np.random.default_rng(4)
     north = truth.latitude > ORIGIN[0]
     sigma = np.where(north, 3e-4, 2e-5)[:, None] * np.ones(truth.values.shape[1])
     field_map = replace(truth, values=truth.values + sigma * random.standard_normal(), sigma=sigma)
     matcher = build_matcher(Matcher(map_correlation_length=1e6))
-    batch, true = make_batch(truth, (6000.0, 0.0, 0.0, 0.0), start=(-6500.0, 0.0), prior_sigma=(3000.0, 1e-3))
+    batch, true = make_batch(
+        truth, (6000.0, 0.0, 0.0, 0.0), start=(-6500.0, 0.0), prior_sigma=(3000.0, 1e-3)
+    )
     fix, _ = matcher.match(batch, field_map, None)
     assert fix.published, fix.reason
     error = true.error_of(fix)
     assert error @ np.linalg.solve(fix.covariance, error) < 13.8  # 99.9 %
-    assert np.sqrt(np.trace(fix.covariance)) < 700.0  # with the error of the north it would be 3 km
+    assert (
+        np.sqrt(np.trace(fix.covariance)) < 700.0
+    )  # with the error of the north it would be 3 km
 
 
 def test_pmht_does_not_choose_a_place_by_the_map_error_of_another():
-    """The two halves of a track contradict each other by 4 km. Where the one half would be right, the map is good for the other half:
-    each place speaks for the other one, and whichever is tried last would win by many of its 1-sigmas."""
+    """The two halves of a track contradict each other by 4 km. Where the one half would be right,
+    the map is good for the other half: each place speaks for the other one, and whichever is tried
+    last would win by many of its 1-sigmas."""
     slope, apart, error = 5e-8, 2000.0, np.array([1000.0, 0.0, 0.0, 0.0])
     plane = field_map_of(lambda north, east: slope * north + 0.0 * east, step=500.0)
     batch, _ = make_batch(
-        plane, error, start=(0.0, -3000.0), velocity=(0.0, 20.0), prior_sigma=(1000.0, 1e-3), sigma=1e-7
+        plane,
+        error,
+        start=(0.0, -3000.0),
+        velocity=(0.0, 20.0),
+        prior_sigma=(1000.0, 1e-3),
+        sigma=1e-7,
     )
     west = np.arange(len(batch)) < len(batch) // 2
     batch = replace(batch, reading=batch.reading + slope * apart * np.where(west, 1.0, -1.0))
     bad_for_the_west = (plane.latitude > ORIGIN[0])[:, None]
     sigma = slope * np.where(bad_for_the_west == (plane.longitude < ORIGIN[1]), 3000.0, 200.0)
-    fix, _ = build_matcher(Matcher(map_correlation_length=1.0)).match(batch, replace(plane, sigma=sigma), None)
+    fix, _ = build_matcher(Matcher(map_correlation_length=1.0)).match(
+        batch, replace(plane, sigma=sigma), None
+    )
     assert fix.published, fix.reason
     posterior = np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix)
     deviation = np.sqrt(posterior[0, 0])

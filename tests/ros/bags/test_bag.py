@@ -1,4 +1,5 @@
-"""Recordings: laid out as ros2 bag does, readable by others, and up to the cut when the recorder is killed."""
+"""Recordings: laid out as ros2 bag does, readable by others, and up to the cut when the recorder
+is killed."""
 
 import signal
 import subprocess
@@ -67,7 +68,10 @@ def test_others_read_it(tmp_path) -> None:
             500,
         )
         assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"
-        values = [reader.deserialize(data, kind.msgtype).linear_acceleration.x for kind, _, data in reader.messages()]
+        values = [
+            reader.deserialize(data, kind.msgtype).linear_acceleration.x
+            for kind, _, data in reader.messages()
+        ]
     assert values == [i * 0.1 for i in range(500)]
 
 
@@ -83,7 +87,11 @@ def test_mcap_decodes_it_by_its_own_schemas(tmp_path) -> None:
         metadata = {item.name: item.metadata for item in reader.iter_metadata()}
     assert [message.linear_acceleration.x for *_, message in found] == [i * 0.1 for i in range(20)]
     schema, channel, message, _ = found[3]
-    assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/msg/Imu", "ros2msg", "cdr")
+    assert (schema.name, schema.encoding, channel.message_encoding) == (
+        "sensor_msgs/msg/Imu",
+        "ros2msg",
+        "cdr",
+    )
     assert channel.metadata["topic_type_hash"] == IMU_HASH
     assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["durability"] == "volatile"
     assert (message.log_time, message.publish_time) == (3 * 10**9, 10**18 + 3)
@@ -117,9 +125,15 @@ def test_metadata_as_rosbag2_writes_it(tmp_path) -> None:
 def test_quality_of_service_in_words() -> None:
     from rclpy.duration import Duration
 
-    profile = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT, deadline=Duration(seconds=1.5))
+    profile = QoSProfile(
+        depth=3, reliability=ReliabilityPolicy.BEST_EFFORT, deadline=Duration(seconds=1.5)
+    )
     (entry,) = qos_text([profile])
-    assert (entry["history"], entry["depth"], entry["reliability"]) == ("keep_last", 3, "best_effort")
+    assert (entry["history"], entry["depth"], entry["reliability"]) == (
+        "keep_last",
+        3,
+        "best_effort",
+    )
     assert entry["deadline"] == {"sec": 1, "nsec": 500_000_000}
 
 
@@ -172,12 +186,15 @@ def test_damage_in_the_middle_is_noticed(tmp_path) -> None:
 
 def test_a_killed_writer_leaves_what_it_has_flushed(tmp_path) -> None:
     script = (
-        "import sys, time; sys.path.insert(0, sys.argv[2]); from pathlib import Path; from test_bag import write;"
-        "write(Path(sys.argv[1]), 1000, close=False, flush=100); print('ready', flush=True); time.sleep(60)"
+        "import sys, time; sys.path.insert(0, sys.argv[2]); from pathlib import Path; from"
+        " test_bag import write;write(Path(sys.argv[1]), 1000, close=False, flush=100);"
+        " print('ready', flush=True); time.sleep(60)"
     )
     folder = tmp_path / "bag"
     process = subprocess.Popen(
-        [sys.executable, "-c", script, str(folder), str(Path(__file__).parent)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", script, str(folder), str(Path(__file__).parent)],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout.readline() == "ready\n"
     process.send_signal(signal.SIGKILL)
@@ -185,7 +202,12 @@ def test_a_killed_writer_leaves_what_it_has_flushed(tmp_path) -> None:
     reader = BagReader(folder)
     assert len(list(reader.messages())) == 1000
     assert reader.cut
-    assert yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["version"] == 9
+    assert (
+        yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"][
+            "version"
+        ]
+        == 9
+    )
 
 
 def test_bad_bags(tmp_path) -> None:

@@ -25,7 +25,8 @@ def test_it_is_small_and_whole() -> None:
 
 
 def test_it_replays_to_the_same_fixes() -> None:
-    """Within a metre: the last digits are the machine's, but another filter or matcher has to make another sample."""
+    """Within a metre: the last digits are the machine's, but another filter or matcher has to make
+    another sample."""
     result = replay(BagReader(SAMPLE), Interrupt(), lambda *_: None)
     assert result.notes == []
     assert result.comparison.recorded == result.comparison.replayed == result.comparison.common

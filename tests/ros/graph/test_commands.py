@@ -1,4 +1,5 @@
-"""`isogal run` and `isogal replay` as a user starts them: processes, signals, results, bad input."""
+"""`isogal run` and `isogal replay` as a user starts them: processes, signals, results, bad
+input."""
 
 import json
 import os
@@ -34,7 +35,9 @@ def sets(overrides: list[str]) -> list[str]:
 
 
 def isogal(*words: object) -> subprocess.CompletedProcess:
-    return subprocess.run(command(*words), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    return subprocess.run(
+        command(*words), capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
 
 
 def collect(bag: Path) -> Collector:
@@ -63,23 +66,35 @@ def wait_for(condition, what: str) -> None:
 
 
 def orphans(before: set[str]) -> set[str]:
-    """Shared memory that came since and that no process has open; other tests run at the same time."""
+    """Shared memory that came since and that no process has open; other tests run at the same
+    time."""
     files = {str(Path("/dev/shm") / name) for name in shared_memory() - before}
     return files - domain._open_files()
 
 
 @pytest.fixture
 def running(tmp_path, settings):
-    """A run in processes that has recorded something, at ten times real time; ended afterwards whatever happens."""
+    """A run in processes that has recorded something, at ten times real time; ended afterwards
+    whatever happens."""
     before = shared_memory()
     process = subprocess.Popen(
-        command("run", *sets(settings("route.duration=1900.0")), "--rate", 10, "--out", tmp_path / "out"),
+        command(
+            "run",
+            *sets(settings("route.duration=1900.0")),
+            "--rate",
+            10,
+            "--out",
+            tmp_path / "out",
+        ),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     bag = tmp_path / "out" / "bag" / "bag_0.mcap"
-    wait_for(lambda: process.poll() is not None or (bag.exists() and bag.stat().st_size > 30_000), "the recording")
+    wait_for(
+        lambda: process.poll() is not None or (bag.exists() and bag.stat().st_size > 30_000),
+        "the recording",
+    )
     assert process.poll() is None, process.communicate()
     nodes = nodes_of(process)
     yield process, nodes, tmp_path / "out"
@@ -137,7 +152,12 @@ def test_the_replay_command(finished, tmp_path) -> None:
     result = isogal("replay", out / "bag", "--json", "--out", tmp_path / "again")
     assert result.returncode == 0, result.stderr
     document = json.loads(result.stdout)
-    assert document["fixes"]["recorded"] == document["fixes"]["replayed"] == document["fixes"]["common"] > 0
+    assert (
+        document["fixes"]["recorded"]
+        == document["fixes"]["replayed"]
+        == document["fixes"]["common"]
+        > 0
+    )
     assert document["largest_difference_m"] < 1e-6
     assert document["disagreements"] == 0
     assert document["summary"]["position_error"] == pytest.approx(
@@ -146,12 +166,25 @@ def test_the_replay_command(finished, tmp_path) -> None:
     assert (tmp_path / "again" / "report.html").exists()
 
 
-def test_a_run_in_one_process_prints_json_and_leaves_the_home_folder_alone(settings, tmp_path) -> None:
+def test_a_run_in_one_process_prints_json_and_leaves_the_home_folder_alone(
+    settings, tmp_path
+) -> None:
     (tmp_path / "home").mkdir()  # where ROS puts its logs unless told otherwise
     overrides = sets(settings("route.duration=120.0"))
-    words = command("run", "--in-process", "--json", *overrides, "--bag", tmp_path / "bag", "--out", tmp_path / "out")
+    words = command(
+        "run",
+        "--in-process",
+        "--json",
+        *overrides,
+        "--bag",
+        tmp_path / "bag",
+        "--out",
+        tmp_path / "out",
+    )
     environment = os.environ | {"HOME": str(tmp_path / "home")}
-    result = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    result = subprocess.run(
+        words, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (tmp_path / "bag" / "metadata.yaml").exists()
@@ -208,12 +241,22 @@ BAD = [
     (("run", "--set", "map.source=none.nc"), "none.nc: no such file"),
     (("run", "--scenario", "none.yaml"), "none.yaml: cannot be read: No such file or directory"),
     (
-        ("run", "SETTINGS", "--set", "route.end=[-30.0, 147.0]", "--set", "route.duration=10000.0"),
+        (
+            "run",
+            "SETTINGS",
+            "--set",
+            "route.end=[-30.0, 147.0]",
+            "--set",
+            "route.duration=10000.0",
+        ),
         "does not cover the route",
     ),
     (("run", "SETTINGS", "--set", "matcher.options={nonsense: 1}"), "nonsense"),
     (("run", "SETTINGS", "--out", "TMP/file/out"), "cannot be made: Not a directory"),
-    (("run", "SETTINGS", "--bag", "TMP/bag", "--out", "TMP/out"), "there is a bag already; give another folder"),
+    (
+        ("run", "SETTINGS", "--bag", "TMP/bag", "--out", "TMP/out"),
+        "there is a bag already; give another folder",
+    ),
     (("run", "SETTINGS", "--rate", "-1"), "--rate"),
     (("replay", "TMP/none"), "no such bag"),
     (("replay", "TMP/no.mcap"), "not an MCAP file"),
@@ -221,7 +264,9 @@ BAD = [
 
 
 @pytest.mark.parametrize(("words", "expected"), BAD, ids=[expected for _, expected in BAD])
-def test_bad_input_is_one_line_and_exit_2(settings, tmp_path, monkeypatch, capsys, words, expected) -> None:
+def test_bad_input_is_one_line_and_exit_2(
+    settings, tmp_path, monkeypatch, capsys, words, expected
+) -> None:
     from isogal.cli.main import main
 
     (tmp_path / "file").write_text("x")
@@ -247,7 +292,9 @@ def test_without_ros_the_command_says_so(monkeypatch) -> None:
 
     from isogal.cli import run
 
-    monkeypatch.setattr(run, "find_spec", lambda name: None if name == "rclpy" else importlib.util.find_spec(name))
+    monkeypatch.setattr(
+        run, "find_spec", lambda name: None if name == "rclpy" else importlib.util.find_spec(name)
+    )
     with pytest.raises(InputError, match=r"ROS 2 \(rclpy\) is not installed"):
         run.run()
     with pytest.raises(InputError, match=r"ROS 2 \(rclpy\) is not installed"):

@@ -1,4 +1,5 @@
-"""The graph in one process: what it records, that it is the library's closed loop, and that a replay gives the same."""
+"""The graph in one process: what it records, that it is the library's closed loop, and that a
+replay gives the same."""
 
 from collections import Counter
 
@@ -28,7 +29,9 @@ def test_it_is_the_closed_loop_of_the_library(recording, scenario) -> None:
     assert graph.published.any()
     same(graph, library, 1e-6)
     np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-14, rtol=0)
-    np.testing.assert_allclose(graph.detail.candidate_latitude, library.detail.candidate_latitude, atol=1e-12)
+    np.testing.assert_allclose(
+        graph.detail.candidate_latitude, library.detail.candidate_latitude, atol=1e-12
+    )
     np.testing.assert_array_equal(graph.detail.candidate_scan, library.detail.candidate_scan)
 
 
@@ -55,7 +58,12 @@ def test_other_scenarios(scenario, tmp_path, changes) -> None:
     run_here(short, tmp_path / "bag")
     # the sampler turns the nanometres that degrees cost into micrometres
     # retrodiction publishes a fix for each scan, of which the last is only a share of the batch's
-    same(record(tmp_path / "bag", short), simulate(short, [0]), 1e-4, fixes=short.matcher.mode == "standard")
+    same(
+        record(tmp_path / "bag", short),
+        simulate(short, [0]),
+        1e-4,
+        fixes=short.matcher.mode == "standard",
+    )
 
 
 def test_every_topic_is_recorded(recording) -> None:
@@ -70,12 +78,29 @@ def test_every_topic_is_recorded(recording) -> None:
         == steps + 1
     )
     assert counts["/imu/data_raw"] == steps
-    assert counts["/gravimeter/data_raw"] == counts["/gravimeter/gravity"] == counts["/gravimeter/disturbance"] == scans
-    assert counts["/pmht_mm/fix"] == counts["/pmht_mm/candidates"] == counts["/pmht_mm/information"] == batches
-    assert counts["/nav/fix"] == counts["/nav/odom"] == counts["/nav/covariance"] == steps + 1 + batches
+    assert (
+        counts["/gravimeter/data_raw"]
+        == counts["/gravimeter/gravity"]
+        == counts["/gravimeter/disturbance"]
+        == scans
+    )
+    assert (
+        counts["/pmht_mm/fix"]
+        == counts["/pmht_mm/candidates"]
+        == counts["/pmht_mm/information"]
+        == batches
+    )
+    assert (
+        counts["/nav/fix"]
+        == counts["/nav/odom"]
+        == counts["/nav/covariance"]
+        == steps + 1 + batches
+    )
     assert counts["/nav/path"] == 11
     assert counts["/diagnostics"] > 2 * steps
-    assert set(reader.types) == {"/" + topic.name.lstrip("/") for topic in topics_of("disturbance")}
+    assert set(reader.types) == {
+        "/" + topic.name.lstrip("/") for topic in topics_of("disturbance")
+    }
     for topic in topics_of("disturbance"):
         assert reader.types["/" + topic.name.lstrip("/")] == topics.type_name(topic.type)
 
@@ -96,7 +121,9 @@ def test_recorded_types_are_the_publishers(recording) -> None:
 
     with AnyReader([recording]) as reader:  # compares the hashes with the definitions
         assert len(reader.connections) == len(topics_of("disturbance"))
-    information = yaml.safe_load((recording / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    information = yaml.safe_load((recording / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
     for entry in information["topics_with_message_count"]:
         topic = entry["topic_metadata"]
         assert topic["type_description_hash"].startswith("RIHS01_")
@@ -128,7 +155,10 @@ def test_a_replay_gives_the_same_fixes(recording) -> None:
     # and the same navigation
     old, new = collect(recording).last_nav, result.outputs.last_nav
     assert set(old) == set(new)
-    places = [[read_position(decode(store[ns], topics.NAV_FIX.type)) for ns in sorted(store)] for store in (old, new)]
+    places = [
+        [read_position(decode(store[ns], topics.NAV_FIX.type)) for ns in sorted(store)]
+        for store in (old, new)
+    ]
     np.testing.assert_allclose(places[0], places[1], atol=1e-13, rtol=0)
 
 
@@ -171,7 +201,9 @@ def test_a_bag_without_what_is_needed(recording, tmp_path) -> None:
 
 def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
     short = scenario("route.duration=65.0")
-    outcome = run_in_process(Plan(short, tmp_path / "bag", rate=40.0), Interrupt(), lambda progress: None)
+    outcome = run_in_process(
+        Plan(short, tmp_path / "bag", rate=40.0), Interrupt(), lambda progress: None
+    )
     assert outcome.wall_seconds > 65.0 / 40.0 * 0.9
     same(record(tmp_path / "bag", short), simulate(short, [0]))
 
@@ -195,7 +227,9 @@ def test_an_interrupt_keeps_the_bag(scenario, tmp_path) -> None:
         if progress.simulated > 50.0:
             interrupt(2)
 
-    outcome = run_in_process(Plan(scenario("route.duration=1900.0"), tmp_path / "bag", rate=100.0), interrupt, report)
+    outcome = run_in_process(
+        Plan(scenario("route.duration=1900.0"), tmp_path / "bag", rate=100.0), interrupt, report
+    )
     assert outcome.interrupted
     collector = collect(tmp_path / "bag")
     assert 50 < len(collector.truth) < 1900
@@ -204,15 +238,26 @@ def test_an_interrupt_keeps_the_bag(scenario, tmp_path) -> None:
 
 def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
     with pytest.raises(InputError, match="does not cover the route"):
-        run_here(scenario("route.end=[-35.0, 150.0]", "route.duration=10000.0", "route.speed=30.0"), tmp_path / "bag")
+        run_here(
+            scenario("route.end=[-35.0, 150.0]", "route.duration=10000.0", "route.speed=30.0"),
+            tmp_path / "bag",
+        )
 
 
 def test_a_node_that_falls_silent(scenario, tmp_path, monkeypatch) -> None:
     from ukf_fusion_node.node import UkfFusionNode
 
     publish, own = UkfFusionNode._publish, Plan.own
-    monkeypatch.setattr(UkfFusionNode, "_publish", lambda self: publish(self) if self.samples < 20 else None)
+    monkeypatch.setattr(
+        UkfFusionNode, "_publish", lambda self: publish(self) if self.samples < 20 else None
+    )
     impatient = {"reply_timeout": 1.0}
-    monkeypatch.setattr(Plan, "own", lambda plan, name: own(plan, name) | (impatient if name == topics.INS_SIM else {}))
-    with pytest.raises(GraphError, match=r"no answer to the step at 20\.000 s .* missing nav/odom \(0 of 1\)"):
+    monkeypatch.setattr(
+        Plan,
+        "own",
+        lambda plan, name: own(plan, name) | (impatient if name == topics.INS_SIM else {}),
+    )
+    with pytest.raises(
+        GraphError, match=r"no answer to the step at 20\.000 s .* missing nav/odom \(0 of 1\)"
+    ):
         run_here(scenario(), tmp_path / "bag")

@@ -38,7 +38,11 @@ def description(monkeypatch):
         "launch": ["LaunchDescription"],
         "launch.actions": ["DeclareLaunchArgument", "Shutdown"],
         "launch.conditions": ["IfCondition"],
-        "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
+        "launch.substitutions": [
+            "LaunchConfiguration",
+            "PathJoinSubstitution",
+            "PythonExpression",
+        ],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
         "launch_ros.parameter_descriptions": ["ParameterValue"],
@@ -49,7 +53,9 @@ def description(monkeypatch):
         for item in classes:
             setattr(module, item, stand_in(item))
         monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location("launched", BRINGUP / "launch" / "isogal.launch.py")
+    spec = importlib.util.spec_from_file_location(
+        "launched", BRINGUP / "launch" / "isogal.launch.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     module.generate_launch_description()
@@ -70,7 +76,9 @@ def test_every_node_is_started_with_parameters_it_knows(description) -> None:
 
 
 def test_arguments(description) -> None:
-    names = {argument.arguments[0]: argument.keys for argument in description["DeclareLaunchArgument"]}
+    names = {
+        argument.arguments[0]: argument.keys for argument in description["DeclareLaunchArgument"]
+    }
     assert set(names) == {"params", "rate", "run", "recorder", "bag"}
     assert all(keys["description"] for keys in names.values())
     used = {item.arguments[0] for item in description["LaunchConfiguration"]}

@@ -1,4 +1,5 @@
-"""Magnetometer and clearance meter through the same nodes: single nodes with good and bad messages, and the graph over real maps."""
+"""Magnetometer and clearance meter through the same nodes: single nodes with good and bad
+messages, and the graph over real maps."""
 
 import json
 import math
@@ -41,12 +42,16 @@ ALPS = [
 
 @pytest.fixture(scope="module")
 def magnetic(shared_data: Path) -> Scenario:
-    return load_scenario(None, [*SHORT, *SCOTLAND, f"map.source={shared_data / 'scotland_magnetic_map.nc'}"])
+    return load_scenario(
+        None, [*SHORT, *SCOTLAND, f"map.source={shared_data / 'scotland_magnetic_map.nc'}"]
+    )
 
 
 @pytest.fixture(scope="module")
 def terrain(shared_data: Path) -> Scenario:
-    return load_scenario(None, [*SHORT, *ALPS, f"map.source={shared_data / 'se_australia_gravity.nc'}"])
+    return load_scenario(
+        None, [*SHORT, *ALPS, f"map.source={shared_data / 'se_australia_gravity.nc'}"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +68,10 @@ def scenario(request) -> Scenario:
 
 
 def changed(scenario: Scenario, **sections: dict) -> Scenario:
-    updates = {name: getattr(scenario, name).model_copy(update=update) for name, update in sections.items()}
+    updates = {
+        name: getattr(scenario, name).model_copy(update=update)
+        for name, update in sections.items()
+    }
     return scenario.model_copy(update=updates)
 
 
@@ -96,7 +104,9 @@ class TestGraph:
         assert not any("gravimeter" in name for name in names)
 
     def test_a_replay_gives_the_same_fixes(self, bags, scenario) -> None:
-        comparison = replay(BagReader(bags[scenario.field]), Interrupt(), lambda *_: None).comparison
+        comparison = replay(
+            BagReader(bags[scenario.field]), Interrupt(), lambda *_: None
+        ).comparison
         assert comparison.recorded == comparison.replayed == comparison.common == 6
         assert comparison.disagreements == 0
         assert comparison.largest_difference < 1e-4
@@ -105,12 +115,21 @@ class TestGraph:
         # one batch, which ends with the run: until then nobody has corrected the navigator
         once = changed(scenario, route={"duration": 600.0}, matcher={"batch_length": 60})
         run_here(once, tmp_path / "bag")
-        options = ["--map", scenario.map.source, "--track", str(tmp_path / "bag"), "--out", str(tmp_path / "x.json")]
+        options = [
+            "--map",
+            scenario.map.source,
+            "--track",
+            str(tmp_path / "bag"),
+            "--out",
+            str(tmp_path / "x.json"),
+        ]
         options += ["--prior-sigma", "500", "--velocity-sigma", "0.5", "--map-sigma", "0"]
         options += [] if scenario.field == "magnetic" else ["--variable", "height"]
         result = CliRunner().invoke(app, ["match", *options])
         assert result.exit_code == 0, result.output
-        fixes = [fix for fix in json.loads((tmp_path / "x.json").read_text()) if fix["status"] == "fix"]
+        fixes = [
+            fix for fix in json.loads((tmp_path / "x.json").read_text()) if fix["status"] == "fix"
+        ]
         runs = record(tmp_path / "bag", once)
         assert [fix["time"] for fix in fixes] == [300.0, 600.0]
         for fix in fixes:
@@ -131,14 +150,20 @@ class TestGraph:
 
     def test_a_gravimeters_sigma_is_refused(self, magnetic) -> None:
         default = Scenario().gravimeter
-        with pytest.raises(InputError, match=r"gravimeter\.sigma: must be in nT where field is magnetic"):
+        with pytest.raises(
+            InputError, match=r"gravimeter\.sigma: must be in nT where field is magnetic"
+        ):
             run_here(magnetic.model_copy(update={"gravimeter": default}), None)
 
 
 def field_of(seconds, *vector, variance=0.0):
-    message = MagneticField(magnetic_field_covariance=np.array([variance, 0, 0, 0, variance, 0, 0, 0, variance], float))
+    message = MagneticField(
+        magnetic_field_covariance=np.array([variance, 0, 0, 0, variance, 0, 0, 0, variance], float)
+    )
     set_stamp(message.header.stamp, from_seconds(seconds))
-    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = map(float, vector)
+    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = map(
+        float, vector
+    )
     return message
 
 
@@ -155,7 +180,10 @@ class TestSensorNode:
         main_field = float(intensity(*np.degrees(PLACE), 100.0, 2025.0))
         total = (main_field + 321.0) * 1e-9
         with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
-            made.publish(topics.MAGNETIC_FIELD, field_of(10.0, 0.6 * total, 0.0, -0.8 * total, variance=9e-18))
+            made.publish(
+                topics.MAGNETIC_FIELD,
+                field_of(10.0, 0.6 * total, 0.0, -0.8 * total, variance=9e-18),
+            )
             made.nav(10.0, *PLACE)
             made.publish(topics.MAGNETIC_FIELD, field_of(20.0, 0.0, total, 0.0))
             made.nav(20.0, *PLACE)
@@ -164,9 +192,13 @@ class TestSensorNode:
             assert known.magnetic_field.z * 1e9 == pytest.approx(321.0, abs=0.02)
             assert known.header.frame_id == "main_field"
             # the sensor's, and the main field's gradient over the navigator's 30 m
-            variances = [message.magnetic_field_covariance[8] * 1e18 for message in (known, unknown)]
+            variances = [
+                message.magnetic_field_covariance[8] * 1e18 for message in (known, unknown)
+            ]
             assert 9.0 < variances[0] < 9.1
-            assert variances[1] - 4.0 == pytest.approx(variances[0] - 9.0)  # unknown: gravimeter.sigma of 2 nT
+            assert variances[1] - 4.0 == pytest.approx(
+                variances[0] - 9.0
+            )  # unknown: gravimeter.sigma of 2 nT
             assert not made.heard["gravimeter/gravity"]
 
     def test_a_fast_instrument_gives_one_reading_per_scan(self, magnetic) -> None:
@@ -184,13 +216,18 @@ class TestSensorNode:
 
     def test_a_clearance_meters_readings_are_reduced(self, terrain) -> None:
         with bench(topics.GRAVIMETER, terrain, simulate=False) as made:
-            for seconds, message in ((10.0, range_of(10.0, 70.0, variance=4.0)), (20.0, range_of(20.0, math.inf))):
+            for seconds, message in (
+                (10.0, range_of(10.0, 70.0, variance=4.0)),
+                (20.0, range_of(20.0, math.inf)),
+            ):
                 made.publish(topics.CLEARANCE, message)
                 made.nav(seconds, *PLACE)
             made.wait(lambda: len(made.heard["altimeter/terrain"]) == 2)
             ground, nothing = made.heard["altimeter/terrain"]
             assert ground.altitude == pytest.approx(30.0)  # the navigator is at 100 m
-            assert ground.position_covariance[8] == pytest.approx(4.0 + 0.01)  # and its height is good to 0.1 m
+            assert ground.position_covariance[8] == pytest.approx(
+                4.0 + 0.01
+            )  # and its height is good to 0.1 m
             assert [ground.latitude, ground.longitude] == pytest.approx(np.degrees(PLACE))
             assert math.isnan(nothing.altitude)
             made.settle()
@@ -201,17 +238,45 @@ class TestSensorNode:
     @pytest.mark.parametrize(
         ("field", "topic", "bad", "words"),
         [
-            ("magnetic", topics.MAGNETIC_FIELD, lambda: field_of(20.0, math.nan, 0.0, 5e-5), "needs all three"),
-            ("magnetic", topics.MAGNETIC_FIELD, lambda: field_of(20.0, 0.0, 0.0, 50.0), "the unit is tesla"),
-            ("magnetic", topics.MAGNETIC_FIELD, lambda: field_of(20.0, 0.0, 0.0, 5e-5, variance=-1.0), "negative"),
-            ("magnetic", topics.MAGNETIC_FIELD, lambda: field_of(5.0, 0.0, 0.0, 5e-5), "not later than"),
+            (
+                "magnetic",
+                topics.MAGNETIC_FIELD,
+                lambda: field_of(20.0, math.nan, 0.0, 5e-5),
+                "needs all three",
+            ),
+            (
+                "magnetic",
+                topics.MAGNETIC_FIELD,
+                lambda: field_of(20.0, 0.0, 0.0, 50.0),
+                "the unit is tesla",
+            ),
+            (
+                "magnetic",
+                topics.MAGNETIC_FIELD,
+                lambda: field_of(20.0, 0.0, 0.0, 5e-5, variance=-1.0),
+                "negative",
+            ),
+            (
+                "magnetic",
+                topics.MAGNETIC_FIELD,
+                lambda: field_of(5.0, 0.0, 0.0, 5e-5),
+                "not later than",
+            ),
             ("terrain", topics.CLEARANCE, lambda: range_of(20.0, math.nan), "not a number"),
-            ("terrain", topics.CLEARANCE, lambda: range_of(20.0, 70.0, variance=-1.0), "negative variance"),
+            (
+                "terrain",
+                topics.CLEARANCE,
+                lambda: range_of(20.0, 70.0, variance=-1.0),
+                "negative variance",
+            ),
             ("terrain", topics.CLEARANCE, lambda: range_of(10.0, 70.0), "not later than"),
         ],
     )
     def test_bad_messages_are_dropped_and_said(self, request, field, topic, bad, words) -> None:
-        good = {"magnetic": lambda t: field_of(t, 0.0, 0.0, 5e-5), "terrain": lambda t: range_of(t, 70.0)}[field]
+        good = {
+            "magnetic": lambda t: field_of(t, 0.0, 0.0, 5e-5),
+            "terrain": lambda t: range_of(t, 70.0),
+        }[field]
         reduced = topics.readings(field).name
         with bench(topics.GRAVIMETER, request.getfixturevalue(field), simulate=False) as made:
             for seconds, message in ((10.0, good(10.0)), (20.0, bad()), (30.0, good(30.0))):

@@ -18,7 +18,15 @@ from isogal.matching.interfaces import Candidates, Information
 from isogal.scenario import load_scenario
 from isogal_ros.messages import convert
 from isogal_ros.messages.odometry import quaternion
-from isogal_ros.messages.stamps import from_ns, from_seconds, peek_ns, peek_numbers_ns, set_stamp, to_ns, to_seconds
+from isogal_ros.messages.stamps import (
+    from_ns,
+    from_seconds,
+    peek_ns,
+    peek_numbers_ns,
+    set_stamp,
+    to_ns,
+    to_seconds,
+)
 from isogal_ros.nodes.health import BadMessageError
 
 finite = st.floats(-50.0, 50.0)
@@ -39,7 +47,9 @@ def turned(a: float, b: float, c: float) -> np.ndarray:
     return q
 
 
-attitudes = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(lambda t: turned(*t))
+attitudes = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(
+    lambda t: turned(*t)
+)
 
 
 def covariance(size: int, seed: int) -> np.ndarray:
@@ -80,7 +90,8 @@ def test_imu(ns, force, rate) -> None:
 
 
 def test_imu_axes() -> None:
-    """At rest and level the accelerometer feels +g upward, which is REP-103's +z; turning right is negative about it."""
+    """At rest and level the accelerometer feels +g upward, which is REP-103's +z; turning right is
+    negative about it."""
     message = Imu()
     convert.fill_imu(message, 0, np.array([0.0, 0.0, -9.8]), np.array([0.0, 0.0, 0.1]))
     assert message.linear_acceleration.z == 9.8
@@ -122,14 +133,18 @@ def test_odometry(latitude, longitude, velocity, attitude, seed) -> None:
     message = odometry(frame, state, cov)
     # position: exact through ECEF
     point = message.pose.pose.position
-    np.testing.assert_allclose(frame.to_geodetic([point.x, point.y, point.z]), state[:3], rtol=1e-12, atol=1e-8)
+    np.testing.assert_allclose(
+        frame.to_geodetic([point.x, point.y, point.z]), state[:3], rtol=1e-12, atol=1e-8
+    )
     # velocity, its covariance and the attitude come back
     v, of_v, body = convert.read_velocity(message, frame, latitude, longitude)
     np.testing.assert_allclose(v, velocity, atol=1e-12)
     np.testing.assert_allclose(of_v, cov[3:6, 3:6], atol=1e-11)
     np.testing.assert_allclose(body, matrix(attitude), atol=1e-12)
     # the pose's covariance is that of position and attitude, turned into the axes of the map
-    to_map = frame.axes @ enu_axes(latitude, longitude).T @ np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    to_map = (
+        frame.axes @ enu_axes(latitude, longitude).T @ np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    )
     both = np.kron(np.eye(2), to_map)
     index = [0, 1, 2, 6, 7, 8]
     expected = both @ cov[np.ix_(index, index)] @ both.T
@@ -140,13 +155,27 @@ def test_odometry_by_hand() -> None:
     """At the origin, driving north-east: orientation is 45 degrees from east, velocity forward."""
     frame = LocalFrame(math.radians(-38.0), math.radians(144.5), 100.0)
     state = np.array(
-        [math.radians(-38.0), math.radians(144.5), 100.0, 10.0, 10.0, 0.0, *from_heading(math.radians(45.0))]
+        [
+            math.radians(-38.0),
+            math.radians(144.5),
+            100.0,
+            10.0,
+            10.0,
+            0.0,
+            *from_heading(math.radians(45.0)),
+        ]
     )
     message = odometry(frame, state)
     pose, twist = message.pose.pose, message.twist.twist
-    assert [pose.position.x, pose.position.y, pose.position.z] == pytest.approx([0, 0, 0], abs=1e-8)
-    assert [pose.orientation.w, pose.orientation.z] == pytest.approx([math.cos(math.pi / 8), math.sin(math.pi / 8)])
-    assert [twist.linear.x, twist.linear.y, twist.linear.z] == pytest.approx([math.sqrt(200), 0, 0], abs=1e-12)
+    assert [pose.position.x, pose.position.y, pose.position.z] == pytest.approx(
+        [0, 0, 0], abs=1e-8
+    )
+    assert [pose.orientation.w, pose.orientation.z] == pytest.approx(
+        [math.cos(math.pi / 8), math.sin(math.pi / 8)]
+    )
+    assert [twist.linear.x, twist.linear.y, twist.linear.z] == pytest.approx(
+        [math.sqrt(200), 0, 0], abs=1e-12
+    )
 
 
 @given(attitudes)
@@ -173,7 +202,12 @@ def test_nav_covariance(size) -> None:
 
 
 @pytest.mark.parametrize(
-    "information", [None, Information(np.arange(4.0), covariance(4, 2)), Information(np.arange(7.0), covariance(7, 2))]
+    "information",
+    [
+        None,
+        Information(np.arange(4.0), covariance(4, 2)),
+        Information(np.arange(7.0), covariance(7, 2)),
+    ],
 )
 @pytest.mark.parametrize("reset", [False, True])
 def test_information(information, reset) -> None:
@@ -190,7 +224,10 @@ def test_information(information, reset) -> None:
 def test_candidates() -> None:
     random = np.random.default_rng(0)
     candidates = Candidates(
-        random.uniform(-1, 1, 9), random.uniform(-3, 3, 9), random.uniform(0, 1, 9), np.arange(9) % 4
+        random.uniform(-1, 1, 9),
+        random.uniform(-3, 3, 9),
+        random.uniform(0, 1, 9),
+        np.arange(9) % 4,
     )
     cloud = convert.candidates_cloud(8, candidates)
     assert [field.name for field in cloud.fields] == ["latitude", "longitude", "weight", "scan"]
@@ -206,10 +243,14 @@ def test_candidates() -> None:
 def test_frame_map_is_at_the_first_route_point() -> None:
     straight = convert.map_frame(load_scenario(None, ["route.height=250.0"]))
     along = convert.map_frame(
-        load_scenario(None, ["route.height=250.0", "route.waypoints=[[-38, 144.5, 20], [-37, 146, 20]]"])
+        load_scenario(
+            None, ["route.height=250.0", "route.waypoints=[[-38, 144.5, 20], [-37, 146, 20]]"]
+        )
     )
     np.testing.assert_array_equal(straight.origin, along.origin)
-    np.testing.assert_allclose(straight.from_geodetic(math.radians(-38), math.radians(144.5), 250.0), 0, atol=1e-8)
+    np.testing.assert_allclose(
+        straight.from_geodetic(math.radians(-38), math.radians(144.5), 250.0), 0, atol=1e-8
+    )
 
 
 def bad_imu(**changes) -> Imu:

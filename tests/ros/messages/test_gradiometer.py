@@ -1,4 +1,5 @@
-"""The gradiometer through the nodes: its messages, single nodes with bad ones, the graph, and what is refused before it starts."""
+"""The gradiometer through the nodes: its messages, single nodes with bad ones, the graph, and what
+is refused before it starts."""
 
 import math
 
@@ -48,10 +49,17 @@ class TestMessages:
         assert to_ns(made.header.stamp) == from_seconds(12.5)
         assert made.header.frame_id == GRADIOMETER
         assert [field.name for field in made.fields] == ["T_nn", "T_ed", "T_dd", "covariance"]
-        assert (made.width, made.height, made.is_dense, len(made.data)) == (1, 1, False, made.point_step)
+        assert (made.width, made.height, made.is_dense, len(made.data)) == (
+            1,
+            1,
+            False,
+            made.point_step,
+        )
 
     def test_components_go_by_their_names(self) -> None:
-        value, covariance = GradiometerAdapter(("dd", "nn")).read_reduced(message(1.0, VALUE, COVARIANCE))
+        value, covariance = GradiometerAdapter(("dd", "nn")).read_reduced(
+            message(1.0, VALUE, COVARIANCE)
+        )
         np.testing.assert_array_equal(value, VALUE[[2, 0]])
         np.testing.assert_array_equal(covariance, COVARIANCE[np.ix_([2, 0], [2, 0])])
 
@@ -71,14 +79,26 @@ class TestMessages:
     @pytest.mark.parametrize(
         ("change", "words"),
         [
-            (lambda m: m.header.__setattr__("frame_id", "map"), "frame_id must be 'gradiometer_link'"),
+            (
+                lambda m: m.header.__setattr__("frame_id", "map"),
+                "frame_id must be 'gradiometer_link'",
+            ),
             (lambda m: m.fields.pop(0), "no field T_nn; fields are T_ed, T_dd, covariance"),
             (lambda m: m.fields.pop(), "no field covariance"),
             (lambda m: setattr(m, "fields", []), r"fields are \(none\)"),
-            (lambda m: setattr(m.fields[0], "datatype", PointField.FLOAT32), "field T_nn must be 1 x float64"),
+            (
+                lambda m: setattr(m.fields[0], "datatype", PointField.FLOAT32),
+                "field T_nn must be 1 x float64",
+            ),
             (lambda m: setattr(m.fields[3], "count", 4), "field covariance must be 9 x float64"),
-            (lambda m: setattr(m, "data", bytes(m.data)[:-8]), "field covariance lies beyond the end of the data"),
-            (lambda m: setattr(m.fields[1], "offset", 4_000_000_000), "field T_ed lies beyond the end"),
+            (
+                lambda m: setattr(m, "data", bytes(m.data)[:-8]),
+                "field covariance lies beyond the end of the data",
+            ),
+            (
+                lambda m: setattr(m.fields[1], "offset", 4_000_000_000),
+                "field T_ed lies beyond the end",
+            ),
             (lambda m: setattr(m, "width", 2), "must hold one point, holds 2"),
         ],
     )
@@ -115,7 +135,9 @@ class TestGraph:
         made, bag = recorded
         graph, library = record(bag, made), simulate(made, [0])
         same(graph, library, 1e-4)
-        np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-6 * 1e-9, rtol=0)
+        np.testing.assert_allclose(
+            graph.detail.reading, library.detail.reading, atol=1e-6 * 1e-9, rtol=0
+        )
         assert graph.fix_reason == ((None,) * 10,)
         assert np.hypot(*graph.error[0, -1]) < 60.0 < np.hypot(*graph.unaided_error[0, -1])
 
@@ -133,7 +155,9 @@ class TestGraph:
     def test_retrodiction_has_one_fix_for_each_scan(self, scenario, tmp_path) -> None:
         made = scenario(*GRADIENT, "matcher.mode=retrodiction", "route.duration=300.0")
         run_here(made, tmp_path / "bag")
-        stamps = [item for item in BagReader(tmp_path / "bag").messages() if item.topic == "/pmht_mm/fix"]
+        stamps = [
+            item for item in BagReader(tmp_path / "bag").messages() if item.topic == "/pmht_mm/fix"
+        ]
         assert len(stamps) == 30
         same(record(tmp_path / "bag", made), simulate(made, [0]), 1e-4, fixes=False)
 
@@ -146,7 +170,9 @@ class TestNodes:
             felt = [normal[0, 1] + 4e-8, normal[0, 2] - 2e-8, math.nan]
             made.publish(topics.FULL_GRADIENT, message(10.0, felt, names=("ne", "nd", "ed")))
             made.nav(10.0, *place)
-            made.publish(topics.FULL_GRADIENT, message(20.0, [math.nan] * 3, names=("ne", "nd", "ed")))
+            made.publish(
+                topics.FULL_GRADIENT, message(20.0, [math.nan] * 3, names=("ne", "nd", "ed"))
+            )
             made.nav(20.0, *place)
             made.wait(lambda: len(made.heard["gradiometer/gradient"]) == 2)
             read = adapter_of(made.scenario).read_reduced
@@ -154,7 +180,11 @@ class TestNodes:
             np.testing.assert_allclose(value, [4e-8, -2e-8, math.nan], atol=1e-14)
             np.testing.assert_array_equal(covariance, 1e-18 * np.eye(3))
             assert np.isnan(read(made.heard["gradiometer/gradient"][1])[0]).all()
-            made.wait(lambda: any(figures.get("readings out of range") == "1" for _, _, figures in made.says()))
+            made.wait(
+                lambda: any(
+                    figures.get("readings out of range") == "1" for _, _, figures in made.says()
+                )
+            )
 
     def test_a_bad_message_is_dropped_and_its_scan_is_empty(self, scenario) -> None:
         with bench(topics.PMHT_MM, scenario(*GRADIENT)) as made:
@@ -192,7 +222,8 @@ class TestRefused:
     def test_in_one_line(self, settings, tmp_path, verb, overrides, words) -> None:
         options = [item for text in (*settings(*GRADIENT), *overrides) for item in ("--set", text)]
         result = CliRunner().invoke(
-            app, [verb, *options, "--out", str(tmp_path / "out"), *(["--runs", "1"] * (verb != "run"))]
+            app,
+            [verb, *options, "--out", str(tmp_path / "out"), *(["--runs", "1"] * (verb != "run"))],
         )
         assert result.exit_code != 0
         said = str(result.exception) + result.output

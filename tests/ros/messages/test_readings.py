@@ -21,18 +21,24 @@ RAW = {"gravity": 9.797, "disturbance": 9.797, "magnetic": 50123.4, "terrain": 5
 def magnetic(*vector, covariance=(0.0,) * 9, frame="anything"):
     message = MagneticField(magnetic_field_covariance=np.array(covariance, dtype=float))
     message.header.frame_id = frame
-    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = map(float, vector)
+    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = map(
+        float, vector
+    )
     return message
 
 
 def distance(value, low=0.0, high=1000.0, variance=0.0):
-    return Range(range=float(value), min_range=float(low), max_range=float(high), variance=float(variance))
+    return Range(
+        range=float(value), min_range=float(low), max_range=float(high), variance=float(variance)
+    )
 
 
 def test_every_field_has_its_messages() -> None:
     assert set(ADAPTERS) == set(FIELDS)
     for name, field in FIELDS.items():
-        assert (ADAPTERS[name].raw is ADAPTERS["gravity"].raw) == (field.instrument == "gravimeter")
+        assert (ADAPTERS[name].raw is ADAPTERS["gravity"].raw) == (
+            field.instrument == "gravimeter"
+        )
 
 
 @pytest.mark.parametrize("name", VALUE)
@@ -44,7 +50,10 @@ def test_both_ways(name) -> None:
     assert isinstance(reduced, adapter.reduced.type)
     adapter.fill_raw(raw, ns, RAW[name], 0.25)
     value, variance = adapter.read_raw(raw)
-    assert (value, variance) == (pytest.approx(RAW[name], rel=1e-14), pytest.approx(0.25, rel=1e-14))
+    assert (value, variance) == (
+        pytest.approx(RAW[name], rel=1e-14),
+        pytest.approx(0.25, rel=1e-14),
+    )
     adapter.fill_reduced(reduced, ns, VALUE[name], 0.5, (-0.6, 2.5))
     assert adapter.read_reduced(reduced) == pytest.approx((VALUE[name], 0.5), rel=1e-14)
     assert to_ns(raw.header.stamp) == to_ns(reduced.header.stamp) == ns
@@ -56,7 +65,9 @@ def test_only_the_length_of_the_magnetic_vector_counts() -> None:
         assert read(magnetic(*vector))[0] == pytest.approx(5e4, rel=1e-14)
     # the variance of the length is that of the component along the vector
     covariance = np.diag([1e-18, 4e-18, 9e-18])
-    assert read(magnetic(3e-5, 0.0, 4e-5, covariance=covariance.ravel()))[1] == pytest.approx(0.36 * 1.0 + 0.64 * 9.0)
+    assert read(magnetic(3e-5, 0.0, 4e-5, covariance=covariance.ravel()))[1] == pytest.approx(
+        0.36 * 1.0 + 0.64 * 9.0
+    )
 
 
 def test_zero_variance_is_an_unknown_one() -> None:
@@ -110,7 +121,10 @@ def test_ranges_that_cannot_be_used(message, words) -> None:
 
 def test_nothing_in_range_is_infinity_then_no_altitude() -> None:
     adapter = ADAPTERS["terrain"]
-    raw, reduced = adapter.new_raw(load_scenario(None, ["altimeter.max_range=700"])), adapter.new_reduced()
+    raw, reduced = (
+        adapter.new_raw(load_scenario(None, ["altimeter.max_range=700"])),
+        adapter.new_reduced(),
+    )
     adapter.fill_raw(raw, 0, math.nan, 1.0)
     assert (raw.range, raw.max_range) == (math.inf, 700.0)
     adapter.fill_reduced(reduced, 0, math.nan, 1.0, None)

@@ -86,7 +86,9 @@ class TestFilter:
                         made.wait(lambda made=made: made.node.answered == 1)
                 made.wait(lambda made=made: len(made.heard["nav/fix"]) == 22)
                 results.append(read_position(made.heard["nav/fix"][-1]))
-        assert horizontal_difference(*results[0][:2], *results[1][:2]) == pytest.approx([0, 0], abs=1e-6)
+        assert horizontal_difference(*results[0][:2], *results[1][:2]) == pytest.approx(
+            [0, 0], abs=1e-6
+        )
 
     @pytest.mark.parametrize(
         ("send", "topic", "words"),
@@ -108,7 +110,9 @@ class TestFilter:
         filter_bench.imu(2)
         filter_bench.wait(lambda: filter_bench.node.samples == 2)
         send(filter_bench)
-        filter_bench.wait(lambda: any(words in message for _, message, _ in filter_bench.says()), words)
+        filter_bench.wait(
+            lambda: any(words in message for _, message, _ in filter_bench.says()), words
+        )
         level, message, figures = next(item for item in filter_bench.says() if words in item[1])
         assert level == WARN
         assert topic in message
@@ -154,9 +158,13 @@ class TestFilter:
             made.imu(1_700_000_000)  # stamps of the wall clock
             made.wait(lambda: len(made.heard["nav/fix"]) == 2)
             first = made.heard["nav/fix"][0]
-            assert (first.latitude, first.longitude, first.altitude) == pytest.approx((-35.0, 149.0, 50.0))
+            assert (first.latitude, first.longitude, first.altitude) == pytest.approx(
+                (-35.0, 149.0, 50.0)
+            )
             twist = made.heard["nav/odom"][0].twist.twist.linear
-            assert (twist.x, twist.y) == pytest.approx((2.0, 1.0))  # nose to the east: forward is east, left is north
+            assert (twist.x, twist.y) == pytest.approx(
+                (2.0, 1.0)
+            )  # nose to the east: forward is east, left is north
 
 
 class TestMatcher:
@@ -192,7 +200,9 @@ class TestMatcher:
         assert to_ns(fix.header.stamp) == from_seconds(60.0)
         assert fix.status.status == NavSatStatus.STATUS_FIX
         trajectory = build_trajectory(scenario())
-        off = horizontal_difference(*read_position(fix)[:2], trajectory.latitude[60], trajectory.longitude[60])
+        off = horizontal_difference(
+            *read_position(fix)[:2], trajectory.latitude[60], trajectory.longitude[60]
+        )
         assert np.hypot(*off) < 200.0  # the navigator's prior is 30 m
         (cloud,) = matcher_bench.heard["pmht_mm/candidates"]
         assert cloud.width > 0
@@ -204,7 +214,9 @@ class TestMatcher:
         ]
         assert len(batch) == 1
 
-    def test_readings_may_come_before_the_navigators_state(self, matcher_bench, drive, scenario) -> None:
+    def test_readings_may_come_before_the_navigators_state(
+        self, matcher_bench, drive, scenario
+    ) -> None:
         trajectory = build_trajectory(scenario())
         for scan in range(1, 7):
             drive(scan, nav=False)
@@ -212,7 +224,12 @@ class TestMatcher:
         assert len(matcher_bench.node.scans.waiting) == 6
         for scan in range(1, 7):
             k = scan * 10
-            matcher_bench.nav(k, trajectory.latitude[k], trajectory.longitude[k], tuple(trajectory.velocity[k, :2]))
+            matcher_bench.nav(
+                k,
+                trajectory.latitude[k],
+                trajectory.longitude[k],
+                tuple(trajectory.velocity[k, :2]),
+            )
         matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
         assert matcher_bench.node.scans.waiting == []
 
@@ -224,11 +241,15 @@ class TestMatcher:
             ({"frame": "camera"}, "frame_id must be 'gravimeter_link'"),
         ],
     )
-    def test_a_bad_reading_leaves_a_batch_of_the_same_length(self, matcher_bench, drive, keys, words) -> None:
+    def test_a_bad_reading_leaves_a_batch_of_the_same_length(
+        self, matcher_bench, drive, keys, words
+    ) -> None:
         for scan in range(1, 7):
             drive(scan, **(keys if scan == 3 else {}))
         matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
-        assert any(level == WARN and words in message for level, message, _ in matcher_bench.says())
+        assert any(
+            level == WARN and words in message for level, message, _ in matcher_bench.says()
+        )
         assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
 
     def test_a_lost_reading_leaves_a_batch_of_the_same_length(self, matcher_bench, drive) -> None:
@@ -275,7 +296,9 @@ class TestMatcher:
         node = matcher_bench.node
         assert node.set_parameters([Parameter("matcher.map_sigma", value=3e-5)])[0].successful
         assert node.scenario.matcher.map_sigma == 3e-5
-        refused = node.set_parameters([Parameter("matcher.options", value="{no_such_option: 1}")])[0]
+        refused = node.set_parameters([Parameter("matcher.options", value="{no_such_option: 1}")])[
+            0
+        ]
         assert not refused.successful
         assert "no_such_option" in refused.reason
         assert node.scenario.matcher.options == {}
@@ -295,7 +318,9 @@ class TestGravimeter:
                 ("gravimeter/disturbance", reduce_disturbance),
             ):
                 value, variance = read_accel(made.heard[name][0])
-                assert value == pytest.approx(float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15)
+                assert value == pytest.approx(
+                    float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15
+                )
                 assert variance > 1e-10 + (0.1 * 3.086e-6) ** 2  # sensor, height, and more
 
     def test_without_navigator_the_scan_is_known_to_be_empty(self, scenario) -> None:
@@ -319,7 +344,9 @@ class TestGravimeter:
 
 class TestSimulator:
     def test_it_says_whom_it_waits_for(self, scenario) -> None:
-        with bench(topics.INS_SIM, scenario(), peers=list(topics.NODES), start_timeout=0.5) as made:
+        with bench(
+            topics.INS_SIM, scenario(), peers=list(topics.NODES), start_timeout=0.5
+        ) as made:
             made.wait(lambda: made.node.finished)
             assert made.node.exit_code == 1
             assert "cannot begin after 0.5 s" in made.node.failure
@@ -329,12 +356,17 @@ class TestSimulator:
     def test_it_does_not_wait_for_ever_for_an_answer(self, scenario) -> None:
         with bench(topics.INS_SIM, scenario(), rate=0.0, reply_timeout=0.5) as made:
             made.wait(lambda: made.node.finished)
-            assert "no answer to the step at 1.000 s within 0.5 s: missing nav/odom (0 of 1)" in made.node.failure
+            assert (
+                "no answer to the step at 1.000 s within 0.5 s: missing nav/odom (0 of 1)"
+                in made.node.failure
+            )
             assert made.node.exit_code == 1
             assert made.heard["ground_truth/fix"]
 
     def test_without_lock_step_it_keeps_its_rate(self, scenario) -> None:
-        with bench(topics.INS_SIM, scenario("route.duration=20.0"), rate=200.0, lock_step=False) as made:
+        with bench(
+            topics.INS_SIM, scenario("route.duration=20.0"), rate=200.0, lock_step=False
+        ) as made:
             made.wait(lambda: made.node.finished)
             made.settle()
             assert stamps(made, topics.IMU) == list(range(1, 21))
@@ -345,7 +377,9 @@ class TestSimulator:
     def test_rate_may_change(self, scenario) -> None:
         from rclpy.parameter import Parameter
 
-        with bench(topics.INS_SIM, scenario("route.duration=30.0"), rate=0.01, lock_step=False) as made:
+        with bench(
+            topics.INS_SIM, scenario("route.duration=30.0"), rate=0.01, lock_step=False
+        ) as made:
             made.wait(lambda: made.node.step == 0)
             assert made.node.set_parameters([Parameter("rate", value=500)])[0].successful
             made.wait(lambda: made.node.finished)

@@ -44,7 +44,11 @@ def probe(context):
 
     def make(**values):
         nodes.append(
-            Probe("probe", values={key.replace("__", "."): value for key, value in values.items()}, context=context)
+            Probe(
+                "probe",
+                values={key.replace("__", "."): value for key, value in values.items()},
+                context=context,
+            )
         )
         return nodes[-1]
 
@@ -66,14 +70,19 @@ def probe(context):
 def test_a_scenario_survives_parameters(overrides) -> None:
     scenario = load_scenario(None, overrides)
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
-    values = {name: specs[name].to_field(value) for name, value in scenario_values(scenario).items()}
+    values = {
+        name: specs[name].to_field(value) for name, value in scenario_values(scenario).items()
+    }
     assert set(values) == set(specs)
     assert scenario_from(values, "test") == scenario
 
 
 def test_every_parameter_is_typed_and_described() -> None:
     for spec in parameter_specs(Scenario):
-        assert spec.descriptor.dynamic_typing or spec.descriptor.type != ParameterType.PARAMETER_NOT_SET, spec.name
+        assert (
+            spec.descriptor.dynamic_typing
+            or spec.descriptor.type != ParameterType.PARAMETER_NOT_SET
+        ), spec.name
         assert spec.descriptor.description, spec.name
         assert spec.descriptor.read_only
 
@@ -144,14 +153,17 @@ def test_changes_at_run_time(probe) -> None:
     assert node.set_parameters([Parameter("matcher.map_sigma", value="auto")])[0].successful
     assert node.seen == [{"matcher.map_sigma": "auto"}]
     refused = node.set_parameters([Parameter("matcher.bias_sigma", value=2.0)])[0]
-    assert (refused.successful, refused.reason) == (False, "a bias of more than 1 m/s² is no gravimeter's")
+    assert (refused.successful, refused.reason) == (
+        False,
+        "a bias of more than 1 m/s² is no gravimeter's",
+    )
     assert node.get_parameter("matcher.bias_sigma").value == 0.0
 
 
 def test_parameter_file_is_up_to_date() -> None:
     file = ROOT / "src" / "isogal_bringup" / "params" / "isogal.yaml"
-    assert file.read_text() == parameter_file.text(), "run: python -m isogal_ros.nodes.parameter_file > " + str(
-        file.relative_to(ROOT)
+    assert file.read_text() == parameter_file.text(), (
+        "run: python -m isogal_ros.nodes.parameter_file > " + str(file.relative_to(ROOT))
     )
 
 

@@ -1,4 +1,5 @@
-"""Parts of the nodes without ROS underneath: lock-step, navigation buffer, diagnostics, domains."""
+"""Parts of the nodes without ROS underneath: lock-step, navigation buffer, diagnostics,
+domains."""
 
 import math
 import socket
@@ -80,7 +81,12 @@ class TestLockStep:
 
 
 def nav_messages(
-    ns: int, latitude: float, longitude: float, north: float = 10.0, east: float = 0.0, variance: float = 4.0
+    ns: int,
+    latitude: float,
+    longitude: float,
+    north: float = 10.0,
+    east: float = 0.0,
+    variance: float = 4.0,
 ):
     frame = convert.map_frame(SCENARIO)
     fix, odom, cov = NavSatFix(), Odometry(child_frame_id="base_link"), Float64MultiArray()
@@ -176,7 +182,9 @@ class TestNavBuffer:
         assert first.ns == second.ns == 5 * S
         assert first.change == pytest.approx([63.6, 0.0, 0.5, 0.0, 0, 0, 0], abs=0.1)
         assert second.change == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
-        assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(10.0)  # the state before any fix
+        assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(
+            10.0
+        )  # the state before any fix
         assert buffer.buffer.take_jumps(6 * S) == []
 
     def test_jumps_wait_for_their_scan(self) -> None:
@@ -201,7 +209,9 @@ class TestNavBuffer:
         assert buffer.buffer.at(5 * S) is None
         for _, odom, _ in pairs:
             buffer.handlers[topics.NAV_ODOM.name](odom)
-        assert [jump.change[0] for jump in buffer.buffer.jumps] == pytest.approx([63.6, 63.6], abs=0.1)
+        assert [jump.change[0] for jump in buffer.buffer.jumps] == pytest.approx(
+            [63.6, 63.6], abs=0.1
+        )
         assert buffer.buffer.at(5 * S).latitude == pytest.approx(PLACE[0], abs=1e-15)
 
     def test_old_states_are_given_up(self) -> None:
@@ -281,7 +291,10 @@ class TestDomain:
     @pytest.mark.parametrize("value", ["-1", "233", "seven"])
     def test_no_such_domain(self, monkeypatch, value) -> None:
         monkeypatch.setenv(DOMAIN, value)
-        with pytest.raises(InputError, match="ROS_DOMAIN_ID: must be a number from 0 to 232"), claim_domain():
+        with (
+            pytest.raises(InputError, match="ROS_DOMAIN_ID: must be a number from 0 to 232"),
+            claim_domain(),
+        ):
             pass
 
     def test_two_graphs_get_two_domains(self, monkeypatch) -> None:
@@ -308,10 +321,19 @@ class TestDomain:
         (tmp_path / "sem.fastrtps_orphan_mutex").touch()
         (tmp_path / "fastrtps_used").write_bytes(b"x")
         (tmp_path / "something else").touch()
-        code = f"stream = open({str(tmp_path / 'fastrtps_used')!r}); print('open', flush=True); input()"
+        code = (
+            f"stream = open({str(tmp_path / 'fastrtps_used')!r}); print('open', flush=True);"
+            " input()"
+        )
         command = [sys.executable, "-c", code]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as process:
             assert process.stdout.readline() == "open\n"
             sweep_shared_memory(before)
             process.communicate("\n")
-        assert sorted(entry.name for entry in tmp_path.iterdir()) == ["fastrtps_old", "fastrtps_used", "something else"]
+        assert sorted(entry.name for entry in tmp_path.iterdir()) == [
+            "fastrtps_old",
+            "fastrtps_used",
+            "something else",
+        ]

@@ -1,4 +1,5 @@
-"""What a command does when it cannot go on: one clear line on the standard error stream and an exit status, no traceback."""
+"""What a command does when it cannot go on: one clear line on the standard error stream and an
+exit status, no traceback."""
 
 import errno
 import functools
@@ -26,9 +27,9 @@ def fail(message: str, status: int = BAD_INPUT) -> NoReturn:
 def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a command so that what a user can cause ends in one line instead of a traceback.
 
-    InputError, and a file that cannot be read or written, exit with status 2, Ctrl-C with 130, a reader that went away
-    (``isogal ... | head``) silently with 141. Everything else is a defect of Isogal and keeps its traceback.
-    """
+    InputError, and a file that cannot be read or written, exit with status 2, Ctrl-C with 130, a
+    reader that went away (``isogal ... | head``) silently with 141. Everything else is a defect of
+    Isogal and keeps its traceback."""
 
     @functools.wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,5 @@
-"""The command ``isogal``: knows the name and one line of each command, imports a command only when it is called.
+"""The command ``isogal``: knows the name and one line of each command, imports a command only when
+it is called.
 
 ``isogal --help`` and ``isogal --version`` thereby start without NumPy, numba and xarray.
 """
@@ -19,7 +20,8 @@ from isogal.threads import one_thread
 
 
 class Command(NamedTuple):
-    """Where a command lives: ``attribute`` of ``isogal.cli.<module>`` is a function, or a ``typer.Typer`` with commands of its own."""
+    """Where a command lives: ``attribute`` of ``isogal.cli.<module>`` is a function, or a
+    ``typer.Typer`` with commands of its own."""
 
     module: str
     attribute: str
@@ -28,16 +30,28 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "run": Command(
-        "run", "run", "Simulate a scenario with the navigator in the loop; write a bag, figures and a report."
+        "run",
+        "run",
+        "Simulate a scenario with the navigator in the loop; write a bag, figures and a report.",
     ),
     "replay": Command(
-        "run", "replay", "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ."
+        "run",
+        "replay",
+        "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
     ),
     "montecarlo": Command(
-        "montecarlo", "montecarlo", "Run a scenario many times with other random numbers; write the statistics."
+        "montecarlo",
+        "montecarlo",
+        "Run a scenario many times with other random numbers; write the statistics.",
     ),
-    "paper": Command("paper", "paper", "Reproduce every table and figure of the paper, beside the paper's values."),
-    "match": Command("match", "match", "Match a recorded track of any scalar field against a map."),
+    "paper": Command(
+        "paper",
+        "paper",
+        "Reproduce every table and figure of the paper, beside the paper's values.",
+    ),
+    "match": Command(
+        "match", "match", "Match a recorded track of any scalar field against a map."
+    ),
     "map": Command("map", "app", "Look at maps, make, fetch and convert them."),
 }
 
@@ -45,7 +59,9 @@ COMMANDS = {
 class _Deferred(TyperCommand):
     """Stands for a command in the list of commands; becomes the real one when it is called."""
 
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
         return _load(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 
@@ -63,9 +79,12 @@ def _load(name: str) -> Any:
 
 
 def _fill_paragraphs(command: Any) -> None:
-    """Let the help of a command, which is its docstring, fill the terminal: keep paragraphs, drop the source's line ends."""
+    """Let the help of a command, which is its docstring, fill the terminal: keep paragraphs, drop
+    the source's line ends."""
     if command.help:
-        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in command.help.split("\n\n"))
+        command.help = "\n\n".join(
+            " ".join(paragraph.split()) for paragraph in command.help.split("\n\n")
+        )
     for below in getattr(command, "commands", {}).values():
         _fill_paragraphs(below)
 
@@ -77,7 +96,9 @@ class _Isogal(TyperGroup):
         super().__init__(**attributes)
         for name, where in COMMANDS.items():
             if find_spec(f"isogal.cli.{where.module}"):
-                self.add_command(_Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode))
+                self.add_command(
+                    _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
+                )
 
     def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> Any:
         """Run and exit; replaces the boxes in which typer would frame an error."""
@@ -105,7 +126,9 @@ def _call(group: _Isogal, args: list[str]) -> int:
     return status
 
 
-app = typer.Typer(cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(
+    cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+)
 
 
 def _show_version(value: bool) -> None:
@@ -117,13 +140,16 @@ def _show_version(value: bool) -> None:
 @app.callback()
 def isogal(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
     """Navigation by map matching when there is no GNSS.
 
-    A gravimeter and a gravity map stop an inertial navigator from drifting. Every command has its own --help.
-    """
+    A gravimeter and a gravity map stop an inertial navigator from drifting. Every command has its
+    own --help."""
 
 
 def main() -> None:

@@ -33,7 +33,9 @@ from isogal.errors import InputError
 if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="Look at maps, make, fetch and convert them.")
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Look at maps, make, fetch and convert them."
+)
 
 
 @app.command()
@@ -51,7 +53,13 @@ def info(
     margin: Margin = 25.0,
     stretch: Annotated[
         float,
-        typer.Option("--stretch", metavar="KM", min=0.1, help="Track that a fix is made from.", rich_help_panel=ERRORS),
+        typer.Option(
+            "--stretch",
+            metavar="KM",
+            min=0.1,
+            help="Track that a fix is made from.",
+            rich_help_panel=ERRORS,
+        ),
     ] = 5.0,
     sensor_sigma: Annotated[
         float | None,
@@ -64,7 +72,9 @@ def info(
     map_sigma: Annotated[
         float | None,
         typer.Option(
-            "--map-sigma", help="1-sigma of the map, its unit; default: as the map says.", rich_help_panel=ERRORS
+            "--map-sigma",
+            help="1-sigma of the map, its unit; default: as the map says.",
+            rich_help_panel=ERRORS,
         ),
     ] = None,
     correlation_length: Annotated[
@@ -78,21 +88,31 @@ def info(
     ] = None,
     bias_sigma: Annotated[
         float,
-        typer.Option("--bias-sigma", min=0.0, help="1-sigma of an unknown offset, map's unit.", rich_help_panel=ERRORS),
+        typer.Option(
+            "--bias-sigma",
+            min=0.0,
+            help="1-sigma of an unknown offset, map's unit.",
+            rich_help_panel=ERRORS,
+        ),
     ] = 0.0,
     figure: Figure = None,
     json: Json = False,
 ) -> None:
-    """Say what a map is; with a route (--scenario, --set or --route), how good fixes can be along it.
+    """Say what a map is; with a route (--scenario, --set or --route), how good fixes can be along
+    it.
 
-    The expected accuracy is the bound on a fix from the readings of one stretch alone, for a position already known to within the
-    linear range of the map.
-    """
+    The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
+    position already known to within the linear range of the map."""
     from isogal.cli import map_description as map_report
 
-    settings, trajectory = route_of(scenario, set_, route, always=source == "synthetic" and window is None)
+    settings, trajectory = route_of(
+        scenario, set_, route, always=source == "synthetic" and window is None
+    )
     field_map = load(
-        source, (variable, quantity, unit, crs, format_name), settings, part_of(trajectory, window, margin)
+        source,
+        (variable, quantity, unit, crs, format_name),
+        settings,
+        part_of(trajectory, window, margin),
     )
     found = map_report.describe_map(field_map)
     track = stretches = None
@@ -108,7 +128,9 @@ def info(
         errors = Errors(
             settings.gravimeter.sigma if sensor_sigma is None else sensor_sigma,
             map_sigma,
-            correlation_length or field_map.correlation_length or settings.matcher.map_correlation_length,
+            correlation_length
+            or field_map.correlation_length
+            or settings.matcher.map_correlation_length,
             bias_sigma,
         )
         stretches = position_information(field_map, *track, errors, 1e3 * stretch)
@@ -142,14 +164,28 @@ def variability(
     margin: Margin = 25.0,
     half_width: Annotated[
         float,
-        typer.Option("--half-width", metavar="M", min=1.0, help="Of the window template.", rich_help_panel=ERRORS),
+        typer.Option(
+            "--half-width",
+            metavar="M",
+            min=1.0,
+            help="Of the window template.",
+            rich_help_panel=ERRORS,
+        ),
     ] = 2000.0,
     points: Annotated[
-        int, typer.Option("--points", min=3, help="Along each side of the template, odd.", rich_help_panel=ERRORS)
+        int,
+        typer.Option(
+            "--points", min=3, help="Along each side of the template, odd.", rich_help_panel=ERRORS
+        ),
     ] = 9,
     samples: Annotated[
         int,
-        typer.Option("--samples", min=1, help="Places that the normalisation looks back over.", rich_help_panel=ERRORS),
+        typer.Option(
+            "--samples",
+            min=1,
+            help="Places that the normalisation looks back over.",
+            rich_help_panel=ERRORS,
+        ),
     ] = 100,
     figure: Figure = None,
     json: Json = False,
@@ -161,7 +197,12 @@ def variability(
 
     settings, trajectory = route_of(scenario, set_, route, always=True)
     assert settings is not None and trajectory is not None
-    field_map = load(source, (variable, quantity, unit, crs, format_name), settings, part_of(trajectory, None, margin))
+    field_map = load(
+        source,
+        (variable, quantity, unit, crs, format_name),
+        settings,
+        part_of(trajectory, None, margin),
+    )
     scans = slice(None, None, settings.steps_per_scan)
     latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
     check_coverage(field_map, latitude, longitude)
@@ -185,7 +226,12 @@ def variability(
                 "places": [
                     dict(zip(names, (float(x) for x in row), strict=True))
                     for row in zip(
-                        distance / 1e3, _degrees(latitude), _degrees(longitude), spread, relative, strict=True
+                        distance / 1e3,
+                        _degrees(latitude),
+                        _degrees(longitude),
+                        spread,
+                        relative,
+                        strict=True,
                     )
                 ],
             }
@@ -198,9 +244,12 @@ def variability(
 
 @app.command()
 def synth(
-    out: Annotated[Path, typer.Option("--out", metavar="FILE.nc", help="Map to write.", rich_help_panel=OUT)],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.nc", help="Map to write.", rich_help_panel=OUT)
+    ],
     quantity: Annotated[
-        str, typer.Option("--quantity", help="gravity, disturbance or height.", rich_help_panel=MAP)
+        str,
+        typer.Option("--quantity", help="gravity, disturbance or height.", rich_help_panel=MAP),
     ] = "gravity",
     scenario: ScenarioFile = None,
     set_: Set = None,
@@ -209,7 +258,8 @@ def synth(
     margin: Margin = 25.0,
     json: Json = False,
 ) -> None:
-    """Write the synthetic map of a route or window as NetCDF; it is the same everywhere and always."""
+    """Write the synthetic map of a route or window as NetCDF; it is the same everywhere and
+    always."""
     from isogal.cli.map_description import describe_map, print_map
     from isogal.maps.formats.netcdf import write_netcdf
     from isogal.maps.synthetic.tiles import synthetic_map
@@ -241,9 +291,10 @@ def fetch(
             " or https://ddfe.blazejbucha.com/models/GGMplus/data.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the tiles.", rich_help_panel=OUT)] = Path(
-        "ggmplus"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder of the tiles.", rich_help_panel=OUT),
+    ] = Path("ggmplus"),
     variable: Annotated[
         list[str] | None,
         typer.Option(
@@ -259,16 +310,21 @@ def fetch(
     window: WindowOption = None,
     margin: Margin = 25.0,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.1, help="Seconds without a byte before another try.")
+        float,
+        typer.Option(
+            "--timeout", metavar="S", min=0.1, help="Seconds without a byte before another try."
+        ),
     ] = 30.0,
-    tries: Annotated[int, typer.Option("--tries", min=1, help="Tries in a row that bring nothing new.")] = 5,
+    tries: Annotated[
+        int, typer.Option("--tries", min=1, help="Tries in a row that bring nothing new.")
+    ] = 5,
     json: Json = False,
 ) -> None:
-    """Fetch the GGMplus tiles that a route needs (default: the default route); go on where an earlier fetch broke off.
+    """Fetch the GGMplus tiles that a route needs (default: the default route); go on where an
+    earlier fetch broke off.
 
-    The mirrors publish no checksums: a tile is trusted when it first arrives, its SHA-256 is kept in checksums.txt beside it, and a
-    tile that differs from that later is refused.
-    """
+    The mirrors publish no checksums: a tile is trusted when it first arrives, its SHA-256 is kept
+    in checksums.txt beside it, and a tile that differs from that later is refused."""
     from isogal.maps.ggmplus.download import Patience
     from isogal.maps.ggmplus.fetch import fetch_tiles, tiles_for
     from isogal.scenario import load_scenario
@@ -279,7 +335,9 @@ def fetch(
     quantity = (settings or load_scenario()).gravimeter.quantity
     names = tiles_for(part, variable or ["ga" if quantity == "gravity" else "dg"])
     with Bars("bytes") as progress:
-        result = fetch_tiles(names, base_url, out, patience=Patience(timeout, tries), progress=progress)
+        result = fetch_tiles(
+            names, base_url, out, patience=Patience(timeout, tries), progress=progress
+        )
     if json:
         _print_json(result.record())
         return
@@ -298,7 +356,10 @@ def fetch(
 @app.command()
 def convert(
     source: Source,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder.")],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder."),
+    ],
     variable: Variable = None,
     quantity: Quantity = None,
     unit: Unit = None,
@@ -310,11 +371,17 @@ def convert(
     sigma: Annotated[
         float | None,
         typer.Option(
-            "--sigma", min=0.0, help="1-sigma of the map's error to write into it, SI (nT).", rich_help_panel=OUT
+            "--sigma",
+            min=0.0,
+            help="1-sigma of the map's error to write into it, SI (nT).",
+            rich_help_panel=OUT,
         ),
     ] = None,
     correlation_length: Annotated[
-        float | None, typer.Option("--correlation-length", metavar="M", help="Of that error.", rich_help_panel=OUT)
+        float | None,
+        typer.Option(
+            "--correlation-length", metavar="M", help="Of that error.", rich_help_panel=OUT
+        ),
     ] = None,
     scenario: ScenarioFile = None,
     set_: Set = None,
@@ -323,7 +390,8 @@ def convert(
     margin: Margin = 25.0,
     json: Json = False,
 ) -> None:
-    """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part of a route or window."""
+    """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part
+    of a route or window."""
     from dataclasses import replace
 
     from isogal.cli.map_description import describe_map, print_map
@@ -337,7 +405,10 @@ def convert(
     settings, trajectory = route_of(scenario, set_, route, always=False)
     part = part_of(trajectory, window, margin)
     field_map = load(
-        source, (variable, quantity, unit, crs, format_name), settings, part._replace(track=None) if part else None
+        source,
+        (variable, quantity, unit, crs, format_name),
+        settings,
+        part._replace(track=None) if part else None,
     )
     changes: dict[str, Any] = {} if sigma is None else {"sigma": sigma}
     if correlation_length is not None:
@@ -375,7 +446,11 @@ def _print_variability(field_map: "FieldMap", distance: Any, spread: Any, relati
     from rich.table import Table
 
     factor, unit = (1e5, "mGal") if field_map.unit == "m/s²" else (1.0, field_map.unit)
-    table = Table(box=SIMPLE_HEAD, title=f"Map feature variability of {field_map.provenance}", title_justify="left")
+    table = Table(
+        box=SIMPLE_HEAD,
+        title=f"Map feature variability of {field_map.provenance}",
+        title_justify="left",
+    )
     for heading in ("km", f"root of C ({unit})", "normalised"):
         table.add_column(heading, justify="right")
     for first in range(0, distance.size, 50):

@@ -15,8 +15,12 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
     extent = field_map.extent
     _, _, dlat, _, dlon = field_map.grid
     count, total, squares, low, high = 0, 0.0, 0.0, math.inf, -math.inf
-    middle = float(next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all()))
-    for row in field_map.values:  # row by row: a map may be larger than the memory that one likes to spend
+    middle = float(
+        next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all())
+    )
+    for row in (
+        field_map.values
+    ):  # row by row: a map may be larger than the memory that one likes to spend
         known = row[~np.isnan(row)].astype(np.float64)
         if known.size:
             count += known.size
@@ -24,7 +28,11 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
             squares += float(((known - middle) ** 2).sum())
             low, high = min(low, float(known.min())), max(high, float(known.max()))
     mean = total / count
-    sigma = field_map.sigma if isinstance(field_map.sigma, float) else float(np.nanmedian(field_map.sigma))
+    sigma = (
+        field_map.sigma
+        if isinstance(field_map.sigma, float)
+        else float(np.nanmedian(field_map.sigma))
+    )
     return {
         "provenance": field_map.provenance,
         "quantity": field_map.quantity,
@@ -49,7 +57,8 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
 
 
 def describe_route(value: Array, gradient: Array, stretches: Stretches) -> dict[str, Any]:
-    """Return what a track finds on the map, stretch by stretch; infinities and missing values become null."""
+    """Return what a track finds on the map, stretch by stretch; infinities and missing values
+    become null."""
     best, worst = stretches.axes
     parts = [
         {
@@ -89,15 +98,27 @@ def print_map(found: dict[str, Any]) -> None:
     table.add_column(overflow="fold")
     rows = [
         ("map", found["provenance"]),
-        ("quantity", f"{found['quantity'].replace('_', ' ')} in {found['unit']} (file: {found['file_unit']})"),
+        (
+            "quantity",
+            (
+                f"{found['quantity'].replace('_', ' ')} in {found['unit']} (file:"
+                f" {found['file_unit']})"
+            ),
+        ),
         ("latitude", f"{found['south']:.4f} to {found['north']:.4f} deg"),
         ("longitude", f"{found['west']:.4f} to {found['east']:.4f} deg"),
         (
             "nodes",
-            f"{found['nodes'][0]} x {found['nodes'][1]}, {found['step_deg'][0]:.5g} x {found['step_deg'][1]:.5g} deg"
-            f" ({found['cell_m'][0]:.0f} x {found['cell_m'][1]:.0f} m)",
+            (
+                f"{found['nodes'][0]} x {found['nodes'][1]}, {found['step_deg'][0]:.5g} x"
+                f" {found['step_deg'][1]:.5g} deg ({found['cell_m'][0]:.0f} x"
+                f" {found['cell_m'][1]:.0f} m)"
+            ),
         ),
-        ("values", f"{show(found['minimum'])} to {show(found['maximum'])}, mean {show(found['mean'])}"),
+        (
+            "values",
+            f"{show(found['minimum'])} to {show(found['maximum'])}, mean {show(found['mean'])}",
+        ),
         ("standard deviation", show(found["standard_deviation"])),
         ("missing", f"{100 * found['missing']:.2g} %"),
         ("1-sigma error", show(found["sigma"]) if found["sigma"] else "not said"),
@@ -145,8 +166,8 @@ def print_route(found: dict[str, Any], unit: str) -> None:
     console = Console()
     console.print(table, highlight=False)
     console.print(
-        f"{found['length_km']:.1f} km; values {show(found['value_standard_deviation'])} standard deviation,"
-        f" gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
+        f"{found['length_km']:.1f} km; values {show(found['value_standard_deviation'])} standard"
+        f" deviation, gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
         highlight=False,
     )
 
@@ -156,7 +177,8 @@ def _metres(sigma: float | None) -> str:
 
 
 def _writer(unit: str) -> Any:
-    """Return a function that writes a value with its unit, accelerations below 0.1 m/s² in mGal."""
+    """Return a function that writes a value with its unit, accelerations below 0.1 m/s² in
+    mGal."""
 
     def write(value: float) -> str:
         if unit == "m/s²":

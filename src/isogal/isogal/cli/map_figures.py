@@ -30,7 +30,9 @@ def slope_label(field_map: "FieldMap") -> tuple[float, str]:
 
 @style.journal
 def map_figure(
-    field_map: "FieldMap", track: tuple[Array, Array] | None = None, stretches: "Stretches | None" = None
+    field_map: "FieldMap",
+    track: tuple[Array, Array] | None = None,
+    stretches: "Stretches | None" = None,
 ) -> "Figure":
     """Map and gradient; with a track, below them the expected accuracy of fixes along it.
 
@@ -57,10 +59,20 @@ def map_figure(
     if stretches is None:
         figure.set_layout_engine("none")  # the maps stand where _frame puts them
     else:
-        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(frame.height, _ACCURACY))[:, 0]
+        top, bottom = figure.subfigures(
+            2, 1, squeeze=False, height_ratios=(frame.height, _ACCURACY)
+        )[:, 0]
     panels = [top.add_axes(place) for place in frame.panels]
-    levels = np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])
-    _field(panels[0], (latitude, longitude), scale(field_map.values[::step, ::step]), scale.label, None)
+    levels = (
+        np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])
+    )
+    _field(
+        panels[0],
+        (latitude, longitude),
+        scale(field_map.values[::step, ::step]),
+        scale.label,
+        None,
+    )
     _field(panels[1], (latitude, longitude), steep, f"Size of the gradient ({unit})", levels)
     for axes in panels:
         axes.set_aspect(float(metres_north / metres_east))
@@ -82,7 +94,8 @@ class _Frame:
 
 
 def _frame(shape: float) -> _Frame:
-    """Lay out two maps of this height over width, with room (in) for axis labels, title and colour bar."""
+    """Lay out two maps of this height over width, with room (in) for axis labels, title and colour
+    bar."""
     left, bottom, right, top = 0.74, 0.45, 0.58, 0.3
     above = shape < 0.4
     wide = style.WIDTH - left - right if above else 0.5 * style.WIDTH - left - right
@@ -90,9 +103,15 @@ def _frame(shape: float) -> _Frame:
     wide = tall / shape
     column = 0.5 * style.WIDTH
     height = bottom + tall + top
-    places = [(left, height + bottom), (left, bottom)] if above else [(left, bottom), (column + left, bottom)]
+    places = (
+        [(left, height + bottom), (left, bottom)]
+        if above
+        else [(left, bottom), (column + left, bottom)]
+    )
     total = 2.0 * height if above else height
-    return _Frame(total, [(x / style.WIDTH, y / total, wide / style.WIDTH, tall / total) for x, y in places])
+    return _Frame(
+        total, [(x / style.WIDTH, y / total, wide / style.WIDTH, tall / total) for x, y in places]
+    )
 
 
 def _width(axes: "Axes") -> float:
@@ -101,24 +120,33 @@ def _width(axes: "Axes") -> float:
 
 
 def _steepness(field_map: "FieldMap", step: int) -> Array:
-    """Return the size of the gradient at every ``step``-th node: the RMS over the nodes that the picture leaves out."""
+    """Return the size of the gradient at every ``step``-th node: the RMS over the nodes that the
+    picture leaves out."""
     rows = []
     for first in range(0, field_map.latitude.size, step):
         latitude = field_map.latitude[first : first + step]
-        _, north, east = field_map.value_and_gradient(latitude[:, None], field_map.longitude[None, :])
+        _, north, east = field_map.value_and_gradient(
+            latitude[:, None], field_map.longitude[None, :]
+        )
         square = np.mean(north**2 + east**2, axis=0)
         starts = np.arange(0, square.size, step)
         rows.append(np.sqrt(np.add.reduceat(square, starts) / np.diff(np.r_[starts, square.size])))
     return np.stack(rows)
 
 
-def _field(axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None) -> None:
+def _field(
+    axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None
+) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
     latitude, longitude = (np.degrees(axis) for axis in at)
     known = values[np.isfinite(values)]
-    options: dict[str, Any] = {"cmap": style.FIELD_COLOURS, "shading": "nearest", "rasterized": True}
+    options: dict[str, Any] = {
+        "cmap": style.FIELD_COLOURS,
+        "shading": "nearest",
+        "rasterized": True,
+    }
     logarithmic = levels is not None and levels[1] > 0.0
     if logarithmic and levels is not None:
         options["norm"] = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
@@ -140,16 +168,28 @@ def _field(axes: "Axes", at: tuple[Array, Array], values: Array, label: str, lev
     axes.set_ylabel("latitude (deg)")
 
 
-def _track(axes: "Axes", track: tuple[Array, Array], field_map: "FieldMap", stretches: "Stretches | None") -> None:
+def _track(
+    axes: "Axes", track: tuple[Array, Array], field_map: "FieldMap", stretches: "Stretches | None"
+) -> None:
     """Draw the track, with a mark every ten stretches."""
     from matplotlib.patheffects import withStroke
 
     latitude, longitude = np.degrees(track[0]), np.degrees(_into(track[1], field_map))
     axes.plot(
-        longitude, latitude, color="white", linewidth=1.2, path_effects=[withStroke(linewidth=2.6, foreground="black")]
+        longitude,
+        latitude,
+        color="white",
+        linewidth=1.2,
+        path_effects=[withStroke(linewidth=2.6, foreground="black")],
     )
     axes.plot(
-        longitude[:1], latitude[:1], marker="o", markersize=5, color="white", markeredgecolor="black", linestyle="none"
+        longitude[:1],
+        latitude[:1],
+        marker="o",
+        markersize=5,
+        color="white",
+        markeredgecolor="black",
+        linestyle="none",
     )
     if stretches is None:
         return

@@ -21,15 +21,21 @@ _DEFAULT_GRAVITY_SIGMA = 1.0e-5  # m/s², as `gravimeter.sigma` of a scenario
 
 def match(
     map_: Annotated[
-        Path, typer.Option("--map", metavar="FILE", help="NetCDF, GeoTIFF, ICGEM or XYZ file, or GGMplus folder.")
+        Path,
+        typer.Option(
+            "--map", metavar="FILE", help="NetCDF, GeoTIFF, ICGEM or XYZ file, or GGMplus folder."
+        ),
     ],
     track: Annotated[
         Path,
         typer.Option(
             "--track",
             metavar="FILE",
-            help="CSV file with the columns time (s), latitude, longitude (deg, where the navigator said it was), value,"
-            " and if you like sigma and offset (added to the map's value); or a bag (MCAP).",
+            help=(
+                "CSV file with the columns time (s), latitude, longitude (deg, where the navigator"
+                " said it was), value,"
+                " and if you like sigma and offset (added to the map's value); or a bag (MCAP)."
+            ),
         ),
     ],
     out: Annotated[
@@ -42,21 +48,32 @@ def match(
         ),
     ] = None,
     variable: Annotated[
-        str | None, typer.Option("--variable", metavar="NAME", help="Variable of the map.", rich_help_panel=_MAP)
+        str | None,
+        typer.Option(
+            "--variable", metavar="NAME", help="Variable of the map.", rich_help_panel=_MAP
+        ),
     ] = None,
     quantity: Annotated[
         str | None,
-        typer.Option("--quantity", help="What the map is of, where it does not say.", rich_help_panel=_MAP),
+        typer.Option(
+            "--quantity", help="What the map is of, where it does not say.", rich_help_panel=_MAP
+        ),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option("--unit", help="Unit of the map, where it does not say.", rich_help_panel=_MAP)
+        str | None,
+        typer.Option(
+            "--unit", help="Unit of the map, where it does not say.", rich_help_panel=_MAP
+        ),
     ] = None,
     track_unit: Annotated[
         str | None,
         typer.Option(
             "--track-unit",
             metavar="UNIT",
-            help="Unit of value, sigma and offset and of the sigma options below; default: the map file's.",
+            help=(
+                "Unit of value, sigma and offset and of the sigma options below; default: the map"
+                " file's."
+            ),
         ),
     ] = None,
     reduction: Annotated[
@@ -64,38 +81,55 @@ def match(
         typer.Option(
             "--reduction",
             metavar="none|latitude|velocity|main-field",
-            help="What of the track itself went into value or offset: normal gravity at its latitude, or also the Eötvös"
-            " acceleration of its velocity, or the Earth's main magnetic field at its position. A candidate elsewhere would"
-            " have had another. Default: none, but an offset that holds normal gravity is allowed to be that of another"
-            " latitude. Of a bag's readings it is known.",
+            help=(
+                "What of the track itself went into value or offset: normal gravity at its"
+                " latitude, or also the Eötvös"
+                " acceleration of its velocity, or the Earth's main magnetic field at its"
+                " position. A candidate elsewhere would"
+                " have had another. Default: none, but an offset that holds normal gravity is"
+                " allowed to be that of another"
+                " latitude. Of a bag's readings it is known."
+            ),
         ),
     ] = None,
     fix_topic: Annotated[
-        str, typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position.")
+        str,
+        typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position."),
     ] = "nav/fix",
     matcher: Annotated[
-        str | None, typer.Option("--matcher", metavar="NAME", help="Matching algorithm; default: pmht.")
+        str | None,
+        typer.Option("--matcher", metavar="NAME", help="Matching algorithm; default: pmht."),
     ] = None,
     batch_length: Annotated[
-        int | None, typer.Option("--batch-length", metavar="T", help="Readings matched at once; default: 30.")
+        int | None,
+        typer.Option("--batch-length", metavar="T", help="Readings matched at once; default: 30."),
     ] = None,
     stride: Annotated[
-        int | None, typer.Option("--stride", help="Readings between fixes; default: the batch length.")
+        int | None,
+        typer.Option("--stride", help="Readings between fixes; default: the batch length."),
     ] = None,
     set_: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Any key matcher.*, e.g. matcher.options.samples=4096; repeatable."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Any key matcher.*, e.g. matcher.options.samples=4096; repeatable.",
         ),
     ] = None,
     chain: Annotated[
         bool,
-        typer.Option("--chain", help="Each batch starts from what the earlier ones told, as an aided navigator would."),
+        typer.Option(
+            "--chain",
+            help="Each batch starts from what the earlier ones told, as an aided navigator would.",
+        ),
     ] = False,
     prior_sigma: Annotated[
         float,
         typer.Option(
-            "--prior-sigma", metavar="M", help="1-sigma of the track's position, m per axis.", rich_help_panel=_PRIOR
+            "--prior-sigma",
+            metavar="M",
+            help="1-sigma of the track's position, m per axis.",
+            rich_help_panel=_PRIOR,
         ),
     ] = 1000.0,
     velocity_sigma: Annotated[
@@ -120,7 +154,10 @@ def match(
         float | None,
         typer.Option(
             "--sensor-sigma",
-            help="1-sigma of a reading, where the track has no column sigma; default for gravity: 1 mGal.",
+            help=(
+                "1-sigma of a reading, where the track has no column sigma; default for gravity: 1"
+                " mGal."
+            ),
             rich_help_panel=_PRIOR,
         ),
     ] = None,
@@ -128,7 +165,10 @@ def match(
         str | None,
         typer.Option(
             "--map-sigma",
-            help="1-sigma of the map's error, or auto; default: what the map says (it counts where it is larger), else 0.",
+            help=(
+                "1-sigma of the map's error, or auto; default: what the map says (it counts where"
+                " it is larger), else 0."
+            ),
             rich_help_panel=_PRIOR,
         ),
     ] = None,
@@ -146,21 +186,33 @@ def match(
         typer.Option(
             "--reference",
             metavar="FILE",
-            help="Track like --track (CSV), near by and with true positions: the map's error is learnt from it; repeatable.",
+            help=(
+                "Track like --track (CSV), near by and with true positions: the map's error is"
+                " learnt from it; repeatable."
+            ),
             rich_help_panel=_PRIOR,
         ),
     ] = None,
     bias_sigma: Annotated[
         float | None,
         typer.Option(
-            "--bias-sigma", help="1-sigma of an unknown constant in the readings; default: 0.", rich_help_panel=_PRIOR
+            "--bias-sigma",
+            help="1-sigma of an unknown constant in the readings; default: 0.",
+            rich_help_panel=_PRIOR,
         ),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option("--report", metavar="DIR", help="Folder for a report with figures.", rich_help_panel=_OUT),
+        typer.Option(
+            "--report",
+            metavar="DIR",
+            help="Folder for a report with figures.",
+            rich_help_panel=_OUT,
+        ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.", rich_help_panel=_OUT)] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the results as JSON.", rich_help_panel=_OUT)
+    ] = False,
 ) -> None:
     """Match a recorded track of any scalar field against a map: a fix for every batch of readings.
 
@@ -175,7 +227,16 @@ def match(
     uncertainty = Uncertainty(prior_sigma, velocity_sigma, walk_sigma)
     overrides = _overrides(set_, matcher, batch_length, stride, map_correlation_length)
     recorded, field_map, factor = _load(
-        map_, variable, quantity, unit, track, track_unit, sensor_sigma, reduction, fix_topic, prior_sigma
+        map_,
+        variable,
+        quantity,
+        unit,
+        track,
+        track_unit,
+        sensor_sigma,
+        reduction,
+        fix_topic,
+        prior_sigma,
     )
     if reference:
         field_map = _with_learnt_error(field_map, reference, factor)
@@ -186,7 +247,10 @@ def match(
             settings, recorded, field_map, prior_sigma, factor, track_unit or field_map.file_unit
         )
     if off_map.any():
-        _say(f"{recorded.where}: the map has no value at {int(off_map.sum())} of {len(recorded)} readings; left out")
+        _say(
+            f"{recorded.where}: the map has no value at {int(off_map.sum())} of {len(recorded)}"
+            " readings; left out"
+        )
     matches = match_track(recorded, field_map, settings, uncertainty, chained=chain)
     objects = as_objects(matches, chain)
     for path in out or ():
@@ -194,7 +258,9 @@ def match(
     if report is not None:
         from isogal.tracks.match_report import write_match_report
 
-        write_match_report(recorded, field_map, settings, uncertainty, matches, report, chained=chain)
+        write_match_report(
+            recorded, field_map, settings, uncertainty, matches, report, chained=chain
+        )
     if json:
         sys.stdout.write(as_json(objects))
     else:
@@ -234,7 +300,8 @@ def _load(
         inside, factor = unit_factor(track_unit, "--track-unit")
         if inside != field_map.unit:
             raise InputError(
-                f"--track-unit: '{track_unit}' does not fit a {field_map.quantity} map, which is in {field_map.file_unit}"
+                f"--track-unit: '{track_unit}' does not fit a {field_map.quantity} map, which is"
+                f" in {field_map.file_unit}"
             )
     sigma = None if sensor_sigma is None else sensor_sigma * factor
     if isinstance(source, Recording):
@@ -245,20 +312,27 @@ def _load(
 
 
 def _with_learnt_error(field_map: "FieldMap", references: list[Path], factor: float) -> "FieldMap":
-    """Return the map with the error that makes the residuals of tracks with true positions most likely."""
+    """Return the map with the error that makes the residuals of tracks with true positions most
+    likely."""
     import numpy as np
 
     from isogal.tracks.csv_file import read_csv_track
     from isogal.tracks.map_error import fit_map_error
     from isogal.tracks.track import fit_to_map
 
-    tracks = [fit_to_map(read_csv_track(path).track(factor, _UNUSED_SIGMA), field_map)[0] for path in references]
+    tracks = [
+        fit_to_map(read_csv_track(path).track(factor, _UNUSED_SIGMA), field_map)[0]
+        for path in references
+    ]
     fit = fit_map_error(tracks, field_map)
     learnt = fit.apply(field_map)
-    sigma = np.concatenate([np.ravel(learnt.sigma_at(one.latitude, one.longitude)) for one in tracks])
+    sigma = np.concatenate(
+        [np.ravel(learnt.sigma_at(one.latitude, one.longitude)) for one in tracks]
+    )
     _say(
-        f"learnt from {sum(len(one) for one in tracks)} readings: map error {np.nanmedian(sigma) / factor:.3g} (median there),"
-        f" correlated over {fit.correlation_length:.0f} m; readings good to {fit.sensor_sigma / factor:.2g}"
+        f"learnt from {sum(len(one) for one in tracks)} readings: map error"
+        f" {np.nanmedian(sigma) / factor:.3g} (median there), correlated over"
+        f" {fit.correlation_length:.0f} m; readings good to {fit.sensor_sigma / factor:.2g}"
     )
     return learnt
 
@@ -269,20 +343,34 @@ def _margin(prior_sigma: float) -> float:
 
 
 def _overrides(
-    set_: list[str] | None, matcher: str | None, batch_length: int | None, stride: int | None, length: float | None
+    set_: list[str] | None,
+    matcher: str | None,
+    batch_length: int | None,
+    stride: int | None,
+    length: float | None,
 ) -> list[str]:
     items = list(set_ or ())
     for item in items:
         if not item.startswith("matcher."):
             raise InputError(f"--set {item}: only keys that begin with matcher. count here")
-    given = {"name": matcher, "batch_length": batch_length, "stride": stride, "map_correlation_length": length}
+    given = {
+        "name": matcher,
+        "batch_length": batch_length,
+        "stride": stride,
+        "map_correlation_length": length,
+    }
     return items + [f"matcher.{key}={value}" for key, value in given.items() if value is not None]
 
 
 def _settings(
-    overrides: list[str], field_map: "FieldMap", factor: float, map_sigma: str | None, bias_sigma: float | None
+    overrides: list[str],
+    field_map: "FieldMap",
+    factor: float,
+    map_sigma: str | None,
+    bias_sigma: float | None,
 ) -> "Matcher":
-    """Return the matcher's section: sigmas of the options are in the track's unit, those of --set in the unit inside."""
+    """Return the matcher's section: sigmas of the options are in the track's unit, those of --set
+    in the unit inside."""
     from isogal.scenario import load_scenario
 
     if bias_sigma is not None and not bias_sigma >= 0.0:
@@ -297,22 +385,32 @@ def _settings(
         items.append(f"matcher.map_correlation_length={field_map.correlation_length!r}")
     settings = load_scenario(None, items).matcher
     if map_sigma is None and "matcher.map_sigma" not in said and not _knows_error(field_map):
-        _say("the map does not say how wrong it is and is taken as exact; give --map-sigma, a number or auto")
+        _say(
+            "the map does not say how wrong it is and is taken as exact; give --map-sigma, a"
+            " number or auto"
+        )
     return settings
 
 
 def _with_unknown_latitude(
-    settings: "Matcher", track: "Track", field_map: "FieldMap", prior_sigma: float, factor: float, unit: str
+    settings: "Matcher",
+    track: "Track",
+    field_map: "FieldMap",
+    prior_sigma: float,
+    factor: float,
+    unit: str,
 ) -> "Matcher":
-    """Return settings with an unknown constant for normal gravity in the offset, taken at nobody knows which latitude."""
+    """Return settings with an unknown constant for normal gravity in the offset, taken at nobody
+    knows which latitude."""
     import math
 
     change = track.normal_gravity_in_doubt(field_map.quantity) * prior_sigma
     if change == 0.0:
         return settings
     _say(
-        f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an unknown constant of {change / factor:.2g}"
-        f" {unit} is allowed for. Say --reduction latitude if it was the track's own, else --reduction none"
+        f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
+        f" unknown constant of {change / factor:.2g} {unit} is allowed for. Say --reduction"
+        " latitude if it was the track's own, else --reduction none"
     )
     return settings.model_copy(update={"bias_sigma": math.hypot(settings.bias_sigma, change)})
 

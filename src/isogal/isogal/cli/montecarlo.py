@@ -10,39 +10,59 @@ import typer
 from isogal.cli.errors import INTERRUPTED, fail
 
 ScenarioOption = Annotated[
-    Path | None, typer.Option("--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults.")
+    Path | None,
+    typer.Option(
+        "--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults."
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. gravimeter.sigma=2e-4; repeatable."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key, e.g. gravimeter.sigma=2e-4; repeatable."
+    ),
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", metavar="N", min=1, help="Processes on this machine; default: one for each core."),
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=1,
+        help="Processes on this machine; default: one for each core.",
+    ),
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to use, e.g. tcp://host:8786.")
+    str | None,
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler to use, e.g. tcp://host:8786."
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")]
 
 
 def montecarlo(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of results, report and finished runs.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder of results, report and finished runs."),
+    ],
     runs: Annotated[int, typer.Option("--runs", metavar="N", min=1, help="How many runs.")],
     scenario: ScenarioOption = None,
     set_: SetOption = None,
     matcher: Annotated[
-        str | None, typer.Option("--matcher", metavar="NAME", help="Matcher to use instead of the scenario's.")
+        str | None,
+        typer.Option(
+            "--matcher", metavar="NAME", help="Matcher to use instead of the scenario's."
+        ),
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Run a scenario many times; write results.json, report.html and figures, and print the figures of merit.
+    """Run a scenario many times; write results.json, report.html and figures, and print the
+    figures of merit.
 
-    Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same command goes on, and more runs compute only
-    the new ones. Results do not depend on the number or kind of workers.
-    """
+    Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same
+    command goes on, and more runs compute only the new ones. Results do not depend on the number
+    or kind of workers."""
     import time
 
     from isogal.evaluation.bound import posterior_cramer_rao
@@ -88,7 +108,8 @@ def montecarlo(
 
 @contextmanager
 def ending_well(kept_in: Path) -> Iterator[None]:
-    """End the command with one line that says what is kept where the computation is interrupted or fails."""
+    """End the command with one line that says what is kept where the computation is interrupted or
+    fails."""
     from isogal.montecarlo.study import Interrupted
     from isogal.montecarlo.workers import WorkerError
 
@@ -110,7 +131,11 @@ def _print(summary: dict[str, Any], page: Path) -> None:
 
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
     fixes = summary["fixes"]
-    table = Table(box=SIMPLE_HEAD, title=f"{summary['runs']} runs, matcher {summary['matcher']}", title_justify="left")
+    table = Table(
+        box=SIMPLE_HEAD,
+        title=f"{summary['runs']} runs, matcher {summary['matcher']}",
+        title_justify="left",
+    )
     table.add_column("")
     table.add_column("whole run", justify="right")
     table.add_column("after 1 h", justify="right")

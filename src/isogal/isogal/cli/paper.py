@@ -10,21 +10,30 @@ from isogal.cli.montecarlo import JsonOption, SchedulerOption, WorkersOption, en
 
 def paper(
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder of results, report, figures and finished runs.")
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", help="Folder of results, report, figures and finished runs."
+        ),
     ],
     runs: Annotated[
-        int, typer.Option("--runs", metavar="N", min=1, help="Runs of each case; the paper has 100.")
+        int,
+        typer.Option("--runs", metavar="N", min=1, help="Runs of each case; the paper has 100."),
     ] = 100,
     map_: Annotated[
         str | None,
         typer.Option(
             "--map",
             metavar="FILE",
-            help="File or folder with gravity and gravity disturbance; default: the synthetic map.",
+            help=(
+                "File or folder with gravity and gravity disturbance; default: the synthetic map."
+            ),
         ),
     ] = None,
     duration: Annotated[
-        float, typer.Option("--duration", metavar="SECONDS", min=600.0, help="Simulated time of each run.")
+        float,
+        typer.Option(
+            "--duration", metavar="SECONDS", min=600.0, help="Simulated time of each run."
+        ),
     ] = 12960.0,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -32,9 +41,8 @@ def paper(
 ) -> None:
     """Redo section 4 of the paper: Tables 4 and 6, all figures, every claim.
 
-    Writes report.html with all figures (PNG files beside it) and results.json. Finished runs are kept in DIR/runs: after Ctrl-C the same
-    command goes on from there.
-    """
+    Writes report.html with all figures (PNG files beside it) and results.json. Finished runs are
+    kept in DIR/runs: after Ctrl-C the same command goes on from there."""
     from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.study import Backend
     from isogal.paper.cases import Plan
@@ -60,7 +68,9 @@ def _print(results: Any, claims: Any, page: Path) -> None:
     from isogal.paper.published import ROWS
 
     title = f"Mean error (m) and diverged runs, {results.plan.runs} runs a case"
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, collapse_padding=True)
+    table = Table(
+        box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, collapse_padding=True
+    )
     for name in ("map", "sigma", "T"):
         table.add_column(name, no_wrap=True)
     for name in ("paper", *MATCHERS):
@@ -81,6 +91,8 @@ def _print(results: Any, claims: Any, page: Path) -> None:
     console = Console()
     console.print(table)
     verdicts = [claim.verdict for claim in claims]
-    found = ", ".join(f"{verdicts.count(v)} {v}" for v in ("holds", "does not hold", "cannot tell"))
+    found = ", ".join(
+        f"{verdicts.count(v)} {v}" for v in ("holds", "does not hold", "cannot tell")
+    )
     console.print(f"{len(claims)} claims: {found}", highlight=False)
     console.print(f"{page}", highlight=False, soft_wrap=True)

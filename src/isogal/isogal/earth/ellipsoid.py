@@ -1,7 +1,7 @@
 """GRS80 ellipsoid: constants and radii of curvature.
 
-Source: Moritz (2000), Geodetic Reference System 1980, J. Geodesy 74:128-133. boule.GRS80 gives the same numbers (tested).
-"""
+Source: Moritz (2000), Geodetic Reference System 1980, J. Geodesy 74:128-133. boule.GRS80 gives the
+same numbers (tested)."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,8 @@ EARTH_RATE = 7.292115e-5
 
 @kernel(forceinline=True, error_model="numpy")
 def curvature(sin_latitude: float) -> tuple[float, float]:
-    """Return (meridian M, prime vertical N) radius, m, at the sine of a geodetic latitude (Groves 2013, eqs. 2.105, 2.106)."""
+    """Return (meridian M, prime vertical N) radius, m, at the sine of a geodetic latitude (Groves
+    2013, eqs. 2.105, 2.106)."""
     w2 = 1.0 - E2 * sin_latitude * sin_latitude
     n = A / np.sqrt(w2)
     return n * (1.0 - E2) / w2, n
@@ -37,6 +38,7 @@ def radii(latitude: ArrayLike) -> tuple[Array, Array]:
 
 
 def metres_per_radian(latitude: ArrayLike, height: ArrayLike = 0.0) -> tuple[Array, Array]:
-    """Return metres per radian of (latitude, longitude) at a latitude (rad) and ellipsoidal height (m)."""
+    """Return metres per radian of (latitude, longitude) at a latitude (rad) and ellipsoidal height
+    (m)."""
     m, n = radii(latitude)
     return m + np.asarray(height), (n + np.asarray(height)) * np.cos(latitude)

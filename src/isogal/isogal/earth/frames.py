@@ -1,4 +1,5 @@
-"""Geodetic, Earth-centred Earth-fixed (ECEF) and local east-north-up (ENU) coordinates, exact on GRS80."""
+"""Geodetic, Earth-centred Earth-fixed (ECEF) and local east-north-up (ENU) coordinates, exact on
+GRS80."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,27 +9,32 @@ from isogal.earth.ellipsoid import E2, A, F
 
 
 def geodetic_to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
-    """Return ECEF (..., 3) m from latitude, longitude (rad) and height (m) (Groves 2013, eq. 2.112)."""
+    """Return ECEF (..., 3) m from latitude, longitude (rad) and height (m) (Groves 2013, eq.
+    2.112)."""
     lat, lon, h = np.broadcast_arrays(
         np.asarray(latitude, float), np.asarray(longitude, float), np.asarray(height, float)
     )
     n = A / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)
     p = (n + h) * np.cos(lat)
-    return np.stack([p * np.cos(lon), p * np.sin(lon), (n * (1.0 - E2) + h) * np.sin(lat)], axis=-1)
+    return np.stack(
+        [p * np.cos(lon), p * np.sin(lon), (n * (1.0 - E2) + h) * np.sin(lat)], axis=-1
+    )
 
 
 def ecef_to_geodetic(ecef: ArrayLike) -> tuple[Array, Array, Array]:
     """Return (latitude rad, longitude rad, height m) from ECEF (..., 3) m.
 
-    Bowring (1976) with iterations of the reduced latitude: exact to rounding from the ellipsoid's core to space.
-    """
+    Bowring (1976) with iterations of the reduced latitude: exact to rounding from the ellipsoid's
+    core to space."""
     x, y, z = np.moveaxis(np.asarray(ecef, float), -1, 0)
     p = np.hypot(x, y)
     beta = np.arctan2(z, (1.0 - F) * p)
     ep2 = E2 / (1.0 - E2)
     lat = beta
     for _ in range(4):
-        lat = np.arctan2(z + ep2 * A * (1.0 - F) * np.sin(beta) ** 3, p - E2 * A * np.cos(beta) ** 3)
+        lat = np.arctan2(
+            z + ep2 * A * (1.0 - F) * np.sin(beta) ** 3, p - E2 * A * np.cos(beta) ** 3
+        )
         beta = np.arctan2((1.0 - F) * np.sin(lat), np.cos(lat))
     s, c = np.sin(lat), np.cos(lat)
     h = p * c + z * s - A * np.sqrt(1.0 - E2 * s * s)
@@ -57,16 +63,23 @@ class LocalFrame:
         return ecef_to_geodetic(np.asarray(enu, float) @ self.axes + self.origin)
 
     def rotation_from(self, latitude: float, longitude: float) -> Array:
-        """Return the rotation (3, 3) from the ENU axes at another point to the axes of this frame."""
+        """Return the rotation (3, 3) from the ENU axes at another point to the axes of this
+        frame."""
         return self.axes @ enu_axes(latitude, longitude).T
 
 
 def horizontal_difference(
     latitude: ArrayLike, longitude: ArrayLike, latitude_0: ArrayLike, longitude_0: ArrayLike
 ) -> Array:
-    """Return (..., 2) m, north and east, from point 0 to the point: small differences with the radii at point 0."""
+    """Return (..., 2) m, north and east, from point 0 to the point: small differences with the
+    radii at point 0."""
     from isogal.earth.ellipsoid import metres_per_radian
 
     north, east = metres_per_radian(latitude_0)
-    d_lon = np.remainder(np.asarray(longitude) - np.asarray(longitude_0) + np.pi, 2.0 * np.pi) - np.pi
-    return np.stack(np.broadcast_arrays((np.asarray(latitude) - np.asarray(latitude_0)) * north, d_lon * east), axis=-1)
+    d_lon = (
+        np.remainder(np.asarray(longitude) - np.asarray(longitude_0) + np.pi, 2.0 * np.pi) - np.pi
+    )
+    return np.stack(
+        np.broadcast_arrays((np.asarray(latitude) - np.asarray(latitude_0)) * north, d_lon * east),
+        axis=-1,
+    )

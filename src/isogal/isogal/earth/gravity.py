@@ -1,4 +1,5 @@
-"""Normal gravity, its change with height, and the Eötvös acceleration of a moving vehicle. SI units, positive down."""
+"""Normal gravity, its change with height, and the Eötvös acceleration of a moving vehicle. SI
+units, positive down."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,40 +22,53 @@ FREE_AIR = 3.086e-6
 
 @kernel
 def normal_gravity_at(sin_latitude: float, height: float) -> float:
-    """Return normal gravity (m/s²) for one point: Somigliana, second order in height (Moritz 2000; Groves 2013 eq. 2.139)."""
+    """Return normal gravity (m/s²) for one point: Somigliana, second order in height (Moritz 2000;
+    Groves 2013 eq. 2.139)."""
     s2 = sin_latitude * sin_latitude
     surface = GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
     return surface * (
-        1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height + 3.0 / (A * A) * height * height
+        1.0
+        - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height
+        + 3.0 / (A * A) * height * height
     )
 
 
 def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
-    """Return normal gravity (m/s²) at geodetic latitudes (rad) and ellipsoidal heights (m); the arrays broadcast."""
+    """Return normal gravity (m/s²) at geodetic latitudes (rad) and ellipsoidal heights (m); the
+    arrays broadcast."""
     s2 = np.sin(latitude) ** 2
     h = np.asarray(height, dtype=float)
     surface = GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
-    return surface * (1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * h + 3.0 / A**2 * h**2)
+    return surface * (
+        1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * h + 3.0 / A**2 * h**2
+    )
 
 
 def normal_gravity_gradient_north(latitude: ArrayLike) -> Array:
-    """Return d(normal gravity)/d(north), s⁻², on the ellipsoid: the derivative of Somigliana's formula over M."""
+    """Return d(normal gravity)/d(north), s⁻², on the ellipsoid: the derivative of Somigliana's
+    formula over M."""
     s, c = np.sin(latitude), np.cos(latitude)
     w2 = 1.0 - E2 * s * s
     derivative = (
-        GAMMA_EQUATOR * s * c * (2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5)
+        GAMMA_EQUATOR
+        * s
+        * c
+        * (2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5)
     )
     return derivative / radii(latitude)[0]
 
 
 def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
-    """Return the normal gravity gradient (..., 3, 3), s⁻², axes north, east, down, at latitudes (rad) and heights (m) that broadcast.
+    """Return the normal gravity gradient (..., 3, 3), s⁻², axes north, east, down, at latitudes
+    (rad) and heights (m) that broadcast.
 
-    On the ellipsoid, a level surface, its curvatures give U_nn = -g/M and U_ee = -g/N, the change of g along it U_nd, and Poisson's
-    equation outside the masses the rest, U_nn + U_ee + U_dd = 2 w² (Heiskanen and Moritz 1967, sections 1-5 and 2-9). The radii grow by the
-    height, g falls by it.
-    """
-    lat, h = np.broadcast_arrays(np.asarray(latitude, dtype=float), np.asarray(height, dtype=float))
+    On the ellipsoid, a level surface, its curvatures give U_nn = -g/M and U_ee = -g/N, the change
+    of g along it U_nd, and Poisson's equation outside the masses the rest, U_nn + U_ee + U_dd = 2
+    w² (Heiskanen and Moritz 1967, sections 1-5 and 2-9). The radii grow by the height, g falls by
+    it."""
+    lat, h = np.broadcast_arrays(
+        np.asarray(latitude, dtype=float), np.asarray(height, dtype=float)
+    )
     m, n = radii(lat)
     gravity = normal_gravity(lat, h)
     gradient = np.zeros((*lat.shape, 3, 3))
@@ -66,12 +80,17 @@ def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
 
 
 def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> Array:
-    """Return the Eötvös acceleration (m/s², positive up): 2 w cos(lat) v_e + v_e²/(N+h) + v_n²/(M+h).
+    """Return the Eötvös acceleration (m/s², positive up): 2 w cos(lat) v_e + v_e²/(N+h) +
+    v_n²/(M+h).
 
-    It makes a moving gravimeter read less (Groves 2013, down component of the Coriolis and transport-rate terms).
-    """
+    It makes a moving gravimeter read less (Groves 2013, down component of the Coriolis and
+    transport-rate terms)."""
     m, n = radii(latitude)
-    ve, vn, h = np.asarray(v_east, dtype=float), np.asarray(v_north, dtype=float), np.asarray(height, dtype=float)
+    ve, vn, h = (
+        np.asarray(v_east, dtype=float),
+        np.asarray(v_north, dtype=float),
+        np.asarray(height, dtype=float),
+    )
     return 2.0 * EARTH_RATE * np.cos(latitude) * ve + ve**2 / (n + h) + vn**2 / (m + h)
 
 
@@ -80,4 +99,6 @@ def eotvos_jacobian(
 ) -> tuple[Array, Array]:
     """Return the derivatives of `eotvos` by (v_north, v_east), s⁻¹."""
     m, n = radii(latitude)
-    return 2.0 * np.asarray(v_north) / m, 2.0 * EARTH_RATE * np.cos(latitude) + 2.0 * np.asarray(v_east) / n
+    return 2.0 * np.asarray(v_north) / m, 2.0 * EARTH_RATE * np.cos(latitude) + 2.0 * np.asarray(
+        v_east
+    ) / n

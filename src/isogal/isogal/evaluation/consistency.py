@@ -1,9 +1,9 @@
 """Does a filter know its own error? NEES, NIS and the chi-square intervals they must lie in.
 
-Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", section 5.4: for a consistent filter the
-normalised (estimation) error squared e' P^-1 e is chi-square with as many degrees of freedom as e has components. Divided by that
-number it is 1 on average; above 1 the filter is overconfident.
-"""
+Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", section
+5.4: for a consistent filter the normalised (estimation) error squared e' P^-1 e is chi-square with
+as many degrees of freedom as e has components. Divided by that number it is 1 on average; above 1
+the filter is overconfident."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -27,10 +27,13 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
     Returns
     -------
     (...) array
-        e' P^-1 e / n; NaN where error or covariance is not finite, infinite where the covariance is not positive definite
-        (such an estimator claims certainty that it cannot have).
+        e' P^-1 e / n; NaN where error or covariance is not finite, infinite where the covariance
+        is not positive definite (such an estimator claims certainty that it cannot have).
     """
-    error, covariance = np.asarray(error, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+    error, covariance = (
+        np.asarray(error, dtype=np.float64),
+        np.asarray(covariance, dtype=np.float64),
+    )
     axes = error.shape[-1]
     shape = np.broadcast_shapes(error.shape[:-1], covariance.shape[:-2])
     error = np.broadcast_to(error, (*shape, axes)).reshape(-1, axes)
@@ -46,14 +49,16 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def nis_per_axis(innovation: ArrayLike, covariance: ArrayLike) -> Array:
-    """Normalised innovation squared per axis: `nees_per_axis` of (..., n) innovations and their (..., n, n) covariance."""
+    """Normalised innovation squared per axis: `nees_per_axis` of (..., n) innovations and their
+    (..., n, n) covariance."""
     return nees_per_axis(innovation, covariance)
 
 
 def chi_square_interval(
     samples: float, axes: int = 2, confidence: float = 0.95, independent: float | None = None
 ) -> tuple[float, float]:
-    """Where the mean of a per-axis NEES or NIS of a consistent filter lies with the given probability.
+    """Where the mean of a per-axis NEES or NIS of a consistent filter lies with the given
+    probability.
 
     Parameters
     ----------
@@ -75,7 +80,9 @@ def chi_square_interval(
 
     count = samples if independent is None else independent
     if not count > 0 or axes < 1 or not 0 < confidence < 1:
-        raise ValueError(f"needs samples > 0, axes >= 1, 0 < confidence < 1, not {count}, {axes}, {confidence}")
+        raise ValueError(
+            f"needs samples > 0, axes >= 1, 0 < confidence < 1, not {count}, {axes}, {confidence}"
+        )
     freedom = count * axes
     tail = (1.0 - confidence) / 2.0
     # chi-square is a gamma distribution of shape freedom / 2 and scale 2
@@ -84,11 +91,12 @@ def chi_square_interval(
 
 
 def effective_samples(values: ArrayLike) -> float:
-    """How many independent values the (R, B) values are worth: runs are independent, the B values of a run are correlated in time.
+    """How many independent values the (R, B) values are worth: runs are independent, the B values
+    of a run are correlated in time.
 
-    N / tau with the integrated autocorrelation time tau = 1 + 2 sum rho_k, rho pooled over runs and summed up to its first value
-    that is not positive (initial positive sequence, Geyer 1992). NaN (declined batches) are left out. Never fewer than one a run.
-    """
+    N / tau with the integrated autocorrelation time tau = 1 + 2 sum rho_k, rho pooled over runs
+    and summed up to its first value that is not positive (initial positive sequence, Geyer 1992).
+    NaN (declined batches) are left out. Never fewer than one a run."""
     values = np.asarray(values, dtype=np.float64)
     known = np.isfinite(values)
     count = int(known.sum())
@@ -125,7 +133,8 @@ class MeanNees:
 
 
 def mean_nees(values: ArrayLike, axes: int = 2, confidence: float = 0.95) -> MeanNees:
-    """Mean of (R, B) per-axis NEES values (NaN left out) with its chi-square interval; NaN where there is no value."""
+    """Mean of (R, B) per-axis NEES values (NaN left out) with its chi-square interval; NaN where
+    there is no value."""
     values = np.atleast_2d(np.asarray(values, dtype=np.float64))
     known = ~np.isnan(values)
     if not known.any():
@@ -136,26 +145,32 @@ def mean_nees(values: ArrayLike, axes: int = 2, confidence: float = 0.95) -> Mea
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpreadTest:
-    """Does the spread of many runs agree with one covariance, instant by instant? See `spread_test`."""
+    """Does the spread of many runs agree with one covariance, instant by instant? See
+    `spread_test`."""
 
     nees: Array
     """(K,) mean over runs of e' P^-1 e / axes."""
     interval: tuple[float, float]
     """Chi-square interval of each of them alone."""
     family_interval: tuple[float, float]
-    """The interval that all K together stay in with at least the confidence asked for (Bonferroni)."""
+    """The interval that all K together stay in with at least the confidence asked for
+    (Bonferroni)."""
 
     @property
     def consistent(self) -> bool:
         """Whether all instants lie in the family's interval."""
-        return bool(np.all((self.nees >= self.family_interval[0]) & (self.nees <= self.family_interval[1])))
+        return bool(
+            np.all((self.nees >= self.family_interval[0]) & (self.nees <= self.family_interval[1]))
+        )
 
 
 def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> SpreadTest:
-    """Compare the errors of R independent runs with the covariance that a filter (or the bound's recursion) claims.
+    """Compare the errors of R independent runs with the covariance that a filter (or the bound's
+    recursion) claims.
 
-    At one instant the R errors are independent, so the sum of their e' P^-1 e is chi-square with R n degrees of freedom, exactly
-    for Gaussian errors. Choose few instants well apart: neighbours are correlated, which makes the family interval conservative.
+    At one instant the R errors are independent, so the sum of their e' P^-1 e is chi-square with R
+    n degrees of freedom, exactly for Gaussian errors. Choose few instants well apart: neighbours
+    are correlated, which makes the family interval conservative.
 
     Parameters
     ----------

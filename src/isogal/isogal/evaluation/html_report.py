@@ -1,4 +1,5 @@
-"""Reports: one self-contained HTML page with its figures inside, and the same figures as PNG files beside it."""
+"""Reports: one self-contained HTML page with its figures inside, and the same figures as PNG files
+beside it."""
 
 import base64
 import math
@@ -30,7 +31,8 @@ class Illustration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """A table of text cells (see `number` for figures); columns of numbers only are set flush right."""
+    """A table of text cells (see `number` for figures); columns of numbers only are set flush
+    right."""
 
     caption: str
     header: Sequence[str]
@@ -44,7 +46,9 @@ class Table:
         if not self.rows:
             return frozenset()
         columns = range(len(self.header))
-        return frozenset(c for c in columns if all(_NUMBER.fullmatch(row[c].strip()) for row in self.rows))
+        return frozenset(
+            c for c in columns if all(_NUMBER.fullmatch(row[c].strip()) for row in self.rows)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +65,8 @@ class Section:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number for a table: so many significant digits at least, no exponent from 1e-3 to 1e6, a dash for none."""
+    """Write a number for a table: so many significant digits at least, no exponent from 1e-3 to
+    1e6, a dash for none."""
     if value is None or math.isnan(value):
         return "–"
     if value == 0:
@@ -125,7 +130,9 @@ def write_report(
             }
         )
     in_order = [*tables, *(table for section in sections for table in section.tables)]
-    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False).from_string(PAGE)
+    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False).from_string(
+        PAGE
+    )
     html = page.render(
         title=title,
         subtitle=subtitle,

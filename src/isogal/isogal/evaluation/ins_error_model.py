@@ -1,4 +1,5 @@
-"""The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry, start and noise of a scenario."""
+"""The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry,
+start and noise of a scenario."""
 
 from dataclasses import dataclass
 
@@ -14,7 +15,8 @@ from isogal.sensors.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segments:
-    """What the model needs at the middle of each of S stretches of the trajectory, all of the same duration."""
+    """What the model needs at the middle of each of S stretches of the trajectory, all of the same
+    duration."""
 
     geometry: Array
     """(S, 5) latitude (rad), north and east velocity (m/s), 1 / (M + h), 1 / (N + h) (1/m)."""
@@ -29,37 +31,63 @@ class Segments:
 
 
 def divide(scenario: Scenario, trajectory: Trajectory, longest: float = 1.0) -> Segments:
-    """Divide a trajectory into stretches of whole IMU intervals, up to `longest` seconds where an interval is shorter.
+    """Divide a trajectory into stretches of whole IMU intervals, up to `longest` seconds where an
+    interval is shorter.
 
-    Errors change over minutes (Schuler period 84 min), so stretches of a second do for an IMU of any rate. What is left of the
-    trajectory after the last whole gravimeter interval is dropped.
+    Errors change over minutes (Schuler period 84 min), so stretches of a second do for an IMU of
+    any rate. What is left of the trajectory after the last whole gravimeter interval is dropped.
     """
     steps = scenario.steps_per_scan
-    size = max(n for n in range(1, steps + 1) if steps % n == 0 and (n == 1 or n * trajectory.dt <= longest))
+    size = max(
+        n
+        for n in range(1, steps + 1)
+        if steps % n == 0 and (n == 1 or n * trajectory.dt <= longest)
+    )
     count = len(trajectory) // steps * (steps // size)
     ends = np.arange(count + 1) * size
 
     def middle(values: Array) -> Array:
         return 0.5 * (values[ends[:-1]] + values[ends[1:]])
 
-    latitude, velocity, height = middle(trajectory.latitude), middle(trajectory.velocity), middle(trajectory.height)
+    latitude, velocity, height = (
+        middle(trajectory.latitude),
+        middle(trajectory.velocity),
+        middle(trajectory.height),
+    )
     rotation = middle(matrix(trajectory.attitude))
     force = trajectory.specific_force[: count * size].reshape(count, size, 3).mean(axis=1)
     meridian, normal = radii(latitude)
     geometry = np.stack(
-        [latitude, velocity[:, 0], velocity[:, 1], 1 / (meridian + height), 1 / (normal + height)], axis=1
+        [latitude, velocity[:, 0], velocity[:, 1], 1 / (meridian + height), 1 / (normal + height)],
+        axis=1,
     )
-    return Segments(geometry, np.einsum("sij,sj->si", rotation, force), rotation, size * trajectory.dt, steps // size)
+    return Segments(
+        geometry,
+        np.einsum("sij,sj->si", rotation, force),
+        rotation,
+        size * trajectory.dt,
+        steps // size,
+    )
 
 
 def initial_covariance(scenario: Scenario) -> Array:
-    """(13, 13) covariance of the error before the vehicle moves: the scenario's initial errors and the biases of the IMU's grade."""
+    """(13, 13) covariance of the error before the vehicle moves: the scenario's initial errors and
+    the biases of the IMU's grade."""
     sigma, grade = scenario.initial_error, GRADES[scenario.imu.grade]
-    start = [sigma.position, sigma.position, sigma.velocity, sigma.velocity, sigma.tilt, sigma.tilt, sigma.heading]
+    start = [
+        sigma.position,
+        sigma.position,
+        sigma.velocity,
+        sigma.velocity,
+        sigma.tilt,
+        sigma.tilt,
+        sigma.heading,
+    ]
     return np.diag(np.square([*start, *grade.accelerometer_bias, *grade.gyroscope_bias]))
 
 
 def noise_density(scenario: Scenario) -> Array:
-    """(6,) power spectral densities per body axis: accelerometers (m²/s³), then gyroscopes (rad²/s)."""
+    """(6,) power spectral densities per body axis: accelerometers (m²/s³), then gyroscopes
+    (rad²/s)."""
     grade = GRADES[scenario.imu.grade]
     return np.square([*grade.accelerometer_noise, *grade.gyroscope_noise])

@@ -1,8 +1,8 @@
 """What runs leave behind for evaluation, as arrays with the run axis first.
 
-One type serves a single run (R = 1) and a Monte Carlo; chunks of runs are joined with `Runs.concatenate` and kept on disk with
-`Runs.save`, so that a finished chunk is never computed again.
-"""
+One type serves a single run (R = 1) and a Monte Carlo; chunks of runs are joined with
+`Runs.concatenate` and kept on disk with `Runs.save`, so that a finished chunk is never computed
+again."""
 
 import zipfile
 import zlib
@@ -28,21 +28,24 @@ _DETAIL_PREFIX = "detail_"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunDetail:
-    """What only the figures of a single run need; it belongs to run 0 of the record. SI units, radians.
+    """What only the figures of a single run need; it belongs to run 0 of the record. SI units,
+    radians.
 
-    Candidates of all batches are kept flat: N of them, each with its batch, its scan within the batch and its weight.
-    """
+    Candidates of all batches are kept flat: N of them, each with its batch, its scan within the
+    batch and its weight."""
 
     scan_time: Array
     """(S,) s."""
     reading: Array
     """(S,) reduced readings, map's unit; NaN = none."""
     map_value: Array
-    """(S,) what the map says at the true position of the scan, known offset included: the noiseless signal."""
+    """(S,) what the map says at the true position of the scan, known offset included: the
+    noiseless signal."""
     map_value_navigator: Array
     """(S,) the same where the navigator believed to be."""
     feature_variability: Array
-    """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan of a batch; NaN elsewhere."""
+    """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan
+    of a batch; NaN elsewhere."""
     candidate_latitude: Array
     """(N,) rad."""
     candidate_longitude: Array
@@ -58,29 +61,42 @@ class RunDetail:
         scans, candidates = self.scan_time.shape, self.candidate_batch.shape
         for name in ("reading", "map_value", "map_value_navigator", "feature_variability"):
             _expect(name, getattr(self, name), scans)
-        for name in ("candidate_latitude", "candidate_longitude", "candidate_weight", "candidate_scan"):
+        for name in (
+            "candidate_latitude",
+            "candidate_longitude",
+            "candidate_weight",
+            "candidate_scan",
+        ):
             _expect(name, getattr(self, name), candidates)
 
     @staticmethod
     def flatten(candidates: Sequence[Candidates | None]) -> dict[str, Any]:
-        """Return the five candidate fields from the candidates of each batch in turn (None = the batch has none)."""
+        """Return the five candidate fields from the candidates of each batch in turn (None = the
+        batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]
         return {
             "candidate_latitude": np.concatenate([np.empty(0), *(c.latitude for _, c in present)]),
-            "candidate_longitude": np.concatenate([np.empty(0), *(c.longitude for _, c in present)]),
+            "candidate_longitude": np.concatenate(
+                [np.empty(0), *(c.longitude for _, c in present)]
+            ),
             "candidate_weight": np.concatenate([np.empty(0), *(c.weight for _, c in present)]),
             "candidate_batch": np.repeat(
-                np.array([batch for batch, _ in present], dtype=np.int64), [c.latitude.size for _, c in present]
+                np.array([batch for batch, _ in present], dtype=np.int64),
+                [c.latitude.size for _, c in present],
             ),
             "candidate_scan": np.concatenate(
-                [np.empty(0, dtype=np.int64), *(np.asarray(c.scan, dtype=np.int64) for _, c in present)]
+                [
+                    np.empty(0, dtype=np.int64),
+                    *(np.asarray(c.scan, dtype=np.int64) for _, c in present),
+                ]
             ),
         }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Runs:
-    """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus truth, north and east, m."""
+    """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus
+    truth, north and east, m."""
 
     time: Array
     """(K,) s, increasing."""
@@ -131,7 +147,9 @@ class Runs:
         }
         for name, shape in shapes.items():
             _expect(name, getattr(self, name), shape)
-        if len(self.fix_reason) != runs or any(len(reasons) != batches for reasons in self.fix_reason):
+        if len(self.fix_reason) != runs or any(
+            len(reasons) != batches for reasons in self.fix_reason
+        ):
             raise ValueError(f"fix_reason must hold {runs} tuples of {batches} reasons")
         if any(reason == "" for reasons in self.fix_reason for reason in reasons):
             raise ValueError("fix_reason: a reason must not be empty (None = published)")
@@ -162,7 +180,8 @@ class Runs:
 
     @staticmethod
     def concatenate(parts: Sequence["Runs"]) -> "Runs":
-        """Join records of the same scenario along the run axis, in the order given; the detail is that of the first part.
+        """Join records of the same scenario along the run axis, in the order given; the detail is
+        that of the first part.
 
         Raises
         ------
@@ -176,7 +195,9 @@ class Runs:
         for part in parts[1:]:
             for name in shared:
                 if not np.array_equal(getattr(first, name), getattr(part, name)):
-                    raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
+                    raise ValueError(
+                        f"runs of different scenarios cannot be joined: {name} differs"
+                    )
         joined: dict[str, Any] = {name: getattr(first, name) for name in shared}
         for item in fields(Runs):
             if item.name not in (*shared, "fix_reason", "detail"):
@@ -185,15 +206,21 @@ class Runs:
         return Runs(**joined, fix_reason=reasons, detail=first.detail)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed npz; a reader sees the whole file or none, whenever the writer dies."""
+        """Write a compressed npz; a reader sees the whole file or none, whenever the writer
+        dies."""
         arrays: dict[str, Any] = {"format": np.array(FORMAT)}
         for item in fields(self):
             if item.name not in ("fix_reason", "detail"):
                 arrays[item.name] = getattr(self, item.name)
         texts = [[reason or "" for reason in reasons] for reasons in self.fix_reason]
-        arrays["fix_reason"] = np.array(texts, dtype=np.str_).reshape(len(self), self.fix_time.size)
+        arrays["fix_reason"] = np.array(texts, dtype=np.str_).reshape(
+            len(self), self.fix_time.size
+        )
         if self.detail is not None:
-            arrays |= {_DETAIL_PREFIX + item.name: getattr(self.detail, item.name) for item in fields(self.detail)}
+            arrays |= {
+                _DETAIL_PREFIX + item.name: getattr(self.detail, item.name)
+                for item in fields(self.detail)
+            }
         with atomic_path(path, make_folder=True) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
 
@@ -212,7 +239,14 @@ class Runs:
             return _from_arrays(arrays)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            EOFError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as error:
             raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
 
 
@@ -223,8 +257,14 @@ def _from_arrays(arrays: Mapping[str, Any]) -> Runs:
     reasons = tuple(tuple(str(text) or None for text in row) for row in arrays["fix_reason"])
     detail = None
     if _DETAIL_PREFIX + "scan_time" in arrays:
-        detail = RunDetail(**{item.name: arrays[_DETAIL_PREFIX + item.name] for item in fields(RunDetail)})
-    plain = {item.name: arrays[item.name] for item in fields(Runs) if item.name not in ("fix_reason", "detail")}
+        detail = RunDetail(
+            **{item.name: arrays[_DETAIL_PREFIX + item.name] for item in fields(RunDetail)}
+        )
+    plain = {
+        item.name: arrays[item.name]
+        for item in fields(Runs)
+        if item.name not in ("fix_reason", "detail")
+    }
     return Runs(**plain, fix_reason=reasons, detail=detail)
 
 

@@ -1,4 +1,5 @@
-"""The page that a report is written into (Jinja2). Nothing outside the file is referred to; text is escaped by the environment."""
+"""The page that a report is written into (Jinja2). Nothing outside the file is referred to; text
+is escaped by the environment."""
 
 PAGE = """\
 <!DOCTYPE html>

@@ -1,4 +1,5 @@
-"""The report of `isogal run` and of `isogal montecarlo`: what a record of runs shows, drawn and tabulated."""
+"""The report of `isogal run` and of `isogal montecarlo`: what a record of runs shows, drawn and
+tabulated."""
 
 import math
 import re
@@ -38,7 +39,8 @@ def run_report(
     Parameters
     ----------
     runs : Runs
-        One run is shown in detail; of many, the ensemble and, where it has a detail, the first run.
+        One run is shown in detail; of many, the ensemble and, where it has a detail, the first
+        run.
     scenario : Scenario
         What they were runs of.
     field_map : FieldMap or ChannelMap
@@ -64,7 +66,11 @@ def run_report(
         _batches(runs, many),
     ]
     channels = len(channels_of(field_map))
-    first = f", the first of {channels} that are matched; figures show it alone" if channels > 1 else ""
+    first = (
+        f", the first of {channels} that are matched; figures show it alone"
+        if channels > 1
+        else ""
+    )
     listing = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
     sections.append(
         Section(
@@ -93,7 +99,11 @@ def _key_figures(summary: dict[str, Any]) -> Table:
     rows = [
         ("Mean position error (m)", number(error["mean"]), number(error["mean_after_1h"])),
         ("RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
-        ("Posterior Cramér–Rao bound, RMS (m)", number(bound["rms"]), number(bound["rms_after_1h"])),
+        (
+            "Posterior Cramér–Rao bound, RMS (m)",
+            number(bound["rms"]),
+            number(bound["rms_after_1h"]),
+        ),
         ("RMS error over bound", _ratio(error["rms"], bound["rms"]), ratio),
         ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
@@ -116,9 +126,16 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
         Illustration(
             "position_error",
             ensemble_figure(runs, bound_rms),
-            f"{whose}: horizontal position error of the aided and of the unaided navigator, and the posterior Cramér–Rao "
-            "bound, which is an RMS over many runs"
-            + ("." if many else ": a single run may lie below it at times, and does where its error changes sign."),
+            f"{whose}: horizontal position error of the aided and of the unaided navigator, and"
+            " the posterior Cramér–Rao bound, which is an RMS over many runs"
+            + (
+                "."
+                if many
+                else (
+                    ": a single run may lie below it at times, and does where its error changes"
+                    " sign."
+                )
+            ),
         )
     ]
     if runs.published.any():
@@ -126,8 +143,8 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
             Illustration(
                 "nees",
                 nees_figure(runs),
-                "Normalised estimation error squared of the navigator right after each fix. Values above the band say that "
-                "the navigator believes itself better than it is.",
+                "Normalised estimation error squared of the navigator right after each fix. Values"
+                " above the band say that the navigator believes itself better than it is.",
             )
         )
     return Section("Accuracy and consistency", illustrations=pictures)
@@ -138,30 +155,34 @@ def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -
         Illustration(
             "track",
             track_figure(runs, field_map),
-            "The track on the map. Below: surroundings of three batch ends, in kilometres from the truth, with lines of equal "
-            "map value, the map positions compatible with the last reading, the fix and the navigator after it.",
+            "The track on the map. Below: surroundings of three batch ends, in kilometres from the"
+            " truth, with lines of equal map value, the map positions compatible with the last"
+            " reading, the fix and the navigator after it.",
         ),
         Illustration(
             "north_east_error",
             error_figure(runs),
-            "North and east error with the 3-sigma band that the navigator claims. Fixes are shown with 1-sigma bars of the "
-            "measurements alone.",
+            "North and east error with the 3-sigma band that the navigator claims. Fixes are shown"
+            " with 1-sigma bars of the measurements alone.",
         ),
     ]
-    sections = [Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)]
+    sections = [
+        Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)
+    ]
     signals = [
         Illustration(
             "feature_variability",
             variability_figure(runs, field_map),
-            "Noiseless signal along the true track and map feature variability: where it is small, a reading says little "
-            "about the position.",
+            "Noiseless signal along the true track and map feature variability: where it is small,"
+            " a reading says little about the position.",
         )
     ]
     if runs.detail is not None:
         measured = signal_figure(runs, field_map, reading_sigma(scenario))
         caption = (
-            "Reduced readings and the map's values. Slow differences to the map at the true position come from the "
-            "reduction with the navigator's wrong velocity, and from the map's error where it has one."
+            "Reduced readings and the map's values. Slow differences to the map at the true"
+            " position come from the reduction with the navigator's wrong velocity, and from the"
+            " map's error where it has one."
         )
         signals.insert(0, Illustration("measured", measured, caption))
     sections.append(Section("What the sensor saw", illustrations=signals))
@@ -206,12 +227,19 @@ def _declined(runs: Runs) -> Section:
     for reasons in runs.fix_reason:
         for reason in reasons:
             if reason is not None:
-                kind = re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)  # figures differ from batch to batch
+                kind = re.sub(
+                    r"\d[\d.]*(e[-+]?\d+)?", "…", reason
+                )  # figures differ from batch to batch
                 counts[kind] = counts.get(kind, 0) + 1
     if not counts:
         return Section("Fixes", ["Every batch of every run gave a fix."])
-    rows = [(reason, str(n)) for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
-    return Section("Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)])
+    rows = [
+        (reason, str(n))
+        for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    ]
+    return Section(
+        "Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)]
+    )
 
 
 def _length(vector: Any) -> float:

@@ -14,7 +14,8 @@ from isogal.files import write_atomic
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
-"""m; a run whose mean error over its last stretch is above this has diverged (about twice the unaided INS there)."""
+"""m; a run whose mean error over its last stretch is above this has diverged (about twice the
+unaided INS there)."""
 DIVERGENCE_WINDOW = 1800.0
 """s, length of that last stretch."""
 SETTLED_AFTER = 3600.0
@@ -41,7 +42,8 @@ def summarise(
     scenario : Scenario
         What they were runs of.
     bound_rms : (K,) array
-        m, square root of the trace of the posterior Cramér–Rao bound at `runs.time`; NaN where not known.
+        m, square root of the trace of the posterior Cramér–Rao bound at `runs.time`; NaN where not
+        known.
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
     divergence_limit, divergence_window : float
@@ -50,9 +52,11 @@ def summarise(
     Returns
     -------
     dict
-        Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m: mean and RMS over time and runs,
-        both also after the first hour), `unaided`, `bound`, `nees_per_axis` (navigator right after the published fixes; the
-        interval is the chi-square one for as many independent values as the fixes are worth), `fixes`, `time`, `rms_over_time`.
+        Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m:
+        mean and RMS over time and runs, both also after the first hour), `unaided`, `bound`,
+        `nees_per_axis` (navigator right after the published fixes; the interval is the chi-square
+        one for as many independent values as the fixes are worth), `fixes`, `time`,
+        `rms_over_time`.
     """
     if len(runs) == 0:
         raise ValueError("no runs to summarise")
@@ -90,24 +94,32 @@ def summarise(
     return cast(dict[str, Any], plain(result))
 
 
-def diverged(runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW) -> Booleans:
-    """(R,) whether the mean horizontal error over the last `window` seconds is above `limit` metres, or not finite."""
+def diverged(
+    runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW
+) -> Booleans:
+    """(R,) whether the mean horizontal error over the last `window` seconds is above `limit`
+    metres, or not finite."""
     last = runs.time >= runs.time[-1] - window
     return cast(Booleans, ~(runs.horizontal_error[:, last].mean(axis=1) <= limit))
 
 
 def posterior_nees(runs: Runs) -> Array:
-    """(R, B) NEES per axis of the navigator right after each published fix; NaN where a batch gave none."""
-    return np.where(runs.published, nees_per_axis(runs.posterior_error, runs.posterior_covariance), np.nan)
+    """(R, B) NEES per axis of the navigator right after each published fix; NaN where a batch gave
+    none."""
+    return np.where(
+        runs.published, nees_per_axis(runs.posterior_error, runs.posterior_covariance), np.nan
+    )
 
 
 def fix_nees(runs: Runs) -> Array:
-    """(R, B) NEES per axis of the fixes themselves, by their own covariance; NaN where a batch gave none."""
+    """(R, B) NEES per axis of the fixes themselves, by their own covariance; NaN where a batch
+    gave none."""
     return np.where(runs.published, nees_per_axis(runs.fix_error, runs.fix_covariance), np.nan)
 
 
 def plain(value: Any) -> Any:
-    """Reduce arrays, NumPy scalars and tuples to what JSON knows; a number that is not finite becomes None."""
+    """Reduce arrays, NumPy scalars and tuples to what JSON knows; a number that is not finite
+    becomes None."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -122,7 +134,8 @@ def plain(value: Any) -> Any:
 
 
 def canonical_json(value: Any) -> str:
-    """Format a document so that equal content gives equal bytes: order of keys as given, two spaces, lists of numbers in a line."""
+    """Format a document so that equal content gives equal bytes: order of keys as given, two
+    spaces, lists of numbers in a line."""
     return _format(plain(value), "") + "\n"
 
 
@@ -134,7 +147,10 @@ def write_json(path: str | Path, value: Any) -> None:
 def _format(value: Any, indent: str) -> str:
     inner = indent + "  "
     if isinstance(value, dict) and value:
-        items = (f"{inner}{json.dumps(key, ensure_ascii=False)}: {_format(item, inner)}" for key, item in value.items())
+        items = (
+            f"{inner}{json.dumps(key, ensure_ascii=False)}: {_format(item, inner)}"
+            for key, item in value.items()
+        )
         return "{\n" + ",\n".join(items) + f"\n{indent}}}"
     if isinstance(value, list) and any(isinstance(item, dict) for item in value):
         return "[\n" + ",\n".join(inner + _format(item, inner) for item in value) + f"\n{indent}]"

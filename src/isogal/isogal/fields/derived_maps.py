@@ -1,8 +1,8 @@
 """Maps of a field with several channels, computed from the scenario's map in a process of its own.
 
-A Fourier transform of a large map takes several times its memory, most of which a process never gives back. Nodes shall stay small, so
-another process does it and leaves the result, float32 and no larger than the route needs, in a file.
-"""
+A Fourier transform of a large map takes several times its memory, most of which a process never
+gives back. Nodes shall stay small, so another process does it and leaves the result, float32 and
+no larger than the route needs, in a file."""
 
 import json
 import pickle
@@ -46,7 +46,10 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
     with tempfile.TemporaryDirectory(prefix="isogal-") as folder:
         try:
             child = subprocess.run(
-                [sys.executable, "-m", __spec__.name, folder], input=task.encode(), capture_output=True, check=False
+                [sys.executable, "-m", __spec__.name, folder],
+                input=task.encode(),
+                capture_output=True,
+                check=False,
             )
         except OSError:  # no further process is to be had
             return compute(scenario, margin)
@@ -55,9 +58,12 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
         if child.returncode:
             return compute(scenario, margin)  # and fail here, if it must fail
         about: list[dict[str, Any]] = pickle.loads(child.stdout)
-        # mapped, so that of the maps only what is looked at takes memory; the file lives on without its name as long as the mapping
+        # mapped, so that of the maps only what is looked at takes memory; the file lives on
+        # without its name as long as the mapping
         values = np.asarray(np.load(Path(folder) / "values.npy", mmap_mode="c"))
-    return ChannelMap([FieldMap(values=part, **rest) for part, rest in zip(values, about, strict=True)], values)
+    return ChannelMap(
+        [FieldMap(values=part, **rest) for part, rest in zip(values, about, strict=True)], values
+    )
 
 
 def compute(scenario: Scenario, margin: float) -> ChannelMap:
@@ -70,7 +76,9 @@ def compute(scenario: Scenario, margin: float) -> ChannelMap:
     window = route_window(trajectory.latitude, trajectory.longitude, margin)
     channels = [channel.window(*window[:4]) for channel in maps.channels]
     # the last of float32's digits is a millionth of what is measured, 1e-5 E of 100 E
-    return ChannelMap([replace(channel, values=channel.values.astype(np.float32)) for channel in channels])
+    return ChannelMap(
+        [replace(channel, values=channel.values.astype(np.float32)) for channel in channels]
+    )
 
 
 def _main(folder: Path) -> int:

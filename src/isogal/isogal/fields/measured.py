@@ -1,4 +1,5 @@
-"""The fields that can be measured and matched. To add one: a `Reduction`, an entry here, and a message adapter in isogal_ros."""
+"""The fields that can be measured and matched. To add one: a `Reduction`, an entry here, and a
+message adapter in isogal_ros."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,7 +52,8 @@ class MeasuredField:
     sign: float
     """How the raw reading goes with the field: 1, or -1 where it falls as the field rises."""
     reduction: Callable[[Scenario], Reduction]
-    """Returns how readings of this field are made and reduced in a scenario; raises InputError where its route cannot be driven."""
+    """Returns how readings of this field are made and reduced in a scenario; raises InputError
+    where its route cannot be driven."""
     vector: Vector | None = None
 
     @property
@@ -60,7 +62,8 @@ class MeasuredField:
         return self.quantity if self.vector is None else self.vector.source
 
     def covariance(self, scenario: Scenario) -> Array | None:
-        """Return the covariance (C, C) of a reading's noise; None where a reading is one number, of `gravimeter.sigma`."""
+        """Return the covariance (C, C) of a reading's noise; None where a reading is one number,
+        of `gravimeter.sigma`."""
         return None if self.vector is None else self.vector.covariance(scenario)
 
 
@@ -78,12 +81,21 @@ def _tensor_maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
             f"route.height: must be >= 0 m where field is gradient, is {scenario.route.height:g}:"
             " a map cannot be continued down towards the masses"
         )
-    return tensor_maps(disturbance, scenario.gradiometer.components, height=scenario.route.height, edge=_GRADIENT_REACH)
+    return tensor_maps(
+        disturbance,
+        scenario.gradiometer.components,
+        height=scenario.route.height,
+        edge=_GRADIENT_REACH,
+    )
 
 
 _GRADIENT_REACH = 20_000.0
 _GRADIENT = Vector(
-    lambda scenario: noise_covariance(scenario.gradiometer), draw_noise, "disturbance", _GRADIENT_REACH, _tensor_maps
+    lambda scenario: noise_covariance(scenario.gradiometer),
+    draw_noise,
+    "disturbance",
+    _GRADIENT_REACH,
+    _tensor_maps,
 )
 
 FIELDS = {
@@ -112,23 +124,29 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     Raises
     ------
     InputError
-        `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where they do not count.
+        `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where
+        they do not count.
     """
     field, sigma = FIELDS[scenario.measured_field], scenario.gravimeter.sigma
     for key in ("sigma", "bias", "drift"):
-        if field.vector is not None and getattr(scenario.gravimeter, key) != getattr(Gravimeter(), key):
+        if field.vector is not None and getattr(scenario.gravimeter, key) != getattr(
+            Gravimeter(), key
+        ):
             raise InputError(
-                f"gravimeter.{key}: says nothing where field is {field.name}, whose noise is in the section {field.instrument}"
+                f"gravimeter.{key}: says nothing where field is {field.name}, whose noise is in"
+                f" the section {field.instrument}"
             )
     if sigma < field.least_sigma:
         raise InputError(
-            f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least {field.least_sigma:g}; is {sigma:g}"
+            f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least"
+            f" {field.least_sigma:g}; is {sigma:g}"
         )
     return field
 
 
 def reading_sigma(scenario: Scenario) -> float:
-    """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where there are several."""
+    """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where
+    there are several."""
     covariance = FIELDS[scenario.measured_field].covariance(scenario)
     return scenario.gravimeter.sigma if covariance is None else float(np.sqrt(covariance[0, 0]))
 

@@ -1,4 +1,5 @@
-"""Simulated readings of a scalar field: the map as truth, its error, and the sensor's noise, outliers, bias and drift."""
+"""Simulated readings of a scalar field: the map as truth, its error, and the sensor's noise,
+outliers, bias and drift."""
 
 from collections.abc import Sequence
 
@@ -15,9 +16,12 @@ from isogal.sensors.trajectory import Trajectory
 
 
 class ReadingSimulator:
-    """Readings of R runs at every scan of a route; scan j is taken at the end of IMU interval (j + 1) * steps_per_scan."""
+    """Readings of R runs at every scan of a route; scan j is taken at the end of IMU interval (j +
+    1) * steps_per_scan."""
 
-    def __init__(self, scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, runs: Sequence[int]) -> None:
+    def __init__(
+        self, scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, runs: Sequence[int]
+    ) -> None:
         """Draw all readings; raises InputError as `true_readings` does."""
         self.index = i = _scans(scenario, trajectory)
         """(scans,) index into the trajectory of each scan."""
@@ -25,18 +29,23 @@ class ReadingSimulator:
         field = _felt(scenario, field_map)
         errors = field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
         vector, time = field.vector, trajectory.time[i]
-        noise = [_noise(scenario, run, time) if vector is None else vector.noise(scenario, run, len(i)) for run in runs]
+        noise = [
+            _noise(scenario, run, time) if vector is None else vector.noise(scenario, run, len(i))
+            for run in runs
+        ]
         self.felt = field.reduction(scenario).report(truth + errors + np.stack(noise))
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
 
 
 def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: AnyMap) -> Array:
-    """Return what a perfect instrument feels at each scan, (scans,) or (scans, C), the map being the truth.
+    """Return what a perfect instrument feels at each scan, (scans,) or (scans, C), the map being
+    the truth.
 
     Raises
     ------
     InputError
-        The map does not cover the route, its quantity cannot be felt by the instrument, or no such instrument can be there.
+        The map does not cover the route, its quantity cannot be felt by the instrument, or no such
+        instrument can be there.
     """
     i = _scans(scenario, trajectory)
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
@@ -45,8 +54,9 @@ def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: AnyMap)
     if missing.any():
         j = int(np.argmax(missing))
         raise InputError(
-            f"map {field_map.provenance}: does not cover the route at latitude {np.degrees(latitude[j]):.4f},"
-            f" longitude {np.degrees(longitude[j]):.4f} deg ({trajectory.time[i[j]]:.0f} s after the start)"
+            f"map {field_map.provenance}: does not cover the route at latitude"
+            f" {np.degrees(latitude[j]):.4f}, longitude {np.degrees(longitude[j]):.4f} deg"
+            f" ({trajectory.time[i[j]]:.0f} s after the start)"
         )
     velocity = trajectory.velocity[i]
     at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
@@ -73,11 +83,15 @@ def _felt(scenario: Scenario, field_map: AnyMap) -> MeasuredField:
 
 def _noise(scenario: Scenario, run: int, time: Array) -> Array:
     settings, scans = scenario.gravimeter, len(time)
-    noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(scans)
+    noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
+        scans
+    )
     if settings.outlier_fraction > 0.0:
         random = generator(scenario.seed, run, "gravimeter_outliers")
         hit = random.random(scans) < settings.outlier_fraction
-        noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(scans)
+        noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(
+            scans
+        )
     offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
     return noise + settings.bias * offset + settings.drift * rate * time
 
@@ -89,10 +103,11 @@ def draw_map_error(
     runs: Sequence[int],
     channels: tuple[int, ...] = (),
 ) -> Array:
-    """Return (R, scans, *channels) how far the true field differs from the map at the scans, in its unit.
+    """Return (R, scans, *channels) how far the true field differs from the map at the scans, in
+    its unit.
 
-    Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions, one field per run and channel.
-    """
+    Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions,
+    one field per run and channel."""
     sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
     size = (len(index), *channels)
     if sigma == 0.0:
@@ -103,4 +118,6 @@ def draw_map_error(
     distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
     root = np.linalg.cholesky(sigma**2 * (np.exp(-distance / length) + 1e-12 * np.eye(len(index))))
     # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
-    return np.stack([root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs])
+    return np.stack(
+        [root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs]
+    )

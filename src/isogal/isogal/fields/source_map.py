@@ -8,8 +8,11 @@ from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 
-def source_map(scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN) -> FieldMap:
-    """Return the map that a scenario names; for several channels, all of it that theirs are computed from.
+def source_map(
+    scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
+) -> FieldMap:
+    """Return the map that a scenario names; for several channels, all of it that theirs are
+    computed from.
 
     Parameters
     ----------
@@ -23,7 +26,8 @@ def source_map(scenario: Scenario, trajectory: Trajectory | None = None, margin:
     Raises
     ------
     InputError
-        The map cannot be read, is of another quantity than the sensor, or does not cover the route.
+        The map cannot be read, is of another quantity than the sensor, or does not cover the
+        route.
     """
     route = trajectory or build_trajectory(scenario)
     field = measured_field(scenario)
@@ -39,10 +43,14 @@ def source_map(scenario: Scenario, trajectory: Trajectory | None = None, margin:
     else:
         named = source in {f.name for f in FORMATS}
         if named and path is None:
-            raise InputError(f"map.path: must name the file or folder, since map.source is the format '{source}'")
+            raise InputError(
+                "map.path: must name the file or folder, since map.source is the format"
+                f" '{source}'"
+            )
         if not named and path is not None:
             raise InputError(
-                f"map.source: must be 'synthetic' or a format ({', '.join(f.name for f in FORMATS)}) where map.path is given"
+                "map.source: must be 'synthetic' or a format"
+                f" ({', '.join(f.name for f in FORMATS)}) where map.path is given"
             )
         variable = scenario.map.variable
         field_map = load_map(
@@ -56,8 +64,8 @@ def source_map(scenario: Scenario, trajectory: Trajectory | None = None, margin:
         needs = "" if vector is None else f", which needs one of {quantity}"
         key = "field" if scenario.field else "gravimeter.quantity"
         raise InputError(
-            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is {scenario.measured_field}{needs};"
-            f" change map.variable or {key}"
+            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is"
+            f" {scenario.measured_field}{needs}; change map.variable or {key}"
         )
     check_coverage(field_map, route.latitude, route.longitude)
     return field_map
@@ -73,5 +81,7 @@ def _synthetic_quantity(scenario: Scenario) -> str:
         None: measured_field(scenario).source,
     }
     if scenario.map.variable not in names:
-        raise InputError(f"map.variable: the synthetic map has height, ga and dg, not '{scenario.map.variable}'")
+        raise InputError(
+            f"map.variable: the synthetic map has height, ga and dg, not '{scenario.map.variable}'"
+        )
     return names[scenario.map.variable]

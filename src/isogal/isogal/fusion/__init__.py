@@ -1,1 +1,2 @@
-"""Fusion: the unscented filter that navigates, and the exact treatment of fixes that arrive late."""
+"""Fusion: the unscented filter that navigates, and the exact treatment of fixes that arrive
+late."""

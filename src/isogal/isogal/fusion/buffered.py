@@ -1,8 +1,9 @@
-"""A navigator that takes fixes of any age: IMU samples and states are buffered, and a late fix is applied where it belongs.
+"""A navigator that takes fixes of any age: IMU samples and states are buffered, and a late fix is
+applied where it belongs.
 
-The state at the fix's stamp is taken from the buffer, updated, and propagated again through the buffered IMU samples and the fixes that
-came after: the result is exactly that of a fix that had come on time.
-"""
+The state at the fix's stamp is taken from the buffer, updated, and propagated again through the
+buffered IMU samples and the fixes that came after: the result is exactly that of a fix that had
+come on time."""
 
 from bisect import bisect_left
 from collections import deque
@@ -40,7 +41,8 @@ class UpdateResult:
 
 
 Update = Callable[[FilterState], tuple[Array, float]]
-"""Changes a state of one run in place; returns (innovation, normalised innovation squared); raises ValueError where it cannot be used."""
+"""Changes a state of one run in place; returns (innovation, normalised innovation squared); raises
+ValueError where it cannot be used."""
 
 
 @dataclass(slots=True, eq=False)
@@ -67,7 +69,9 @@ class BufferedNavigator:
         How old a fix may be, s.
     """
 
-    def __init__(self, model: FilterModel, state: FilterState, time: float = 0.0, horizon: float = 1200.0) -> None:
+    def __init__(
+        self, model: FilterModel, state: FilterState, time: float = 0.0, horizon: float = 1200.0
+    ) -> None:
         if len(state) != 1:
             raise ValueError("BufferedNavigator navigates one run")
         self.model = model
@@ -87,7 +91,9 @@ class BufferedNavigator:
         """The newest state (R = 1); do not change it."""
         return self._steps[-1].state
 
-    def propagate(self, time: float, specific_force: Array, angular_rate: Array, height: float) -> None:
+    def propagate(
+        self, time: float, specific_force: Array, angular_rate: Array, height: float
+    ) -> None:
         """Advance to `time` with the means over the interval that ends there.
 
         Parameters
@@ -106,32 +112,46 @@ class BufferedNavigator:
         """
         if not time > self.time:
             raise ValueError(f"stamp {time:.3f} s is not later than {self.time:.3f} s")
-        if not (np.isfinite(specific_force).all() and np.isfinite(angular_rate).all() and np.isfinite(height)):
+        if not (
+            np.isfinite(specific_force).all()
+            and np.isfinite(angular_rate).all()
+            and np.isfinite(height)
+        ):
             raise ValueError("IMU sample is not finite")
         new = _Step(
-            time, np.array(specific_force, float), np.array(angular_rate, float), float(height), self.state.copy(), []
+            time,
+            np.array(specific_force, float),
+            np.array(angular_rate, float),
+            float(height),
+            self.state.copy(),
+            [],
         )
         self._apply(new, self.time)
         self._steps.append(new)
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
             self._steps.popleft()
 
-    def update(self, time: float, latitude: float, longitude: float, covariance: Array) -> UpdateResult:
+    def update(
+        self, time: float, latitude: float, longitude: float, covariance: Array
+    ) -> UpdateResult:
         """Apply a position fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
 
-        A stamp between two IMU samples counts at the sample nearest to it if that is within half an interval.
-        """
+        A stamp between two IMU samples counts at the sample nearest to it if that is within half
+        an interval."""
         covariance = np.array(covariance, float)
-        return self._update(time, lambda state: update_position(state, 0, latitude, longitude, covariance))
+        return self._update(
+            time, lambda state: update_position(state, 0, latitude, longitude, covariance)
+        )
 
     def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:
-        """Apply what measurements say about the horizontal error as a whole (`fusion.navigator.update_information`), of any stamp.
+        """Apply what measurements say about the horizontal error as a whole
+        (`fusion.navigator.update_information`), of any stamp.
 
         Parameters
         ----------
         vector, matrix : (n,), (n, n) arrays
-            Relative to the navigator's estimate at the stamp, as it is now. An older fix that comes later changes that estimate; the
-            information is then carried over to the new one.
+            Relative to the navigator's estimate at the stamp, as it is now. An older fix that
+            comes later changes that estimate; the information is then carried over to the new one.
         """
         relative_to: FilterState | None = None
 
@@ -149,7 +169,8 @@ class BufferedNavigator:
         return self._update(time, apply)
 
     def widen(self, time: float, sigma: tuple[float, float, float]) -> UpdateResult:
-        """Add a 1-sigma to position (m), velocity (m/s) and tilt (rad) at any stamp within the horizon: the navigator was found lost."""
+        """Add a 1-sigma to position (m), velocity (m/s) and tilt (rad) at any stamp within the
+        horizon: the navigator was found lost."""
 
         def apply(state: FilterState) -> tuple[Array, float]:
             widen(state, 0, sigma)
@@ -163,12 +184,20 @@ class BufferedNavigator:
         refused = np.full(2, np.nan)
         if not np.isfinite(time) or time < times[0] - 0.5 * self.model.dt:
             return UpdateResult(
-                False, f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)", refused, np.nan, late
+                False,
+                f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)",
+                refused,
+                np.nan,
+                late,
             )
         index = bisect_left(times, time - 0.5 * self.model.dt)
         if index == len(times):
             return UpdateResult(
-                False, f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", refused, np.nan, late
+                False,
+                f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)",
+                refused,
+                np.nan,
+                late,
             )
         target = self._steps[index]
         before = target.state.copy()
@@ -194,5 +223,15 @@ class BufferedNavigator:
 
     def _apply(self, step: _Step, start: float) -> None:
         interval = step.time - start
-        model = self.model if abs(interval - self.model.dt) < 1e-6 else replace(self.model, dt=interval)
-        propagate(step.state, model, step.force[None, None], step.rate[None, None], np.array([step.height]))
+        model = (
+            self.model
+            if abs(interval - self.model.dt) < 1e-6
+            else replace(self.model, dt=interval)
+        )
+        propagate(
+            step.state,
+            model,
+            step.force[None, None],
+            step.rate[None, None],
+            np.array([step.height]),
+        )

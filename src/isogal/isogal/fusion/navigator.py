@@ -13,17 +13,20 @@ from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
 
-# Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive definite covariance.
+# Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
+# definite covariance.
 _POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9
 
 UNKNOWN_GRAVITY = 1.6e-2
-"""Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the strapdown does not know: 36 mGal RMS
-over a correlation time of 1000 s, sqrt(2 sigma² tau). Without it the known height turns the vertical accelerometer into a velocity
-sensor by the Eötvös term, and the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has that."""
+"""Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the
+strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 sigma² tau). Without
+it the known height turns the vertical accelerometer into a velocity sensor by the Eötvös term, and
+the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has
+that."""
 
 LEAST_INFORMATION = -4.0
-"""Of a likelihood, per unit of the navigator's own information. A posterior has less than its prior by -1 at most; the navigator may have
-become less certain meanwhile."""
+"""Of a likelihood, per unit of the navigator's own information. A posterior has less than its
+prior by -1 at most; the navigator may have become less certain meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,8 @@ class FilterModel:
     """What the filter assumes about sensors and aids; the same for all runs."""
 
     noise: tuple[float, ...]
-    """White noise densities of accelerometers (3; m/s²/sqrt(Hz)) and gyroscopes (3; rad/s/sqrt(Hz))."""
+    """White noise densities of accelerometers (3; m/s²/sqrt(Hz)) and gyroscopes (3;
+    rad/s/sqrt(Hz))."""
     initial_sigma: tuple[float, ...]
     """(15,) 1-sigma of the error state at the start."""
     dt: float
@@ -46,7 +50,10 @@ class FilterModel:
     def from_scenario(cls, scenario: Scenario) -> "FilterModel":
         """Return the model that knows what the scenario's simulation draws from."""
         grade, initial = GRADES[scenario.imu.grade], scenario.initial_error
-        position, velocity = max(initial.position, _POSITION_FLOOR), max(initial.velocity, _VELOCITY_FLOOR)
+        position, velocity = (
+            max(initial.position, _POSITION_FLOOR),
+            max(initial.velocity, _VELOCITY_FLOOR),
+        )
         tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
         sigma = (position, position, 0.1, velocity, velocity, 0.01, tilt, tilt, heading)
         return cls(
@@ -100,7 +107,8 @@ class FilterState:
 
     @property
     def batch_prior(self) -> Array:
-        """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a batch takes as prior."""
+        """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a
+        batch takes as prior."""
         return self.covariance[:, ukf.BATCH[:, None], ukf.BATCH]
 
     def arrays(self) -> tuple[Array, ...]:
@@ -126,7 +134,11 @@ def kernel_weights(model: FilterModel) -> tuple[float, float, float, float]:
 
 
 def propagate(
-    state: FilterState, model: FilterModel, specific_force: Array, angular_rate: Array, height: Array
+    state: FilterState,
+    model: FilterModel,
+    specific_force: Array,
+    angular_rate: Array,
+    height: Array,
 ) -> None:
     """Advance all runs over S intervals, in place.
 
@@ -148,18 +160,23 @@ def propagate(
     )  # fmt: skip
     failed = np.flatnonzero(done < specific_force.shape[1])
     if failed.size:
-        raise FilterDivergenceError(f"covariance of run(s) {failed.tolist()} is not positive definite")
+        raise FilterDivergenceError(
+            f"covariance of run(s) {failed.tolist()} is not positive definite"
+        )
 
 
-def update_information(state: FilterState, run: int, vector: Array, matrix: Array) -> tuple[Array, float]:
+def update_information(
+    state: FilterState, run: int, vector: Array, matrix: Array
+) -> tuple[Array, float]:
     """Update one run with the likelihood of its horizontal error in information form, in place.
 
     Parameters
     ----------
     vector, matrix : (n,), (n, n) arrays
-        log p = vector' x - x' matrix x / 2 of x = (north m, east m, v_north, v_east m/s), n = 4, or with attitude about north, east, down
-        (rad), n = 7; estimate minus truth. Where the matrix is negative the estimate becomes less certain, by a factor of four in
-        variance at most.
+        log p = vector' x - x' matrix x / 2 of x = (north m, east m, v_north, v_east m/s), n = 4,
+        or with attitude about north, east, down (rad), n = 7; estimate minus truth. Where the
+        matrix is negative the estimate becomes less certain, by a factor of four in variance at
+        most.
 
     Returns
     -------
@@ -171,17 +188,21 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
     Raises
     ------
     ValueError
-        Not finite, or so negative that it cannot be what a posterior has less than its prior; the state is as it was.
+        Not finite, or so negative that it cannot be what a posterior has less than its prior; the
+        state is as it was.
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     P, which = state.covariance[run], ukf.BATCH[: len(vector)]
     scale = np.sqrt(np.diag(P)[which])
     unit_free = 0.5 * (matrix + matrix.T) * scale[:, None] * scale  # m and m/s alike
-    values, vectors = np.linalg.eigh(_bounded(unit_free, P[np.ix_(which, which)] / scale[:, None] / scale))
+    values, vectors = np.linalg.eigh(
+        _bounded(unit_free, P[np.ix_(which, which)] / scale[:, None] / scale)
+    )
     keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
     size, sign = np.sqrt(np.abs(values[keep])), np.sign(values[keep])
-    # square root form: pseudo-measurements H xi = z with noise of variance J = +-1, H' J H = matrix
+    # square root form: pseudo-measurements H xi = z with noise of variance J = +-1, H' J H =
+    # matrix
     H = (vectors[:, keep] * size).T / scale
     z = sign * ((vectors[:, keep] / size).T @ (vector * scale))
     gain = P[:, which] @ H.T
@@ -196,7 +217,8 @@ def update_information(state: FilterState, run: int, vector: Array, matrix: Arra
 
 
 def _bounded(matrix: Array, covariance: Array) -> Array:
-    """Return the information matrix (n, n) such that the update makes no variance more than four times as large."""
+    """Return the information matrix (n, n) such that the update makes no variance more than four
+    times as large."""
     factor = np.linalg.cholesky(covariance)
     values, vectors = np.linalg.eigh(factor.T @ matrix @ factor)
     if values[0] < LEAST_INFORMATION:
@@ -231,13 +253,23 @@ def update_position(
     ValueError
         The fix is not finite or its covariance not positive definite; the state is as it was.
     """
-    if not (math.isfinite(latitude) and math.isfinite(longitude) and np.isfinite(covariance).all()):
+    if not (
+        math.isfinite(latitude) and math.isfinite(longitude) and np.isfinite(covariance).all()
+    ):
         raise ValueError("fix is not finite")
-    if not (covariance[0, 0] > 0.0 and covariance[0, 0] * covariance[1, 1] > covariance[0, 1] * covariance[1, 0]):
+    if not (
+        covariance[0, 0] > 0.0
+        and covariance[0, 0] * covariance[1, 1] > covariance[0, 1] * covariance[1, 0]
+    ):
         raise ValueError("covariance of the fix is not positive definite")
     parts = [array[run] for array in state.arrays()]
     north, east, nis = ukf.update_position(
-        *parts, latitude, longitude, covariance[0, 0], 0.5 * (covariance[0, 1] + covariance[1, 0]), covariance[1, 1]
+        *parts,
+        latitude,
+        longitude,
+        covariance[0, 0],
+        0.5 * (covariance[0, 1] + covariance[1, 0]),
+        covariance[1, 1],
     )
     if math.isnan(nis):
         raise ValueError("innovation covariance is not positive definite")
@@ -245,16 +277,21 @@ def update_position(
 
 
 def widen(state: FilterState, run: int, sigma: tuple[float, float, float]) -> None:
-    """Add a 1-sigma to one run's horizontal position (m), velocity (m/s) and tilt (rad), in place: the navigator was found lost."""
+    """Add a 1-sigma to one run's horizontal position (m), velocity (m/s) and tilt (rad), in place:
+    the navigator was found lost."""
     for first, one in zip((0, 3, 6), sigma, strict=True):
         for axis in (first, first + 1):
             state.covariance[run, axis, axis] += one * one
 
 
 def jump_between(before: FilterState, after: FilterState, run: int) -> Array:
-    """Return (7,) how far one run's estimate moved: north, east m, v_north, v_east m/s, attitude about north, east, down rad."""
+    """Return (7,) how far one run's estimate moved: north, east m, v_north, v_east m/s, attitude
+    about north, east, down rad."""
     shift = horizontal_difference(
-        after.position[run, 0], after.position[run, 1], before.position[run, 0], before.position[run, 1]
+        after.position[run, 0],
+        after.position[run, 1],
+        before.position[run, 0],
+        before.position[run, 1],
     )
     w, x, y, z = before.attitude[run]
     turn = to_rotation_vector(*multiply(*after.attitude[run], w, -x, -y, -z))

@@ -1,16 +1,20 @@
 """The 15-state unscented Kalman filter as numba kernels over runs.
 
-Error state, in this order: position (north, east, down; m), velocity (north, east, down; m/s), attitude (rotation vector in the
-navigation frame, rad), accelerometer biases (body, m/s²), gyroscope biases (body, rad/s). A sigma point is the nominal state moved by an
-error state: position over the local radii, attitude by the quaternion of the rotation vector on the left, the rest by addition (the
-small-rotation filter of Crassidis 2006, with the rotation vector as attitude parameter). Every sigma point goes through the full strapdown
-step. Sigma points and weights are those of van der Merwe's scaled transform (filterpy's MerweScaledSigmaPoints; tested against it).
-Updates are linear in the error state (position, height), where the unscented and the Kalman update are the same formula.
+Error state, in this order: position (north, east, down; m), velocity (north, east, down; m/s),
+attitude (rotation vector in the navigation frame, rad), accelerometer biases (body, m/s²),
+gyroscope biases (body, rad/s). A sigma point is the nominal state moved by an error state:
+position over the local radii, attitude by the quaternion of the rotation vector on the left, the
+rest by addition (the small-rotation filter of Crassidis 2006, with the rotation vector as attitude
+parameter). Every sigma point goes through the full strapdown step. Sigma points and weights are
+those of van der Merwe's scaled transform (filterpy's MerweScaledSigmaPoints; tested against it).
+Updates are linear in the error state (position, height), where the unscented and the Kalman update
+are the same formula.
 
-The thirty sigma points of a run are the lanes of vector instructions: loops over `LANES` contain neither branches nor calls, and the work
-arrays are made where the loops are inlined, since only arrays of known shape let the compiler see that rows do not overlap. Lane 15 is the
-centre, lanes 0 to 14 are the points along the columns of the covariance's factor, 16 to 30 those opposite; lane 31 is the centre once more.
-"""
+The thirty sigma points of a run are the lanes of vector instructions: loops over `LANES` contain
+neither branches nor calls, and the work arrays are made where the loops are inlined, since only
+arrays of known shape let the compiler see that rows do not overlap. Lane 15 is the centre, lanes 0
+to 14 are the points along the columns of the covariance's factor, 16 to 30 those opposite; lane 31
+is the centre once more."""
 
 import math
 from dataclasses import dataclass
@@ -36,16 +40,20 @@ N = 15
 HALF, LANES, CENTRE = 16, 32, 15
 NAVIGATION = 9
 """Error states that change over an interval: all but the biases."""
-POSITION, VELOCITY, ATTITUDE, ACCELEROMETER_BIAS, GYROSCOPE_BIAS = (slice(i, i + 3) for i in range(0, N, 3))
+POSITION, VELOCITY, ATTITUDE, ACCELEROMETER_BIAS, GYROSCOPE_BIAS = (
+    slice(i, i + 3) for i in range(0, N, 3)
+)
 HORIZONTAL = np.array([0, 1, 3, 4])
 """Indices of north, east, v_north, v_east."""
 BATCH = np.array([0, 1, 3, 4, 6, 7, 8])
-"""Indices of the states whose error moves a position by metres within a batch: horizontal position and velocity, attitude."""
+"""Indices of the states whose error moves a position by metres within a batch: horizontal position
+and velocity, attitude."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnscentedWeights:
-    """Scaled sigma point weights (van der Merwe 2004, eq. 3.2): spread sqrt(n + lambda), weights of centre and others."""
+    """Scaled sigma point weights (van der Merwe 2004, eq. 3.2): spread sqrt(n + lambda), weights
+    of centre and others."""
 
     spread: float
     mean_centre: float
@@ -53,11 +61,17 @@ class UnscentedWeights:
     other: float
 
 
-def unscented_weights(n: int = N, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> UnscentedWeights:
-    """Return the weights; the defaults put no weight on the centre's mean (no cancellation of large weights of opposite sign)."""
+def unscented_weights(
+    n: int = N, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0
+) -> UnscentedWeights:
+    """Return the weights; the defaults put no weight on the centre's mean (no cancellation of
+    large weights of opposite sign)."""
     lam = alpha * alpha * (n + kappa) - n
     return UnscentedWeights(
-        math.sqrt(n + lam), lam / (n + lam), lam / (n + lam) + 1.0 - alpha * alpha + beta, 0.5 / (n + lam)
+        math.sqrt(n + lam),
+        lam / (n + lam),
+        lam / (n + lam) + 1.0 - alpha * alpha + beta,
+        0.5 / (n + lam),
     )
 
 
@@ -80,10 +94,11 @@ def move(position, velocity, attitude, accelerometer_bias, gyroscope_bias, error
 
 @kernel(**INLINE)
 def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
-    """Replace row k of `work` (15, 16) by column k of the lower Cholesky factor; return False where `matrix` is not positive definite.
+    """Replace row k of `work` (15, 16) by column k of the lower Cholesky factor; return False
+    where `matrix` is not positive definite.
 
-    Rows are eliminated from top to bottom, square roots come last: they would only lengthen the chain of dependent operations.
-    """
+    Rows are eliminated from top to bottom, square roots come last: they would only lengthen the
+    chain of dependent operations."""
     for i in range(N):
         for j in range(HALF):
             work[i, j] = matrix[i, j]
@@ -108,7 +123,8 @@ def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
-    """Write the error states of the sigma points (15, 32): spread times a column of the factor, and its opposite."""
+    """Write the error states of the sigma points (15, 32): spread times a column of the factor,
+    and its opposite."""
     for i in range(N):
         for j in range(HALF):
             points[i, j] = 0.0
@@ -120,7 +136,8 @@ def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def propagate_points(position, velocity, attitude, ba, bg, force, rate, dt, points, ends):  # type: ignore[no-untyped-def]
-    """Move the nominal state by each point's error and take the result through the strapdown; `ends` (10, 32) as `step` returns it."""
+    """Move the nominal state by each point's error and take the result through the strapdown;
+    `ends` (10, 32) as `step` returns it."""
     s, c = math.sin(position[0]), math.cos(position[0])
     m, n = curvature(s)
     per_north, per_east = 1.0 / (m + position[2]), 1.0 / ((n + position[2]) * c)
@@ -131,9 +148,13 @@ def propagate_points(position, velocity, attitude, ba, bg, force, rate, dt, poin
     wx, wy, wz = rate[0] - bg[0], rate[1] - bg[1], rate[2] - bg[2]
     for i in range(LANES):
         turn = points[0, i] * per_north
-        # sine and cosine of the latitude by addition, from their series in the turn (exact to 1e-16 for 300 km)
+        # sine and cosine of the latitude by addition, from their series in the turn (exact to
+        # 1e-16 for 300 km)
         t2 = turn * turn
-        sine = turn * (1.0 + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 * (1.0 / 362880.0)))))
+        sine = turn * (
+            1.0
+            + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 * (1.0 / 362880.0))))
+        )
         versine = t2 * (0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0))))
         bw, bx, by, bz = from_short_rotation_vector(points[6, i], points[7, i], points[8, i])
         bw, bx, by, bz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
@@ -161,7 +182,8 @@ def propagate_points(position, velocity, attitude, ba, bg, force, rate, dt, poin
 
 @kernel(**INLINE)
 def errors_of(ends, points):  # type: ignore[no-untyped-def]
-    """Overwrite the first nine rows of `points` by how far each end is from the centre's; biases have not moved."""
+    """Overwrite the first nine rows of `points` by how far each end is from the centre's; biases
+    have not moved."""
     lat, lon, h = ends[0, CENTRE], ends[1, CENTRE], ends[2, CENTRE]
     vn, ve, vd = ends[3, CENTRE], ends[4, CENTRE], ends[5, CENTRE]
     qw, qx, qy, qz = ends[6, CENTRE], ends[7, CENTRE], ends[8, CENTRE], ends[9, CENTRE]
@@ -188,11 +210,12 @@ def errors_of(ends, points):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def moments(points, even, odd, w_centre_cov, w_other, mean, covariance):  # type: ignore[no-untyped-def]
-    """Write mean (16,) and covariance (15, 16) of the points, by halves of sums (`even`) and differences of opposite points (`odd`).
+    """Write mean (16,) and covariance (15, 16) of the points, by halves of sums (`even`) and
+    differences of opposite points (`odd`).
 
-    With p and m a point and its opposite, p p' + m m' = 2 (e e' + o o'), e = (p + m) / 2, o = (p - m) / 2. Biases are constant over the
-    interval, so their e is zero and their covariance stays; that of the others with them takes the odd part only.
-    """
+    With p and m a point and its opposite, p p' + m m' = 2 (e e' + o o'), e = (p + m) / 2, o = (p -
+    m) / 2. Biases are constant over the interval, so their e is zero and their covariance stays;
+    that of the others with them takes the odd part only."""
     for i in range(N):
         for j in range(HALF):
             odd[j, i] = 0.5 * (points[i, j] - points[i, HALF + j])
@@ -221,7 +244,8 @@ def moments(points, even, odd, w_centre_cov, w_other, mean, covariance):  # type
 
 @kernel(**INLINE)
 def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
-    """Add the white noise (6,) of the sensors' axes over an interval, turned to the navigation frame."""
+    """Add the white noise (6,) of the sensors' axes over an interval, turned to the navigation
+    frame."""
     for i in range(3):
         axis = rotate(
             attitude[0], attitude[1], attitude[2], attitude[3],
@@ -237,7 +261,8 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def update_height(position, velocity, attitude, ba, bg, covariance, height, sigma, gain, error):  # type: ignore[no-untyped-def]
-    """Update one run with a known height (m), in place; `gain` (16,) and `error` (16,) are work space."""
+    """Update one run with a known height (m), in place; `gain` (16,) and `error` (16,) are work
+    space."""
     inverse = 1.0 / (covariance[2, 2] + sigma * sigma)
     innovation = position[2] - height  # measured minus predicted, positive down
     for i in range(HALF):
@@ -251,11 +276,14 @@ def update_height(position, velocity, attitude, ba, bg, covariance, height, sigm
 
 
 @kernel(error_model="numpy")
-def update_position(position, velocity, attitude, ba, bg, covariance, latitude, longitude, r_nn, r_ne, r_ee):  # type: ignore[no-untyped-def]
-    """Update one run with a horizontal position fix, in place; return (innovation north, east, normalised innovation squared).
+def update_position(
+    position, velocity, attitude, ba, bg, covariance, latitude, longitude, r_nn, r_ne, r_ee
+):  # type: ignore[no-untyped-def]
+    """Update one run with a horizontal position fix, in place; return (innovation north, east,
+    normalised innovation squared).
 
-    NaN for the last where fix plus prior covariance is not positive definite: nothing is changed then.
-    """
+    NaN for the last where fix plus prior covariance is not positive definite: nothing is changed
+    then."""
     m, n = curvature(math.sin(position[0]))
     wrap = 2.0 * math.pi
     d_lon = (longitude - position[1] + math.pi) % wrap - math.pi
@@ -283,14 +311,30 @@ def update_position(position, velocity, attitude, ba, bg, covariance, latitude, 
 
 
 @kernel(error_model="numpy")
-def advance(position, velocity, attitude, ba, bg, covariance, force, rate, dt, noise, weights, height, height_sigma):  # type: ignore[no-untyped-def]
-    """Run prediction and the known-height update over S intervals for R runs, in place; return (R,) steps done before a failure.
+def advance(
+    position,
+    velocity,
+    attitude,
+    ba,
+    bg,
+    covariance,
+    force,
+    rate,
+    dt,
+    noise,
+    weights,
+    height,
+    height_sigma,
+):  # type: ignore[no-untyped-def]
+    """Run prediction and the known-height update over S intervals for R runs, in place; return
+    (R,) steps done before a failure.
 
-    A run whose covariance is no longer positive definite stops at that step. `height` (S,) m, known height after each interval; a sigma of
-    0 or less switches the height aid off.
-    """
+    A run whose covariance is no longer positive definite stops at that step. `height` (S,) m,
+    known height after each interval; a sigma of 0 or less switches the height aid off."""
     runs, steps = force.shape[0], force.shape[1]
-    spread, _, w_centre_cov, w_other = weights  # the centre's error is zero: it adds nothing to the mean
+    spread, _, w_centre_cov, w_other = (
+        weights  # the centre's error is zero: it adds nothing to the mean
+    )
     done = np.empty(runs, np.int64)
     P = np.zeros((N, HALF))
     factor = np.empty((N, HALF))

@@ -1,17 +1,19 @@
 """Linear dynamics of the navigator's error.
 
-The local-navigation-frame model of Groves (2013, section 14.2.4; Titterton & Weston 2004, section 12.3) without vertical position
-and velocity, which the known height (SCIENCE 1) holds at zero error: horizontal position and velocity, attitude, accelerometer and
-gyroscope biases. Errors are estimate minus truth; the estimated attitude is (I + [psi x]) times the true one.
+The local-navigation-frame model of Groves (2013, section 14.2.4; Titterton & Weston 2004, section
+12.3) without vertical position and velocity, which the known height (SCIENCE 1) holds at zero
+error: horizontal position and velocity, attitude, accelerometer and gyroscope biases. Errors are
+estimate minus truth; the estimated attitude is (I + [psi x]) times the true one.
 
-With L the latitude, w the Earth's rate, M and N the radii, w_in = w_ie + w_en the rate of the navigation frame and f the specific force:
+With L the latitude, w the Earth's rate, M and N the radii, w_in = w_ie + w_en the rate of the
+navigation frame and f the specific force:
 
     d(p_n)/dt = v_n'            d(p_e)/dt = v_e' + tan L / (N + h) (v_e p_n - v_n p_e)
     d(v')/dt  = psi x f + C b_a + error of -(2 w_ie + w_en) x v      (horizontal rows)
     d(psi)/dt = -w_in x psi + C b_g - error of w_in
 
-where a prime marks an error, p is in metres (so the change of N cos L along the track enters) and C turns body axes into NED.
-"""
+where a prime marks an error, p is in metres (so the change of N cos L along the track enters) and
+C turns body axes into NED."""
 
 import numpy as np
 
@@ -26,9 +28,8 @@ STATES = 13
 def fill_dynamics(F, geometry, force, rotation):  # type: ignore[no-untyped-def]
     """Write F of dx/dt = F x into the first 13 rows and columns of a zeroed matrix, in place.
 
-    `geometry` (5,) is latitude (rad), north and east velocity (m/s), 1 / (M + h), 1 / (N + h) (1/m); `force` (3,) the specific force, NED,
-    m/s²; `rotation` (3, 3) body to NED.
-    """
+    `geometry` (5,) is latitude (rad), north and east velocity (m/s), 1 / (M + h), 1 / (N + h)
+    (1/m); `force` (3,) the specific force, NED, m/s²; `rotation` (3, 3) body to NED."""
     latitude, vn, ve, inv_m, inv_n = geometry
     s, c = np.sin(latitude), np.cos(latitude)
     t = s / c
@@ -38,7 +39,8 @@ def fill_dynamics(F, geometry, force, rotation):  # type: ignore[no-untyped-def]
     F[1, 3] = 1.0
     F[1, 0] = ve * t * inv_n
     F[1, 1] = -vn * t * inv_n
-    # velocity: psi x f, then Coriolis and transport; only the down component of 2 w_ie + w_en meets horizontal velocity
+    # velocity: psi x f, then Coriolis and transport; only the down component of 2 w_ie + w_en
+    # meets horizontal velocity
     down = -2.0 * EARTH_RATE * s - ve * t * inv_n
     down_by_north = (-2.0 * EARTH_RATE * c - ve * inv_n / (c * c)) * inv_m
     F[2, 5] = fd

@@ -1,7 +1,8 @@
-"""Quaternions (w, x, y, z) as scalar numba kernels: a quaternion turns vectors of its inner frame into its outer frame.
+"""Quaternions (w, x, y, z) as scalar numba kernels: a quaternion turns vectors of its inner frame
+into its outer frame.
 
-The kernels are inlined and free of branches and calls where they can be, so that a loop over many quaternions becomes vector instructions.
-"""
+The kernels are inlined and free of branches and calls where they can be, so that a loop over many
+quaternions becomes vector instructions."""
 
 import math
 
@@ -47,7 +48,8 @@ def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def from_short_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
-    """Return the quaternion of a rotation vector of at most half a turn (rad): series, to 1e-16."""
+    """Return the quaternion of a rotation vector of at most half a turn (rad): series, to
+    1e-16."""
     q = 0.25 * (x * x + y * y + z * z)
     c, s = 0.0, 0.0
     for k in range(SERIES - 1, -1, -1):
@@ -64,7 +66,8 @@ SMALL = 0.01
 
 @kernel(**INLINE)
 def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
-    """Return the rotation vector (rad) of a unit quaternion with w > 0 and a vector part within `SMALL`: series of asin, to 1e-17."""
+    """Return the rotation vector (rad) of a unit quaternion with w > 0 and a vector part within
+    `SMALL`: series of asin, to 1e-17."""
     s = x * x + y * y + z * z
     scale = 0.0
     for k in range(len(TWICE_ARCSINE) - 1, -1, -1):
@@ -89,7 +92,11 @@ def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
 def rotate(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
     """Return q v q*, the vector seen in the outer frame."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
-    return vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz, vz + w * tz + x * ty - y * tx
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
 
 
 def matrix(quaternion: ArrayLike) -> Array:

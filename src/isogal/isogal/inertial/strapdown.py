@@ -1,10 +1,10 @@
 """Strapdown navigation in the local navigation frame, one IMU interval at a time.
 
-Inputs are the mean specific force and mean angular rate over the interval, resolved in body axes (what integrating sensors give, divided by
-dt). The step is second order: rotation vector of the body against the navigation frame for the attitude, velocity with its rotation
-correction, gravity and Coriolis at the interval's mid-point, trapezoid for the position (Titterton & Weston 2004, ch. 11; Groves 2013,
-ch. 5.4).
-"""
+Inputs are the mean specific force and mean angular rate over the interval, resolved in body axes
+(what integrating sensors give, divided by dt). The step is second order: rotation vector of the
+body against the navigation frame for the attitude, velocity with its rotation correction, gravity
+and Coriolis at the interval's mid-point, trapezoid for the position (Titterton & Weston 2004, ch.
+11; Groves 2013, ch. 5.4)."""
 
 from dataclasses import dataclass, replace
 
@@ -34,13 +34,17 @@ class NavState:
     def copy(self) -> "NavState":
         """Return a state that shares nothing with this one."""
         return replace(
-            self, position=self.position.copy(), velocity=self.velocity.copy(), attitude=self.attitude.copy()
+            self,
+            position=self.position.copy(),
+            velocity=self.velocity.copy(),
+            attitude=self.attitude.copy(),
         )
 
 
 @kernel(**INLINE)
 def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
-    """Return 1/(M+h), 1/(N+h), normal gravity, Earth rate (n, d) and transport rate (n, e, d) at a latitude's sine and cosine."""
+    """Return 1/(M+h), 1/(N+h), normal gravity, Earth rate (n, d) and transport rate (n, e, d) at a
+    latitude's sine and cosine."""
     w2 = 1.0 - E2 * s * s
     w = np.sqrt(w2)
     n = A / w
@@ -48,20 +52,53 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
     inv_n = 1.0 / (n + height)
     s2 = s * s
     gravity = (GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / w) * (
-        1.0 - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height + 3.0 / (A * A) * height * height
+        1.0
+        - 2.0 / A * (1.0 + F + GRAVITY_RATIO - 2.0 * F * s2) * height
+        + 3.0 / (A * A) * height * height
     )
-    return inv_m, inv_n, gravity, EARTH_RATE * c, -EARTH_RATE * s, ve * inv_n, -vn * inv_m, -ve * inv_n * s / c
+    return (
+        inv_m,
+        inv_n,
+        gravity,
+        EARTH_RATE * c,
+        -EARTH_RATE * s,
+        ve * inv_n,
+        -vn * inv_m,
+        -ve * inv_n * s / c,
+    )
 
 
 @kernel(**INLINE)
 def step(lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
-    """Advance one state by one interval; scalars in, scalars out (latitude ... quaternion). See the module for the method."""
-    return step_at(np.sin(lat), np.cos(lat), lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt)
+    """Advance one state by one interval; scalars in, scalars out (latitude ... quaternion). See
+    the module for the method."""
+    return step_at(
+        np.sin(lat),
+        np.cos(lat),
+        lat,
+        lon,
+        h,
+        vn,
+        ve,
+        vd,
+        qw,
+        qx,
+        qy,
+        qz,
+        fx,
+        fy,
+        fz,
+        wx,
+        wy,
+        wz,
+        dt,
+    )
 
 
 @kernel(**INLINE)
 def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
-    """`step` for whom the sine and cosine of the latitude are known: without calls, so that loops over it are vectorised."""
+    """`step` for whom the sine and cosine of the latitude are known: without calls, so that loops
+    over it are vectorised."""
     # increments in the navigation axes of the interval's start
     un, ue, ud = rotate(qw, qx, qy, qz, fx * dt, fy * dt, fz * dt)
     an, ae, ad = rotate(qw, qx, qy, qz, wx * dt, wy * dt, wz * dt)
@@ -82,13 +119,29 @@ def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, w
     # corrector: rates at the mid-point
     inv_m, inv_n, g, en, ed, tn, te, td = _earth(s_m, c_m, h_m, vn_m, ve_m)
     on, oe, od = 2.0 * en + tn, te, 2.0 * ed + td
-    zn, ze, zd = (en + tn) * dt, te * dt, (ed + td) * dt  # rotation of the navigation frame over the interval
-    # Integral of Exp(-t z) f(t), f turning with the body by a: both rotations to second order, cross term included. Leaving
-    # out the second order costs 4 m in 7.5 h at 1 Hz.
+    zn, ze, zd = (
+        (en + tn) * dt,
+        te * dt,
+        (ed + td) * dt,
+    )  # rotation of the navigation frame over the interval
+    # Integral of Exp(-t z) f(t), f turning with the body by a: both rotations to second order,
+    # cross term included. Leaving out the second order costs 4 m in 7.5 h at 1 Hz.
     cn, ce, cd = ze * ud - zd * ue, zd * un - zn * ud, zn * ue - ze * un
-    un += 0.5 * (bn - cn) + (ae * bd - ad * be + ze * cd - zd * ce) * (1.0 / 6.0) - (ze * bd - zd * be) * (1.0 / 3.0)
-    ue += 0.5 * (be - ce) + (ad * bn - an * bd + zd * cn - zn * cd) * (1.0 / 6.0) - (zd * bn - zn * bd) * (1.0 / 3.0)
-    ud += 0.5 * (bd - cd) + (an * be - ae * bn + zn * ce - ze * cn) * (1.0 / 6.0) - (zn * be - ze * bn) * (1.0 / 3.0)
+    un += (
+        0.5 * (bn - cn)
+        + (ae * bd - ad * be + ze * cd - zd * ce) * (1.0 / 6.0)
+        - (ze * bd - zd * be) * (1.0 / 3.0)
+    )
+    ue += (
+        0.5 * (be - ce)
+        + (ad * bn - an * bd + zd * cn - zn * cd) * (1.0 / 6.0)
+        - (zd * bn - zn * bd) * (1.0 / 3.0)
+    )
+    ud += (
+        0.5 * (bd - cd)
+        + (an * be - ae * bn + zn * ce - ze * cn) * (1.0 / 6.0)
+        - (zn * be - ze * bn) * (1.0 / 3.0)
+    )
     vn1 = vn + un - dt * (oe * vd_m - od * ve_m)
     ve1 = ve + ue - dt * (od * vn_m - on * vd_m)
     vd1 = vd + ud - dt * (on * ve_m - oe * vn_m) + dt * g
@@ -97,9 +150,9 @@ def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, w
     lon1 = lon + half * (ve + ve1) * inv_n / c_m
     h1 = h - half * (vd + vd1)
 
-    # The body turns at a constant rate against the navigation frame, so that frame's rotation z, as the gyroscopes feel it, turns within
-    # the interval: its mean, z - a x z / 2 + a x (a x z) / 6, comes off the rotation vector. Else the coning of a minute's turn costs
-    # metres.
+    # The body turns at a constant rate against the navigation frame, so that frame's rotation z,
+    # as the gyroscopes feel it, turns within the interval: its mean, z - a x z / 2 + a x (a x z) /
+    # 6, comes off the rotation vector. Else the coning of a minute's turn costs metres.
     pn, pe, pd = ae * zd - ad * ze, ad * zn - an * zd, an * ze - ae * zn
     bw, bx, by, bz = from_short_rotation_vector(
         an - zn + 0.5 * pn - (ae * pd - ad * pe) * (1.0 / 6.0),
@@ -107,7 +160,9 @@ def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, w
         ad - zd + 0.5 * pd - (an * pe - ae * pn) * (1.0 / 6.0),
     )
     qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
-    scale = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)  # one Newton step keeps the norm at 1
+    scale = 1.5 - 0.5 * (
+        qw * qw + qx * qx + qy * qy + qz * qz
+    )  # one Newton step keeps the norm at 1
     return lat1, lon1, h1, vn1, ve1, vd1, qw * scale, qx * scale, qy * scale, qz * scale
 
 
@@ -153,7 +208,8 @@ def propagate(
     dt : float
         Interval, s.
     known_height : (S + 1,) array, optional
-        Height (m) at the start and after each interval. The free vertical channel is unstable (SCIENCE 1), so the unaided INS is given it.
+        Height (m) at the start and after each interval. The free vertical channel is unstable
+        (SCIENCE 1), so the unaided INS is given it.
     history : bool
         Whether to return latitude and longitude (rad) after each interval.
 
@@ -164,6 +220,10 @@ def propagate(
     end = state.copy()
     runs, steps = specific_force.shape[:2]
     track = np.empty((runs, steps if history else 0, 2))
-    height = np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
-    _propagate(end.position, end.velocity, end.attitude, specific_force, angular_rate, dt, height, track)
+    height = (
+        np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
+    )
+    _propagate(
+        end.position, end.velocity, end.attitude, specific_force, angular_rate, dt, height, track
+    )
     return end, track

@@ -1,1 +1,2 @@
-"""Maps: scalar fields on regular latitude/longitude grids, their readers, and what can be read off them."""
+"""Maps: scalar fields on regular latitude/longitude grids, their readers, and what can be read off
+them."""

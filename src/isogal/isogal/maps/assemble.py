@@ -1,4 +1,5 @@
-"""From what a reader found in a file to a `FieldMap`: one place for units, plausibility and what must be asked for."""
+"""From what a reader found in a file to a `FieldMap`: one place for units, plausibility and what
+must be asked for."""
 
 from typing import Any
 
@@ -8,7 +9,13 @@ from numpy.typing import NDArray
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.quantities import QUANTITIES, check_plausible, check_quantity, unit_factor, value_range
+from isogal.maps.quantities import (
+    QUANTITIES,
+    check_plausible,
+    check_quantity,
+    unit_factor,
+    value_range,
+)
 
 MOST_CELLS = 150_000_000
 """Cells that a reader takes into memory at once (1.2 GB); a larger map needs a window."""
@@ -27,12 +34,14 @@ def check_size(cells: int, where: str) -> None:
     """
     if cells > MOST_CELLS:
         raise InputError(
-            f"{where}: {cells:,} cells are too many to read at once (at most {MOST_CELLS:,}); give a window or a route"
+            f"{where}: {cells:,} cells are too many to read at once (at most {MOST_CELLS:,}); give"
+            " a window or a route"
         )
 
 
 def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
-    """Return quantity, unit and the factor to the unit inside, provided that both were said and fit each other.
+    """Return quantity, unit and the factor to the unit inside, provided that both were said and
+    fit each other.
 
     Raises
     ------
@@ -41,12 +50,14 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
     """
     if quantity is None:
         raise InputError(
-            f"{where}: does not say what it is a map of; give quantity= (--quantity) one of {', '.join(QUANTITIES)}{_ONCE}"
+            f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
+            f" {', '.join(QUANTITIES)}{_ONCE}"
         )
     known = check_quantity(quantity, where)
     if unit is None:
         raise InputError(
-            f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or one that converts to it){_ONCE}"
+            f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
+            f" one that converts to it){_ONCE}"
         )
     inside, factor = unit_factor(unit, where)
     if inside != known.unit:
@@ -85,12 +96,17 @@ def assemble(
     Raises
     ------
     InputError
-        Quantity or unit unknown or not given, numbers that the quantity cannot have, and what `FieldMap` raises.
+        Quantity or unit unknown or not given, numbers that the quantity cannot have, and what
+        `FieldMap` raises.
     """
     quantity, unit, factor = said(quantity, unit, where)
     check_plausible(value_range(values), quantity, factor, where)
     if factor != 1.0:
-        values = np.asarray(values) * values.dtype.type(factor) if values.dtype == np.float32 else values * factor
+        values = (
+            np.asarray(values) * values.dtype.type(factor)
+            if values.dtype == np.float32
+            else values * factor
+        )
     attributes["quantisation"] = attributes.get("quantisation", 0.0) * factor
     return FieldMap(
         latitude,
@@ -98,7 +114,11 @@ def assemble(
         values,
         unit=QUANTITIES[quantity].unit,
         quantity=quantity,
-        sigma=np.asarray(sigma, dtype=np.float64) * factor if np.ndim(sigma) else float(sigma) * factor,
+        sigma=(
+            np.asarray(sigma, dtype=np.float64) * factor
+            if np.ndim(sigma)
+            else float(sigma) * factor
+        ),
         provenance=where,
         file_unit=unit,
         file_factor=factor,

@@ -12,7 +12,8 @@ TWO_PI = 2.0 * math.pi
 REGULAR = 1e-2
 """How far, in steps, a node may lie from a regular axis (files round their coordinates)."""
 MARGIN = 3
-"""Nodes kept beyond a window on each side, so that every point of the window can be interpolated."""
+"""Nodes kept beyond a window on each side, so that every point of the window can be
+interpolated."""
 
 
 class Track(NamedTuple):
@@ -27,25 +28,31 @@ class Track(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Part of the Earth, rad; west may exceed east by whole circles, and both may be given in any range."""
+    """Part of the Earth, rad; west may exceed east by whole circles, and both may be given in any
+    range."""
 
     south: float
     north: float
     west: float
     east: float
     track: Track | None = None
-    """A reader may leave out (NaN) what lies off the track, where the whole window would need much memory."""
+    """A reader may leave out (NaN) what lies off the track, where the whole window would need much
+    memory."""
 
     def grown(self, metres: float) -> "Window":
         """Return the window with a margin (m) on all sides."""
         reach = metres / 6.371e6
         widest = min(max(abs(self.south), abs(self.north)) + reach, math.radians(89.9))
         sideways = reach / math.cos(widest)
-        return Window(self.south - reach, self.north + reach, self.west - sideways, self.east + sideways)
+        return Window(
+            self.south - reach, self.north + reach, self.west - sideways, self.east + sideways
+        )
 
     def text(self) -> str:
         """Return the extent in degrees, for messages."""
-        return "latitude {:.4f} to {:.4f}, longitude {:.4f} to {:.4f} deg".format(*np.degrees(self[:4]))
+        return "latitude {:.4f} to {:.4f}, longitude {:.4f} to {:.4f} deg".format(
+            *np.degrees(self[:4])
+        )
 
 
 def regular_axis(axis: Array, name: str, where: str) -> Array:
@@ -54,11 +61,14 @@ def regular_axis(axis: Array, name: str, where: str) -> Array:
     Raises
     ------
     InputError
-        Fewer than four nodes, not increasing, missing coordinates, or nodes off a regular axis by over 1 % of a step.
+        Fewer than four nodes, not increasing, missing coordinates, or nodes off a regular axis by
+        over 1 % of a step.
     """
     axis = np.asarray(axis, dtype=np.float64)
     if axis.ndim != 1 or axis.size < 4:
-        raise InputError(f"{where}: {name} needs at least 4 nodes in one dimension, has shape {axis.shape}")
+        raise InputError(
+            f"{where}: {name} needs at least 4 nodes in one dimension, has shape {axis.shape}"
+        )
     if not np.isfinite(axis).all():
         raise InputError(f"{where}: {name} has missing coordinates")
     step = (axis[-1] - axis[0]) / (axis.size - 1)
@@ -68,13 +78,15 @@ def regular_axis(axis: Array, name: str, where: str) -> Array:
     worst = int(np.argmax(np.abs(axis - exact)))
     if abs(axis[worst] - exact[worst]) > REGULAR * step:
         raise InputError(
-            f"{where}: {name} must be regularly spaced; node {worst} is at {math.degrees(axis[worst]):.6f} deg,"
-            f" not at {math.degrees(exact[worst]):.6f} deg"
+            f"{where}: {name} must be regularly spaced; node {worst} is at"
+            f" {math.degrees(axis[worst]):.6f} deg, not at {math.degrees(exact[worst]):.6f} deg"
         )
     return exact
 
 
-def latitude_slice(first: float, step: float, count: int, south: float, north: float, margin: int = MARGIN) -> slice:
+def latitude_slice(
+    first: float, step: float, count: int, south: float, north: float, margin: int = MARGIN
+) -> slice:
     """Return the rows of an increasing axis needed for latitudes south..north (may be empty)."""
     low = max(math.floor((south - first) / step) - margin, 0)
     high = min(math.ceil((north - first) / step) + margin + 1, count)
@@ -86,9 +98,8 @@ def longitude_slices(
 ) -> tuple[list[slice], float]:
     """Return the columns needed for longitudes west..east, and the longitude of the first of them.
 
-    Up to two slices, to be joined in that order: the second where a grid round the Earth is cut inside the window. The
-    longitude returned lies in the axis' own range.
-    """
+    Up to two slices, to be joined in that order: the second where a grid round the Earth is cut
+    inside the window. The longitude returned lies in the axis' own range."""
     width = (east - west) % TWO_PI if east < west else min(east - west, TWO_PI)
     circle = round(TWO_PI / step)
     periodic = count >= circle and abs(circle * step - TWO_PI) < 1e-3 * step
@@ -102,7 +113,9 @@ def longitude_slices(
         if low + length <= circle:
             return [slice(low, low + length)], first + low * step
         return [slice(low, circle), slice(0, low + length - circle)], first + low * step
-    if x > count - 1 and x + width / step > TWO_PI / step:  # the window starts west of the grid and reaches into it
+    if (
+        x > count - 1 and x + width / step > TWO_PI / step
+    ):  # the window starts west of the grid and reaches into it
         x -= TWO_PI / step
     low = max(math.floor(x) - margin, 0)
     high = min(math.ceil(x + width / step) + margin + 1, count)

@@ -1,4 +1,5 @@
-"""Files made once and kept in the user's cache folder, safe against other processes and against damage."""
+"""Files made once and kept in the user's cache folder, safe against other processes and against
+damage."""
 
 import contextlib
 import fcntl
@@ -18,7 +19,8 @@ _ENTRY = 12  # bytes of the table for each part: length (8), CRC-32 (4)
 
 
 def cache_folder() -> Path:
-    """Return the cache folder: ``$ISOGAL_CACHE``, else ``$XDG_CACHE_HOME/isogal``, else ``~/.cache/isogal``."""
+    """Return the cache folder: ``$ISOGAL_CACHE``, else ``$XDG_CACHE_HOME/isogal``, else
+    ``~/.cache/isogal``."""
     if own := os.environ.get("ISOGAL_CACHE"):
         return Path(own)
     base = os.environ.get("XDG_CACHE_HOME")
@@ -51,15 +53,19 @@ def read_part(path: Path, index: int) -> bytes | None:
 
 
 def write_parts(path: Path, parts: Sequence[bytes]) -> None:
-    """Write a cache file of at most 255 parts with their lengths and checksums; it appears whole or not at all."""
-    table = b"".join(len(part).to_bytes(8, "big") + zlib.crc32(part).to_bytes(4, "big") for part in parts)
+    """Write a cache file of at most 255 parts with their lengths and checksums; it appears whole
+    or not at all."""
+    table = b"".join(
+        len(part).to_bytes(8, "big") + zlib.crc32(part).to_bytes(4, "big") for part in parts
+    )
     with atomic_path(path) as temporary:
         temporary.write_bytes(b"".join((_MAGIC, bytes([len(parts)]), table, *parts)))
 
 
 @contextlib.contextmanager
 def locked(path: Path, wait: bool) -> Iterator[bool]:
-    """Hold the lock file of ``path``; gives whether it was got. The system frees it when the process ends, however it ends."""
+    """Hold the lock file of ``path``; gives whether it was got. The system frees it when the
+    process ends, however it ends."""
     with path.with_name(f".{path.name}.lock").open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -69,11 +75,14 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
         yield True
 
 
-def read_or_make(makers: dict[Path, Callable[[], Sequence[bytes]]], index: int) -> Iterator[tuple[Path, bytes]]:
-    """Give one part of each of many cache files, making those that are absent or damaged, in any order.
+def read_or_make(
+    makers: dict[Path, Callable[[], Sequence[bytes]]], index: int
+) -> Iterator[tuple[Path, bytes]]:
+    """Give one part of each of many cache files, making those that are absent or damaged, in any
+    order.
 
-    Processes that ask at the same time share the work: each takes what no other is making, then waits for the rest. Where the
-    folder cannot be written, the parts are made and not kept.
+    Processes that ask at the same time share the work: each takes what no other is making, then
+    waits for the rest. Where the folder cannot be written, the parts are made and not kept.
 
     Parameters
     ----------
@@ -95,7 +104,9 @@ def read_or_make(makers: dict[Path, Callable[[], Sequence[bytes]]], index: int) 
                 yield path, body
 
 
-def _make(path: Path, maker: Callable[[], Sequence[bytes]], index: int, wait: bool) -> bytes | None:
+def _make(
+    path: Path, maker: Callable[[], Sequence[bytes]], index: int, wait: bool
+) -> bytes | None:
     """Make a cache file unless another process is at it; None then, unless told to wait for it."""
     parts: Sequence[bytes] | None = None
     try:

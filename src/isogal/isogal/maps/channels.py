@@ -1,4 +1,5 @@
-"""Several maps on one grid, for sensors that measure several quantities at once, such as the gravity gradient tensor."""
+"""Several maps on one grid, for sensors that measure several quantities at once, such as the
+gravity gradient tensor."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,14 +16,16 @@ from isogal.maps.interpolation import Values
 
 
 class ChannelMap:
-    """C maps on the same grid in the same unit; row t of a batch is compared with the map of its channel.
+    """C maps on the same grid in the same unit; row t of a batch is compared with the map of its
+    channel.
 
     Parameters
     ----------
     channels : sequence of FieldMap
         At least one.
     values : (C, n, m) array, optional
-        Of all channels, where theirs are parts of one array already; else they are put together in one.
+        Of all channels, where theirs are parts of one array already; else they are put together in
+        one.
 
     Raises
     ------
@@ -36,14 +39,23 @@ class ChannelMap:
         first = channels[0]
         for number, other in enumerate(channels[1:], 1):
             if other.unit != first.unit:
-                raise InputError(f"channel {number} of a vector map is in {other.unit}, channel 0 in {first.unit}")
-            same = other.values.shape == first.values.shape and np.allclose(other.grid[1:], first.grid[1:], rtol=1e-12)
+                raise InputError(
+                    f"channel {number} of a vector map is in {other.unit}, channel 0 in"
+                    f" {first.unit}"
+                )
+            same = other.values.shape == first.values.shape and np.allclose(
+                other.grid[1:], first.grid[1:], rtol=1e-12
+            )
             if not same:
-                raise InputError(f"channel {number} of a vector map is on another grid than channel 0")
+                raise InputError(
+                    f"channel {number} of a vector map is on another grid than channel 0"
+                )
         self.channels = tuple(channels)
         if values is None:
             values = np.asarray(np.stack([channel.values for channel in channels]))
-            self.channels = tuple(replace(one, values=part) for one, part in zip(channels, values, strict=True))
+            self.channels = tuple(
+                replace(one, values=part) for one, part in zip(channels, values, strict=True)
+            )
         self._values = values
 
     def __len__(self) -> int:
@@ -54,7 +66,8 @@ class ChannelMap:
         return ChannelMap, (self.channels,)
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where a map says nothing."""
+        """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where
+        a map says nothing."""
         return np.stack([channel.value(latitude, longitude) for channel in self.channels], axis=-1)
 
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
@@ -99,7 +112,8 @@ def channels_of(field_map: FieldMap | ChannelMap) -> tuple[FieldMap, ...]:
 def by_channel(
     field_map: FieldMap | ChannelMap, channel: Integers, name: str, *arguments: Array
 ) -> Array:
-    """Return ``getattr(map of the channel, name)(*arguments)`` (T,) row by row, for channel (T,) and arguments (T,)."""
+    """Return ``getattr(map of the channel, name)(*arguments)`` (T,) row by row, for channel (T,)
+    and arguments (T,)."""
     maps = channels_of(field_map)
     if len(maps) == 1:
         return np.asarray(getattr(maps[0], name)(*arguments), dtype=np.float64)

@@ -1,10 +1,12 @@
-"""How good can a fix be here? The Fisher information that readings along a track hold about where the track lies.
+"""How good can a fix be here? The Fisher information that readings along a track hold about where
+the track lies.
 
-Linearised about the true place and for a rigid shift of a stretch of track: with J (T, 2) the map's gradient at T readings and
-R_ij = sigma² d_ij + s_i s_j exp(-d_ij / L) + b² (white sensor noise and rounding, map error, unknown offset), the information is
-J' R^-1 J and its inverse the Cramér-Rao bound of the shift (Van Trees 2001, Detection, Estimation, and Modulation Theory I, sec. 2.4.2;
-R: SCIENCE 3). It tells where a map is worth something. It does not know about ambiguity: a first fix from far away can be worse.
-"""
+Linearised about the true place and for a rigid shift of a stretch of track: with J (T, 2) the
+map's gradient at T readings and R_ij = sigma² d_ij + s_i s_j exp(-d_ij / L) + b² (white sensor
+noise and rounding, map error, unknown offset), the information is J' R^-1 J and its inverse the
+Cramér-Rao bound of the shift (Van Trees 2001, Detection, Estimation, and Modulation Theory I, sec.
+2.4.2; R: SCIENCE 3). It tells where a map is worth something. It does not know about ambiguity: a
+first fix from far away can be worse."""
 
 import math
 from dataclasses import dataclass
@@ -49,7 +51,8 @@ class Stretches:
     gradient: Array
     """(S,) RMS of the gradient's size, unit per m."""
     covariance: Array
-    """(S, 2, 2) m², north-east; infinite where the readings leave a direction open, NaN where the map has no values."""
+    """(S, 2, 2) m², north-east; infinite where the readings leave a direction open, NaN where the
+    map has no values."""
 
     @property
     def axes(self) -> tuple[Array, Array]:
@@ -76,8 +79,9 @@ def position_information(
     Parameters
     ----------
     field_map : FieldMap
-        The map. A gravity disturbance is measured as gravity less normal gravity where the navigator believes to be, so that the
-        change of normal gravity to the north counts as signal.
+        The map. A gravity disturbance is measured as gravity less normal gravity where the
+        navigator believes to be, so that the change of normal gravity to the north counts as
+        signal.
     latitude, longitude : (K,) rad
         Where the readings are taken.
     errors : Errors
@@ -92,7 +96,10 @@ def position_information(
     """
     if latitude.size < 2:
         raise InputError(f"position information needs at least two readings, has {latitude.size}")
-    for name, value in (("sensor sigma", errors.sensor_sigma), ("correlation length", errors.correlation_length)):
+    for name, value in (
+        ("sensor sigma", errors.sensor_sigma),
+        ("correlation length", errors.correlation_length),
+    ):
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name} must be > 0, is {value}")
     distance = along_track(latitude, longitude)
@@ -126,16 +133,28 @@ def position_information(
         gradient[index] = math.sqrt(np.mean(np.sum(slope**2, axis=1)))
         apart = _distances(latitude[here], longitude[here])
         noise = white * np.eye(here.size) + errors.bias_sigma**2
-        noise += np.outer(map_sigma[here], map_sigma[here]) * np.exp(-apart / errors.correlation_length)
+        noise += np.outer(map_sigma[here], map_sigma[here]) * np.exp(
+            -apart / errors.correlation_length
+        )
         if np.isfinite(slope).all() and np.isfinite(noise).all():
             covariance[index] = _inverse(slope.T @ np.linalg.solve(noise, slope))
-    return Stretches(edges, np.r_[edges[1:], total], latitude[middle], longitude[middle], count, gradient, covariance)
+    return Stretches(
+        edges,
+        np.r_[edges[1:], total],
+        latitude[middle],
+        longitude[middle],
+        count,
+        gradient,
+        covariance,
+    )
 
 
 def _distances(latitude: Array, longitude: Array) -> Array:
     north, east = metres_per_radian(float(latitude.mean()))
     turned = np.unwrap(longitude)
-    apart: Array = np.hypot(north * (latitude[:, None] - latitude), east * (turned[:, None] - turned))
+    apart: Array = np.hypot(
+        north * (latitude[:, None] - latitude), east * (turned[:, None] - turned)
+    )
     return apart
 
 

@@ -1,4 +1,5 @@
-"""The one map type: a scalar field on a regular latitude/longitude grid, with what is known about its errors."""
+"""The one map type: a scalar field on a regular latitude/longitude grid, with what is known about
+its errors."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -12,7 +13,13 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
-from isogal.maps.interpolation import Values, bilinear_at, is_periodic, values_and_gradients, values_at
+from isogal.maps.interpolation import (
+    Values,
+    bilinear_at,
+    is_periodic,
+    values_and_gradients,
+    values_at,
+)
 from isogal.maps.sparse import Spans, pack, unpack
 
 Grid = tuple[Values, float, float, float, float]
@@ -29,7 +36,8 @@ class FieldMap:
     longitude : (m,) rad
         Increasing, regular, at least four nodes; a grid round the Earth has each meridian once.
     values : (n, m) float64 or float32
-        At the nodes; NaN = missing. Gravity (9.8 m/s²) needs float64: float32 rounds it to 0.1 mGal.
+        At the nodes; NaN = missing. Gravity (9.8 m/s²) needs float64: float32 rounds it to 0.1
+        mGal.
     unit : str
         SI, except magnetic fields, which are in nT throughout.
     quantity : str
@@ -47,8 +55,9 @@ class FieldMap:
     file_factor : float
         See `file_unit`.
     strip : (n, 2) int or None
-        First column with a value in each row, and one after the last: the rest of a large grid along a route (`isogal.maps.sparse`),
-        which takes memory when it is read. None = there may be values anywhere.
+        First column with a value in each row, and one after the last: the rest of a large grid
+        along a route (`isogal.maps.sparse`), which takes memory when it is read. None = there may
+        be values anywhere.
 
     Raises
     ------
@@ -75,12 +84,14 @@ class FieldMap:
         longitude = regular_axis(self.longitude, "longitude", where)
         if latitude[0] < -math.pi / 2 - 1e-9 or latitude[-1] > math.pi / 2 + 1e-9:
             raise InputError(
-                f"{where}: latitudes must lie within -90 to 90 deg; are they in degrees, or swapped with longitude?"
+                f"{where}: latitudes must lie within -90 to 90 deg; are they in degrees, or"
+                " swapped with longitude?"
             )
         values = np.asarray(self.values)
         if values.shape != (latitude.size, longitude.size):
             raise InputError(
-                f"{where}: values have shape {values.shape}, the axes need ({latitude.size}, {longitude.size})"
+                f"{where}: values have shape {values.shape}, the axes need ({latitude.size},"
+                f" {longitude.size})"
             )
         if values.dtype not in (np.float64, np.float32) or not values.dtype.isnative:
             values = values.astype(np.float64)
@@ -110,7 +121,9 @@ class FieldMap:
             if drop and sigma.ndim == 2:
                 sigma = np.ascontiguousarray(sigma[:, :-1])
             if sigma.shape != self.values.shape:
-                raise InputError(f"{where}: sigma has shape {sigma.shape}, the values {self.values.shape}")
+                raise InputError(
+                    f"{where}: sigma has shape {sigma.shape}, the values {self.values.shape}"
+                )
             if (sigma < 0.0).any():
                 raise InputError(f"{where}: sigma must be >= 0")
             object.__setattr__(self, "sigma", sigma)
@@ -135,7 +148,8 @@ class FieldMap:
 
     @cached_property
     def grid(self) -> Grid:
-        """``(values, lat0, dlat, lon0, dlon)``, rad, as the kernels of `isogal.maps.interpolation` take it."""
+        """``(values, lat0, dlat, lon0, dlon)``, rad, as the kernels of `isogal.maps.interpolation`
+        take it."""
         return (
             self.values,
             float(self.latitude[0]),
@@ -151,11 +165,14 @@ class FieldMap:
         return Window(float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1]))
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Interpolate at points (rad, any shapes that broadcast); NaN where the map says nothing."""
+        """Interpolate at points (rad, any shapes that broadcast); NaN where the map says
+        nothing."""
         lat, lon, shape = _flat(latitude, longitude)
         return values_at(*self.grid, lat, lon).reshape(shape)[()]
 
-    def value_and_gradient(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, Array]:
+    def value_and_gradient(
+        self, latitude: ArrayLike, longitude: ArrayLike
+    ) -> tuple[Array, Array, Array]:
         """Interpolate value, derivative to the north and to the east, per metre on the ellipsoid.
 
         Any shapes that broadcast, rad. NaN where the map says nothing.
@@ -163,10 +180,15 @@ class FieldMap:
         lat, lon, shape = _flat(latitude, longitude)
         value, by_lat, by_lon = values_and_gradients(*self.grid, lat, lon)
         north, east = metres_per_radian(lat)
-        return value.reshape(shape)[()], (by_lat / north).reshape(shape)[()], (by_lon / east).reshape(shape)[()]
+        return (
+            value.reshape(shape)[()],
+            (by_lat / north).reshape(shape)[()],
+            (by_lon / east).reshape(shape)[()],
+        )
 
     def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where the map has none."""
+        """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where
+        the map has none."""
         lat, lon, shape = _flat(latitude, longitude)
         if isinstance(self.sigma, float):
             return np.full(shape, self.sigma)[()]
@@ -177,7 +199,8 @@ class FieldMap:
         return np.isfinite(self.value(latitude, longitude))
 
     def cell_size_m(self, latitude: float) -> tuple[float, float]:
-        """Return the distance between nodes (to the north, to the east), m, at a latitude (rad)."""
+        """Return the distance between nodes (to the north, to the east), m, at a latitude
+        (rad)."""
         north, east = metres_per_radian(latitude)
         return float(self.grid[2] * north), float(self.grid[4] * east)
 
@@ -198,7 +221,8 @@ class FieldMap:
         if rows.stop - rows.start < 4 or count < 4:
             asked = Window(lat_min, lat_max, lon_min, lon_max).text()
             raise InputError(
-                f"{self.provenance or self.quantity}: the map ({self.extent.text()}) has nothing at {asked}"
+                f"{self.provenance or self.quantity}: the map ({self.extent.text()}) has nothing"
+                f" at {asked}"
             )
 
         def cut(array: Any) -> Any:
@@ -214,9 +238,11 @@ class FieldMap:
         )
 
     def thinned(self, rows: int, columns: int) -> "FieldMap":
-        """Keep every so many-th row and column only (at least four of each), without reading the rest."""
+        """Keep every so many-th row and column only (at least four of each), without reading the
+        rest."""
         rows, columns = (
-            max(1, min(step, (n - 1) // 3)) for step, n in zip((rows, columns), self.values.shape, strict=True)
+            max(1, min(step, (n - 1) // 3))
+            for step, n in zip((rows, columns), self.values.shape, strict=True)
         )
         values = self.values[::rows, ::columns]
         if self.strip is not None:
@@ -238,5 +264,7 @@ class FieldMap:
 
 
 def _flat(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
-    lat, lon = np.broadcast_arrays(np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64))
+    lat, lon = np.broadcast_arrays(
+        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
+    )
     return np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1), lat.shape

@@ -1,11 +1,11 @@
 """Local bicubic interpolation with gradient, for kernels.
 
-Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in latitude and
-longitude: 4 x 4 nodes, passes through the nodes, continuous with its first derivatives, third-order accurate. A grid is the
-five arguments ``values, lat0, dlat, lon0, dlon``: ``values`` (n, m) with latitude first, both axes increasing, node (0, 0)
-at (lat0, lon0), steps > 0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever
-needs a node that is missing (NaN) or outside the grid is NaN: never an edge value.
-"""
+Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in
+latitude and longitude: 4 x 4 nodes, passes through the nodes, continuous with its first
+derivatives, third-order accurate. A grid is the five arguments ``values, lat0, dlat, lon0, dlon``:
+``values`` (n, m) with latitude first, both axes increasing, node (0, 0) at (lat0, lon0), steps >
+0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever
+needs a node that is missing (NaN) or outside the grid is NaN: never an edge value."""
 
 import math
 
@@ -27,7 +27,8 @@ def is_periodic(columns: int, dlon: float) -> bool:
 
 @kernel(error_model="numpy")
 def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float:
-    """Return the fractional column of a longitude, turned by whole circles into the grid where that is possible."""
+    """Return the fractional column of a longitude, turned by whole circles into the grid where
+    that is possible."""
     x = (lon - lon0) / dlon
     if x < 0.0 or x > columns - 1.0:
         circle = TWO_PI / dlon
@@ -37,7 +38,8 @@ def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float
 
 @kernel(error_model="numpy")
 def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
-    """Return the column left of fractional column x, the fraction, and whether the four columns exist."""
+    """Return the column left of fractional column x, the fraction, and whether the four columns
+    exist."""
     if is_periodic(columns, dlon):
         j = math.floor(x) if math.isfinite(x) else -1
         return j, x - j, j >= 0
@@ -124,12 +126,16 @@ def values_and_gradients(
     by_lat = np.empty(count)
     by_lon = np.empty(count)
     for k in range(count):
-        value[k], by_lat[k], by_lon[k] = value_and_gradient(values, lat0, dlat, lon0, dlon, lat[k], lon[k])
+        value[k], by_lat[k], by_lon[k] = value_and_gradient(
+            values, lat0, dlat, lon0, dlon, lat[k], lon[k]
+        )
     return value, by_lat, by_lon
 
 
 @kernel(error_model="numpy")
-def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
+def values_at(
+    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
+) -> Array:
     """Interpolate at many points, values only."""
     count = lat.shape[0]
     out = np.empty(count)
@@ -139,8 +145,11 @@ def values_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float
 
 
 @kernel(error_model="numpy")
-def bilinear_at(values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array) -> Array:
-    """Interpolate linearly between the four nodes around each point; NaN where one is missing or outside.
+def bilinear_at(
+    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
+) -> Array:
+    """Interpolate linearly between the four nodes around each point; NaN where one is missing or
+    outside.
 
     For fields that must not overshoot, such as a 1-sigma.
     """

@@ -27,7 +27,13 @@ class Reader(Protocol):
     """How every format is read."""
 
     def __call__(
-        self, path: Path, variable: str | None, window: Window | None, *, quantity: str | None, unit: str | None
+        self,
+        path: Path,
+        variable: str | None,
+        window: Window | None,
+        *,
+        quantity: str | None,
+        unit: str | None,
     ) -> FieldMap:
         """Read a map; raises InputError."""
         ...
@@ -102,25 +108,30 @@ def load_map(
             raise InputError(f"{path}: not a known map format by its name; known: {names}")
     if crs is not None:
         if chosen[0].read is not read_geotiff:
-            raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen[0].name}")
+            raise InputError(
+                f"{path}: crs can only be given for geotiff, not for {chosen[0].name}"
+            )
         return read_geotiff(path, variable, window, quantity=quantity, unit=unit, crs=crs)
     return chosen[0].read(path, variable, window, quantity=quantity, unit=unit)
 
 
 def route_window(latitude: Array, longitude: Array, margin: float = CORRIDOR_MARGIN) -> Window:
-    """Return the window around route points (rad) with a margin (m); routes may cross the date line."""
+    """Return the window around route points (rad) with a margin (m); routes may cross the date
+    line."""
     turned = np.unwrap(longitude)
     around = Window(latitude.min(), latitude.max(), turned.min(), turned.max()).grown(margin)
     return around._replace(track=Track(latitude, turned, margin))
 
 
 def check_coverage(field_map: AnyMap, latitude: Array, longitude: Array) -> None:
-    """Raise InputError unless the map has a value at every route point; names the first without, and the map's extent."""
+    """Raise InputError unless the map has a value at every route point; names the first without,
+    and the map's extent."""
     bare = ~field_map.covers(latitude, longitude)
     if bare.any():
         first = int(np.argmax(bare))
         at = f"{math.degrees(latitude[first]):.4f}, {math.degrees(longitude[first]):.4f} deg"
         raise InputError(
-            f"map: {field_map.provenance} ({field_map.extent.text()}) does not cover the route: no value at {at}"
-            f" (point {first} of {latitude.size}; {int(bare.sum())} points have none)"
+            f"map: {field_map.provenance} ({field_map.extent.text()}) does not cover the route: no"
+            f" value at {at} (point {first} of {latitude.size}; {int(bare.sum())} points have"
+            " none)"
         )

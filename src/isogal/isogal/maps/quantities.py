@@ -1,7 +1,7 @@
 """What a map can be a map of: names, units, and the numbers that are possible on Earth.
 
-Every reader ends here: a unit is converted once, and numbers that cannot be what the file says are refused with a hint.
-"""
+Every reader ends here: a unit is converted once, and numbers that cannot be what the file says are
+refused with a hint."""
 
 import math
 from dataclasses import dataclass
@@ -34,7 +34,17 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 """Unit: (unit inside, factor). Inside is SI, except that magnetic fields are in nT."""
 _SPELLINGS = {
-    "m/s²": ("m/s2", "m/s^2", "m/s**2", "m s-2", "m s^-2", "m.s-2", "m s**-2", "meter second-2", "metre second-2"),
+    "m/s²": (
+        "m/s2",
+        "m/s^2",
+        "m/s**2",
+        "m s-2",
+        "m s^-2",
+        "m.s-2",
+        "m s**-2",
+        "meter second-2",
+        "metre second-2",
+    ),
     "mGal": ("mgal", "milligal", "milligals", "mgals", "1e-5 m s-2", "1e-5 m/s2"),
     "µGal": ("ugal", "μgal", "µgal", "microgal", "microgals"),
     "Gal": ("gal", "cm/s2", "cm s-2", "cm/s^2"),
@@ -66,7 +76,8 @@ class Quantity:
     """Lowest value possible on Earth, with room to spare."""
     highest: float
     smallest: float = 0.0
-    """Least size that the largest value of a map can have; below it, the unit must be wrong. Maps of zeros only are let pass."""
+    """Least size that the largest value of a map can have; below it, the unit must be wrong. Maps
+    of zeros only are let pass."""
     names: tuple[str, ...] = ()
     """Variable names and words that mean it in files."""
 
@@ -77,19 +88,38 @@ _FIELD = (
     1.0e-7,
 )  # m/s²: anomalies on land and sea stay within 1000 mGal; 0.01 mGal is below any noise
 QUANTITIES: dict[str, Quantity] = {
-    "gravity": Quantity("m/s²", 9.70, 9.90, names=("ga", "gravity_earth", "gravity_acceleration", "observed_gravity")),
-    "disturbance": Quantity("m/s²", *_FIELD, names=("dg", "gravity_disturbance", "gravity_disturbance_sa")),
+    "gravity": Quantity(
+        "m/s²",
+        9.70,
+        9.90,
+        names=("ga", "gravity_earth", "gravity_acceleration", "observed_gravity"),
+    ),
+    "disturbance": Quantity(
+        "m/s²", *_FIELD, names=("dg", "gravity_disturbance", "gravity_disturbance_sa")
+    ),
     "bouguer_disturbance": Quantity("m/s²", *_FIELD),
-    "gravity_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_sa", "free_air_anomaly", "faa")),
+    "gravity_anomaly": Quantity(
+        "m/s²", *_FIELD, names=("gravity_anomaly_sa", "free_air_anomaly", "faa")
+    ),
     "bouguer_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_bg", "cba")),
-    "magnetic_anomaly": Quantity("nT", -4.0e4, 4.0e4, 1e-2, ("tmi_anomaly", "emag2", "mag_anomaly")),
+    "magnetic_anomaly": Quantity(
+        "nT", -4.0e4, 4.0e4, 1e-2, ("tmi_anomaly", "emag2", "mag_anomaly")
+    ),
     "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, names=("total_field", "tmi")),
-    "height": Quantity("m", -1.2e4, 9.5e3, names=("elevation", "topography", "hsl", "dem", "topo")),
-    "geoid": Quantity("m", -130.0, 110.0, names=("ha", "geoid_height", "height_anomaly", "quasigeoid")),
+    "height": Quantity(
+        "m", -1.2e4, 9.5e3, names=("elevation", "topography", "hsl", "dem", "topo")
+    ),
+    "geoid": Quantity(
+        "m", -130.0, 110.0, names=("ha", "geoid_height", "height_anomaly", "quasigeoid")
+    ),
     "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("xi",)),
     "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("eta",)),
     "gradient": Quantity(
-        "1/s²", -2.0e-6, 2.0e-6, 1.0e-13, ("gravity_gradient", "gxx", "gyy", "gzz", "gxy", "gxz", "gyz")
+        "1/s²",
+        -2.0e-6,
+        2.0e-6,
+        1.0e-13,
+        ("gravity_gradient", "gxx", "gyy", "gzz", "gxy", "gxz", "gyz"),
     ),
 }
 """Known quantities; `lowest` and `highest` leave room beyond the extremes on Earth."""
@@ -129,7 +159,8 @@ def check_quantity(name: str, where: str) -> Quantity:
 
 
 def value_range(values: NDArray[Any]) -> tuple[float, float]:
-    """Return the lowest and highest value; NaN where there is none. Row by row, to need no memory."""
+    """Return the lowest and highest value; NaN where there is none. Row by row, to need no
+    memory."""
     low, high = math.inf, -math.inf
     for row in values:
         known = row[~np.isnan(row)]
@@ -138,7 +169,9 @@ def value_range(values: NDArray[Any]) -> tuple[float, float]:
     return (low, high) if low <= high else (math.nan, math.nan)
 
 
-def check_plausible(found: tuple[float, float], quantity: str, factor: float, where: str, fixed: bool = False) -> None:
+def check_plausible(
+    found: tuple[float, float], quantity: str, factor: float, where: str, fixed: bool = False
+) -> None:
     """Refuse numbers that the quantity cannot have.
 
     Parameters
@@ -166,7 +199,8 @@ def check_plausible(found: tuple[float, float], quantity: str, factor: float, wh
     least = f", not all below {known.smallest:g}" if known.smallest else ""
     raise InputError(
         f"{where}: values {low:.6g} to {high:.6g} {known.unit} cannot be a {quantity} map"
-        f" (possible: {known.lowest:g} to {known.highest:g}{least}); {_DAMAGE if fixed else _hint(found, low, high, quantity)}"
+        f" (possible: {known.lowest:g} to {known.highest:g}{least});"
+        f" {_DAMAGE if fixed else _hint(found, low, high, quantity)}"
     )
 
 
@@ -175,7 +209,9 @@ _DAMAGE = "check the unit, scale, no-data value and byte order"
 
 def _possible(known: Quantity, low: float, high: float) -> bool:
     size = max(abs(low), abs(high))
-    return known.lowest <= low and high <= known.highest and (size >= known.smallest or size == 0.0)
+    return (
+        known.lowest <= low and high <= known.highest and (size >= known.smallest or size == 0.0)
+    )
 
 
 def _hint(found: tuple[float, float], low: float, high: float, quantity: str) -> str:
@@ -189,7 +225,13 @@ def _hint(found: tuple[float, float], low: float, high: float, quantity: str) ->
         ):
             return f"these look like {other}: give quantity={other} (--quantity {other})"
     for name, (inside, factor) in UNITS.items():
-        telling = known.lowest > 0.0 or max(abs(found[0]), abs(found[1])) * factor > 1e-3 * known.highest
-        if inside == known.unit and telling and _possible(known, found[0] * factor, found[1] * factor):
+        telling = (
+            known.lowest > 0.0 or max(abs(found[0]), abs(found[1])) * factor > 1e-3 * known.highest
+        )
+        if (
+            inside == known.unit
+            and telling
+            and _possible(known, found[0] * factor, found[1] * factor)
+        ):
             return f"these look like {name}: give unit={name} (--unit {name})"
     return _DAMAGE

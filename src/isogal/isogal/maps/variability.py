@@ -1,10 +1,11 @@
 """Map feature variability: how much a map varies around a place (paper eq. CV).
 
-C_i is the mean, over the n points of a fixed window template centred at place i (without i itself), of the squared difference
-between the value at i and the value at the point. The paper normalises it "over a fixed number of samples" and does not say
-how. Here: C_i divided by the mean of C over the last ``samples`` places (at the start over those there are), so 1 means "as
-usual on this stretch"; one could also divide by an absolute level, which ``reference`` allows. Both are parameters.
-"""
+C_i is the mean, over the n points of a fixed window template centred at place i (without i
+itself), of the squared difference between the value at i and the value at the point. The paper
+normalises it "over a fixed number of samples" and does not say how. Here: C_i divided by the mean
+of C over the last ``samples`` places (at the start over those there are), so 1 means "as usual on
+this stretch"; one could also divide by an absolute level, which ``reference`` allows. Both are
+parameters."""
 
 import math
 
@@ -19,11 +20,13 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values, value_and_gradient
 
 WINDOW = 2000.0
-"""Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some hours is of this size."""
+"""Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some
+hours is of this size."""
 POINTS = 9
 """Points of the template along each side."""
 SAMPLES = 100
-"""Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of a few batches."""
+"""Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of
+a few batches."""
 
 
 def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, Array]:
@@ -65,15 +68,18 @@ def variability_at(
 ) -> float:
     """Return C (paper eq. CV) at one place, unit of the map squared.
 
-    ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template points without a value are
-    left out; NaN where the place itself or more than half of the template has none.
-    """
+    ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template
+    points without a value are left out; NaN where the place itself or more than half of the
+    template has none."""
     centre = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)[0]
     total = 0.0
     count = 0
     for k in range(rad_north.shape[0]):
         difference = (
-            value_and_gradient(values, lat0, dlat, lon0, dlon, lat + rad_north[k], lon + rad_east[k])[0] - centre
+            value_and_gradient(
+                values, lat0, dlat, lon0, dlon, lat + rad_north[k], lon + rad_east[k]
+            )[0]
+            - centre
         )
         if not math.isnan(difference):
             total += difference * difference
@@ -98,13 +104,25 @@ def _variabilities(
     out = np.empty(lat.shape[0])
     for k in range(lat.shape[0]):
         out[k] = variability_at(
-            values, lat0, dlat, lon0, dlon, lat[k], lon[k], north / metres_north[k], east / metres_east[k]
+            values,
+            lat0,
+            dlat,
+            lon0,
+            dlon,
+            lat[k],
+            lon[k],
+            north / metres_north[k],
+            east / metres_east[k],
         )
     return out
 
 
 def feature_variability(
-    field_map: FieldMap, latitude: ArrayLike, longitude: ArrayLike, half_width: float = WINDOW, points: int = POINTS
+    field_map: FieldMap,
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    half_width: float = WINDOW,
+    points: int = POINTS,
 ) -> Array:
     """Return C (paper eq. CV) at many places.
 
@@ -120,18 +138,26 @@ def feature_variability(
     Returns
     -------
     array of the shape of the places
-        Unit of the map squared; NaN where the map has no value at the place or at more than half of its template.
+        Unit of the map squared; NaN where the map has no value at the place or at more than half
+        of its template.
     """
     north, east = template(half_width, points)
-    lat, lon = np.broadcast_arrays(np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64))
-    flat_lat, flat_lon = np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1)
-    metres_north, metres_east = metres_per_radian(flat_lat)
-    return _variabilities(*field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east).reshape(
-        lat.shape
+    lat, lon = np.broadcast_arrays(
+        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
     )
+    flat_lat, flat_lon = (
+        np.ascontiguousarray(lat).reshape(-1),
+        np.ascontiguousarray(lon).reshape(-1),
+    )
+    metres_north, metres_east = metres_per_radian(flat_lat)
+    return _variabilities(
+        *field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east
+    ).reshape(lat.shape)
 
 
-def normalised_variability(variability: ArrayLike, samples: int = SAMPLES, reference: float | None = None) -> Array:
+def normalised_variability(
+    variability: ArrayLike, samples: int = SAMPLES, reference: float | None = None
+) -> Array:
     """Normalise a sequence of C along a track: 1 = as usual.
 
     Parameters

@@ -1,4 +1,5 @@
-"""From scans, one by one, to batches: the only place that knows when a batch is due and what the navigator's error does over it."""
+"""From scans, one by one, to batches: the only place that knows when a batch is due and what the
+navigator's error does over it."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
 
 ERROR_STATES = 7
-"""North, east (m), v_north, v_east (m/s), attitude about north, east, down (rad): what moves a position by metres within a batch."""
+"""North, east (m), v_north, v_east (m/s), attitude about north, east, down (rad): what moves a
+position by metres within a batch."""
 
 
 @dataclass(slots=True)
@@ -32,7 +34,10 @@ class _Scan:
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
     """Whether a batch ends with the scan that makes `scans` of them (counted from 1)."""
-    return scans >= settings.batch_length and (scans - settings.batch_length) % settings.scans_between_fixes == 0
+    return (
+        scans >= settings.batch_length
+        and (scans - settings.batch_length) % settings.scans_between_fixes == 0
+    )
 
 
 class BatchBuilder:
@@ -50,7 +55,11 @@ class BatchBuilder:
     """
 
     def __init__(
-        self, settings: MatcherSettings, reduction: Reduction, context: int = 0, covariance: Array | None = None
+        self,
+        settings: MatcherSettings,
+        reduction: Reduction,
+        context: int = 0,
+        covariance: Array | None = None,
     ) -> None:
         self.settings = settings
         self.reduction = reduction
@@ -74,11 +83,14 @@ class BatchBuilder:
         sigma: float,
         offset: float = 0.0,
     ) -> None:
-        """Add a scan: where the navigator was (rad), its velocity (2,) north-east m/s, the reduced reading (NaN = none).
+        """Add a scan: where the navigator was (rad), its velocity (2,) north-east m/s, the reduced
+        reading (NaN = none).
 
-        A reading of several channels is (C,), NaN where a channel has none, and its noise is `covariance` instead of sigma.
-        """
-        self._scans.append(_Scan(time, latitude, longitude, np.array(velocity, float), reading, sigma, offset))
+        A reading of several channels is (C,), NaN where a channel has none, and its noise is
+        `covariance` instead of sigma."""
+        self._scans.append(
+            _Scan(time, latitude, longitude, np.array(velocity, float), reading, sigma, offset)
+        )
         self._count += 1
         self._unused += 1
 
@@ -88,8 +100,9 @@ class BatchBuilder:
         Parameters
         ----------
         jump : (7,) array
-            After minus before: north m, east m, v_north, v_east m/s, attitude about north, east, down rad. Older positions move by what the
-            jump means back then, and readings by what their reduction would have been with the better estimate.
+            After minus before: north m, east m, v_north, v_east m/s, attitude about north, east,
+            down rad. Older positions move by what the jump means back then, and readings by what
+            their reduction would have been with the better estimate.
         """
         scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
         if not scans:
@@ -110,7 +123,8 @@ class BatchBuilder:
         Parameters
         ----------
         prior : (7, 7) or (4, 4) array
-            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, the navigator is taken as level at the batch end.
+            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, the
+            navigator is taken as level at the batch end.
         """
         scans = list(self._scans)
         latitude, longitude, velocity, times = _arrays(scans)
@@ -128,7 +142,9 @@ class BatchBuilder:
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.full(len(scans), np.nan) if several else np.array([scan.reading for scan in scans]),
+            reading=np.full(len(scans), np.nan)
+            if several
+            else np.array([scan.reading for scan in scans]),
             sigma=np.array([scan.sigma for scan in scans]),
             offset=np.array([scan.offset for scan in scans]),
             transition=np.ascontiguousarray(transition[:, :2]),
@@ -147,8 +163,11 @@ class BatchBuilder:
         return vector_batch(batch, np.stack(readings), self.covariance)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
-        """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height is known."""
-        return self.reduction.jacobian(State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1]))
+        """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height
+        is known."""
+        return self.reduction.jacobian(
+            State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
+        )
 
 
 def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:
@@ -161,7 +180,8 @@ def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:
 
 
 def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
-    """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's linear error dynamics.
+    """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's
+    linear error dynamics.
 
     IMU noise between scan and `end` is left out: 0.3 m in 300 s for the precision grade.
     """
@@ -170,7 +190,9 @@ def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
     if len(times) > 1:
         force[:, :2] = np.gradient(velocity, times, axis=0)
     force[:, 2] = -normal_gravity(latitude)
-    geometry = np.stack([latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1)
+    geometry = np.stack(
+        [latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1
+    )
     return _chain(geometry, force, np.diff(np.append(times, end)))
 
 
@@ -193,10 +215,11 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
 
 
 def unconditioned(batch: Batch, by_xi: Array, by_drift: Array) -> Array:
-    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the seven states, (..., 7).
+    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the
+    seven states, (..., 7).
 
-    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A xi).
-    """
+    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A
+    xi)."""
     assert batch.attitude is not None
     attitude_by_xi, root = batch.attitude
     by_attitude = by_drift @ np.linalg.pinv(root, rcond=1e-9)
@@ -204,11 +227,12 @@ def unconditioned(batch: Batch, by_xi: Array, by_drift: Array) -> Array:
 
 
 def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
-    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity) at the batch end explains and the rest.
+    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity)
+    at the batch end explains and the rest.
 
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4), the error per unit of xi, and (T, R, 3),
-    the error per unit-variance component of e; of a prior of position and velocity alone (T, 4, 4) and (T, 4, 0).
-    """
+    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4),
+    the error per unit of xi, and (T, R, 3), the error per unit-variance component of e; of a prior
+    of position and velocity alone (T, 4, 4) and (T, 4, 0)."""
     if prior.shape[0] == 4:
         return backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
     gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T

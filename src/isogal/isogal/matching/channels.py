@@ -1,8 +1,9 @@
-"""Batches of vector readings: a scan of several channels at once, such as the components of the gravity gradient tensor.
+"""Batches of vector readings: a scan of several channels at once, such as the components of the
+gravity gradient tensor.
 
-Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts it (`isogal.maps.channels`), and the
-channels of a scan may have correlated noise. Everything else a matcher does with a batch stays as it is for one channel.
-"""
+Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts
+it (`isogal.maps.channels`), and the channels of a scan may have correlated noise. Everything else
+a matcher does with a batch stays as it is for one channel."""
 
 from dataclasses import replace
 
@@ -22,8 +23,9 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
     Parameters
     ----------
     batch : Batch
-        Of one channel: stamps, positions, transition and prior are taken over; its readings, sigma and offset are not. What the
-        navigator's error does to readings by their reduction is not known for other channels, and taken as nothing.
+        Of one channel: stamps, positions, transition and prior are taken over; its readings, sigma
+        and offset are not. What the navigator's error does to readings by their reduction is not
+        known for other channels, and taken as nothing.
     readings : (T, C) array
         Unit of the maps; NaN = no reading of that channel at that scan.
     covariance : (C, C) or (T, C, C) array
@@ -36,16 +38,21 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
     """
     readings = np.asarray(readings, dtype=np.float64)
     if readings.ndim != 2 or readings.shape[0] != len(batch):
-        raise InputError(f"vector readings must have shape ({len(batch)}, channels), have {readings.shape}")
+        raise InputError(
+            f"vector readings must have shape ({len(batch)}, channels), have {readings.shape}"
+        )
     scans, channels = readings.shape
     covariance = np.asarray(covariance, dtype=np.float64)
     if covariance.shape not in ((channels, channels), (scans, channels, channels)):
         raise InputError(
-            f"covariance of vector readings must have shape ({channels}, {channels}) or with {scans} scans in front,"
-            f" has {covariance.shape}"
+            f"covariance of vector readings must have shape ({channels}, {channels}) or with"
+            f" {scans} scans in front, has {covariance.shape}"
         )
     blocks = np.broadcast_to(covariance, (scans, channels, channels))
-    if not (np.isfinite(blocks).all() and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()):
+    if not (
+        np.isfinite(blocks).all()
+        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
+    ):
         raise InputError("covariance of vector readings must be positive definite")
     by_scan = np.zeros((scans, channels, scans, channels))
     each = np.arange(scans)
@@ -75,7 +82,8 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
 
 
 def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:
-    """Return the part of a batch that belongs to the first map, and that map; a batch of one channel as it is.
+    """Return the part of a batch that belongs to the first map, and that map; a batch of one
+    channel as it is.
 
     For what is shown of a batch: candidates on contours, the map's variability.
     """

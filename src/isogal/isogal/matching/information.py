@@ -1,10 +1,11 @@
 """From a posterior back to what the measurements alone said (no double counting: SCIENCE 3).
 
-Information of the measurements = posterior information - prior information. It is negative in a direction in which the posterior is
-wider than the prior: of two places that fit, a prior between them knew neither. A navigator that is Gaussian has the posterior's mean and
-covariance only if it is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate Bayesian inference",
-where such terms have negative variances). A position fix with a covariance cannot say it: there, those directions tell nothing.
-"""
+Information of the measurements = posterior information - prior information. It is negative in a
+direction in which the posterior is wider than the prior: of two places that fit, a prior between
+them knew neither. A navigator that is Gaussian has the posterior's mean and covariance only if it
+is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
+Bayesian inference", where such terms have negative variances). A position fix with a covariance
+cannot say it: there, those directions tell nothing."""
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from isogal.matching.interfaces import Batch, Information
 from isogal.matching.pmht.likelihood import BatchLikelihood
 
 _NOTHING = 1.0 - 1e-4
-"""A variance ratio posterior / prior above this counts as no information in that direction of a position fix."""
+"""A variance ratio posterior / prior above this counts as no information in that direction of a
+position fix."""
 _SLIGHT = 0.01
 """Variance ratios this close to 1 in every direction tell nothing."""
 _WIDEST = 4.0
@@ -21,9 +23,11 @@ _WIDEST = 4.0
 
 
 def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Information:
-    """Return the Gaussian likelihood, perhaps with negative information, that turns the prior N(0, prior) into N(mean, covariance).
+    """Return the Gaussian likelihood, perhaps with negative information, that turns the prior N(0,
+    prior) into N(mean, covariance).
 
-    Zero where no direction tells anything. A posterior is taken to be at most twice as wide as the prior.
+    Zero where no direction tells anything. A posterior is taken to be at most twice as wide as the
+    prior.
 
     Parameters
     ----------
@@ -38,17 +42,20 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     ratio = np.minimum(ratio, _WIDEST)
     back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
     coordinate = np.linalg.solve(factor, mean) @ vectors
-    return Information(vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T)
+    return Information(
+        vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T
+    )
 
 
 def with_attitude(
     batch: Batch, likelihood: BatchLikelihood, mean: Array, covariance: Array
 ) -> tuple[Array, Array, Array]:
-    """Return posterior mean (n,), covariance and prior (n, n) of the navigator's error; n = 7 where the batch knows the attitude, else 4.
+    """Return posterior mean (n,), covariance and prior (n, n) of the navigator's error; n = 7
+    where the batch knows the attitude, else 4.
 
-    Given xi ~ N(mean (4,), covariance (4, 4)) the navigator's drift is what the readings say of it, linearised at the mean. Without the
-    attitude a navigator would go on believing it independent of what it has just learnt.
-    """
+    Given xi ~ N(mean (4,), covariance (4, 4)) the navigator's drift is what the readings say of
+    it, linearised at the mean. Without the attitude a navigator would go on believing it
+    independent of what it has just learnt."""
     if batch.attitude is None:
         return mean, covariance, batch.prior
     by_xi, root = batch.attitude
@@ -64,7 +71,8 @@ def with_attitude(
 
 
 def joint_prior(batch: Batch) -> Array:
-    """Return the navigator's covariance (n, n) of its position, velocity and, where the batch knows it, attitude error; n = 7 or 4."""
+    """Return the navigator's covariance (n, n) of its position, velocity and, where the batch
+    knows it, attitude error; n = 7 or 4."""
     if batch.attitude is None:
         return batch.prior
     by_xi, root = batch.attitude
@@ -72,7 +80,8 @@ def joint_prior(batch: Batch) -> Array:
 
 
 def positive_part(matrix: Array, scale: Array) -> Array:
-    """Return a symmetric matrix (n, n) without its negative part, each state being in units of its scale (n,)."""
+    """Return a symmetric matrix (n, n) without its negative part, each state being in units of its
+    scale (n,)."""
     values, vectors = np.linalg.eigh(matrix / scale / scale[:, None])
     back = vectors * scale[:, None]
     return np.asarray((back * np.maximum(values, 0.0)) @ back.T, dtype=np.float64)
@@ -86,7 +95,8 @@ def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
 
 
 def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
-    """Return the position fix (mean, covariance) that turns the prior's position marginal into the posterior's.
+    """Return the position fix (mean, covariance) that turns the prior's position marginal into the
+    posterior's.
 
     Parameters
     ----------
@@ -97,8 +107,8 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
     Returns
     -------
     (2,), (2, 2) arrays
-        Position error (m) according to the measurements alone, and its covariance (m²); a direction without information
-        has ten thousand times the prior's variance.
+        Position error (m) according to the measurements alone, and its covariance (m²); a
+        direction without information has ten thousand times the prior's variance.
     """
     factor, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
     informed = ratio < _NOTHING
@@ -110,7 +120,8 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
 
 
 def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Return the prior's Cholesky factor, and eigenvalues and vectors of the posterior covariance in prior units."""
+    """Return the prior's Cholesky factor, and eigenvalues and vectors of the posterior covariance
+    in prior units."""
     factor = np.asarray(np.linalg.cholesky(prior), dtype=np.float64)
     whitened = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
     values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))

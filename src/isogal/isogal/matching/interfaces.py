@@ -1,10 +1,11 @@
 """What a matcher is given and what it gives back.
 
-A batch is T scans of one sensor with the navigator's own estimate of where each was taken. The unknown is the navigator's
-horizontal error at the last scan, xi = (d_north m, d_east m, dv_north m/s, dv_east m/s), estimate minus truth. Over a batch the
-navigator's increments are good to about a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its
-tilt adds (``drift_position``). A matcher answers with a fix, measurement information only: the navigator's prior is not in its covariance.
-"""
+A batch is T scans of one sensor with the navigator's own estimate of where each was taken. The
+unknown is the navigator's horizontal error at the last scan, xi = (d_north m, d_east m, dv_north
+m/s, dv_east m/s), estimate minus truth. Over a batch the navigator's increments are good to about
+a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its tilt
+adds (``drift_position``). A matcher answers with a fix, measurement information only: the
+navigator's prior is not in its covariance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,10 +16,12 @@ import numpy as np
 from isogal.arrays import Array, Integers
 
 LOST_SIGMA = (15e3, 0.5, 1e-4)
-"""1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get on top of its own covariance. A wrong
-latitude turns the navigation frame wrongly: 10 km let tilt grow by 7e-8 rad/s, and velocity with it."""
+"""1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get
+on top of its own covariance. A wrong latitude turns the navigation frame wrongly: 10 km let tilt
+grow by 7e-8 rad/s, and velocity with it."""
 LOST_COVARIANCE = np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
-"""(7, 7) its square, as added to the covariance of position, velocity and attitude about north, east, down."""
+"""(7, 7) its square, as added to the covariance of position, velocity and attitude about north,
+east, down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +29,8 @@ class Batch:
     """T scans and the navigator's prior about its own error, for one run. SI units, radians."""
 
     time: Array
-    """(T,) s, stamps of the scans, increasing. T counts the matcher's context scans, which come first, as well."""
+    """(T,) s, stamps of the scans, increasing. T counts the matcher's context scans, which come
+    first, as well."""
     latitude: Array
     """(T,) rad, where the navigator believes each scan was taken."""
     longitude: Array
@@ -42,29 +46,34 @@ class Batch:
     transition: Array
     """(T, 2, 4) position error (north, east; m) at scan t per unit of xi."""
     reading_jacobian: Array
-    """(T, 4) d(reading)/d(xi) that comes from the reduction with the navigator's wrong velocity and latitude, not from the map:
-    with the navigator at error xi, reading = map(true position) + offset + reading_jacobian @ xi + noise."""
+    """(T, 4) d(reading)/d(xi) that comes from the reduction with the navigator's wrong velocity
+    and latitude, not from the map: with the navigator at error xi, reading = map(true position) +
+    offset + reading_jacobian @ xi + noise."""
     drift_position: Array
-    """(T, 2, M) position error (m) at scan t that xi does not explain, per unit-variance component of M: the navigator's tilt and
-    heading bend its path by metres within a batch. M may be 0."""
+    """(T, 2, M) position error (m) at scan t that xi does not explain, per unit-variance component
+    of M: the navigator's tilt and heading bend its path by metres within a batch. M may be 0."""
     drift_reading: Array
     """(T, M) d(reading) of the same components, by the reduction."""
     prior: Array
     """(4, 4) covariance of xi according to the navigator; its mean is zero."""
     new: int
-    """How many of the last scans no earlier batch has used (stride of overlapping batches; T where they do not overlap)."""
+    """How many of the last scans no earlier batch has used (stride of overlapping batches; T where
+    they do not overlap)."""
     back_transition: Array | None = None
-    """(4, 4), or (7, 4) with attitude (rad): error at the last scan before the new ones, where an earlier batch ended, per unit of xi;
-    None = not known."""
+    """(4, 4), or (7, 4) with attitude (rad): error at the last scan before the new ones, where an
+    earlier batch ended, per unit of xi; None = not known."""
     back_drift: Array | None = None
     """(4 or 7, M) that error per unit-variance component of M."""
     attitude: tuple[Array, Array] | None = None
-    """((3, 4), (3, M)) attitude error (rad) at the batch end per unit of xi and of the components of M."""
+    """((3, 4), (3, M)) attitude error (rad) at the batch end per unit of xi and of the components
+    of M."""
     channel: Integers | None = None
-    """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map. Rows are then scans times channels, and
-    the rows of a scan, one after the other, share its stamp."""
+    """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map.
+    Rows are then scans times channels, and the rows of a scan, one after the other, share its
+    stamp."""
     reading_covariance: Array | None = None
-    """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated; None = diag(sigma²)."""
+    """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated; None =
+    diag(sigma²)."""
 
     def __len__(self) -> int:
         return self.time.shape[0]
@@ -75,7 +84,8 @@ class Batch:
         return self.time if self.channel is None else self.time[self.channel == 0]
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
-        """Return `back_transition` and `back_drift`, (4 or 7, 4 or M); where not known those of a straight line over a time (s)."""
+        """Return `back_transition` and `back_drift`, (4 or 7, 4 or M); where not known those of a
+        straight line over a time (s)."""
         if self.back_transition is not None and self.back_drift is not None:
             return self.back_transition, self.back_drift
         straight = np.eye(4)
@@ -99,21 +109,23 @@ class Candidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Information:
-    """The measurements' likelihood of the navigator's error x in information form: log p = vector' x - x' matrix x / 2.
+    """The measurements' likelihood of the navigator's error x in information form: log p = vector'
+    x - x' matrix x / 2.
 
-    x is the error at the batch end relative to the estimate that the batch was built with: xi (n = 4), or xi and attitude about north,
-    east, down in rad (n = 7).
-    """
+    x is the error at the batch end relative to the estimate that the batch was built with: xi (n =
+    4), or xi and attitude about north, east, down in rad (n = 7)."""
 
     vector: Array
     """(n,)."""
     matrix: Array
-    """(n, n); negative in directions in which the posterior is wider than the navigator's own prior (`information`)."""
+    """(n, n); negative in directions in which the posterior is wider than the navigator's own
+    prior (`information`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fix:
-    """What a batch says about the position at its last scan, from the measurements alone, or why it says nothing."""
+    """What a batch says about the position at its last scan, from the measurements alone, or why
+    it says nothing."""
 
     time: float
     """s, stamp of the last scan."""
@@ -129,13 +141,17 @@ class Fix:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     """Named figures: feature_variability, consistency p-value, evidence, iterations, ..."""
     information: "Information | None" = None
-    """All that the batch says about position and velocity together; None = about the position only, by `covariance`."""
+    """All that the batch says about position and velocity together; None = about the position
+    only, by `covariance`."""
     reset: bool = False
-    """Whether the matcher found the navigator lost: its covariance must grow by LOST_SIGMA², fix or no fix."""
+    """Whether the matcher found the navigator lost: its covariance must grow by LOST_SIGMA², fix
+    or no fix."""
     scan_position: Array | None = None
-    """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last scan."""
+    """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last
+    scan."""
     scan_covariance: Array | None = None
-    """(T, 2, 2) m², north-east, such that the T fixes together hold the information of `covariance` once."""
+    """(T, 2, 2) m², north-east, such that the T fixes together hold the information of
+    `covariance` once."""
 
     @property
     def published(self) -> bool:
@@ -144,7 +160,8 @@ class Fix:
 
 
 class Matcher(Protocol):
-    """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory it returns."""
+    """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory
+    it returns."""
 
     @property
     def name(self) -> str:
@@ -153,16 +170,19 @@ class Matcher(Protocol):
 
     @property
     def context(self) -> int:
-        """How many scans before the batch it wants to see as well (rows of the batch that are not new)."""
+        """How many scans before the batch it wants to see as well (rows of the batch that are not
+        new)."""
         ...
 
     def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
-        """Match one batch of one run; ``memory`` is None for a run's first batch, then what the last call returned.
+        """Match one batch of one run; ``memory`` is None for a run's first batch, then what the
+        last call returned.
 
-        The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every matcher takes (`registry.VECTOR`).
+        The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every
+        matcher takes (`registry.VECTOR`).
 
-        Pure: the same batch, map and memory give the same fix. Never raises on odd data: it declines with a reason.
-        """
+        Pure: the same batch, map and memory give the same fix. Never raises on odd data: it
+        declines with a reason."""
         ...
 
 

@@ -1,4 +1,5 @@
-"""What every matcher does to a batch first: look whether it can be used, and lay a local plane through its last scan."""
+"""What every matcher does to a batch first: look whether it can be used, and lay a local plane
+through its last scan."""
 
 from dataclasses import dataclass
 
@@ -17,8 +18,8 @@ _FINITE = (
 class LocalPlane:
     """North and east metres from a point, on a plane whose scale is that of the point's latitude.
 
-    Over the 7 km of a batch the plane is off by 0.1 % of a distance at most, which for the offset of a candidate is a metre or two.
-    """
+    Over the 7 km of a batch the plane is off by 0.1 % of a distance at most, which for the offset
+    of a candidate is a metre or two."""
 
     latitude: float
     """Origin, rad."""
@@ -43,7 +44,10 @@ class LocalPlane:
 
     def radians(self, position: Array) -> tuple[Array, Array]:
         """Latitude and longitude, rad, of positions (..., 2) in metres."""
-        return self.latitude + position[..., 0] / self.north, self.longitude + position[..., 1] / self.east
+        return (
+            self.latitude + position[..., 0] / self.north,
+            self.longitude + position[..., 1] / self.east,
+        )
 
 
 def unusable(batch: Batch) -> str | None:
@@ -51,7 +55,9 @@ def unusable(batch: Batch) -> str | None:
     if len(batch) < 2:
         return f"a batch needs at least 2 scans, has {len(batch)}"
     steps = np.diff(batch.time)
-    if not ((steps > 0.0) if batch.channel is None else (steps >= 0.0)).all():  # rows of several channels share a stamp
+    if not (
+        (steps > 0.0) if batch.channel is None else (steps >= 0.0)
+    ).all():  # rows of several channels share a stamp
         return "the stamps of the scans do not increase"
     for name in _FINITE:
         if not np.isfinite(getattr(batch, name)).all():
@@ -60,7 +66,10 @@ def unusable(batch: Batch) -> str | None:
     if not (np.isfinite(sigma) & (sigma > 0.0)).all():
         return "sigma of a reading is not positive"
     deviation = np.sqrt(np.maximum(np.diag(batch.prior), 0.0))
-    if not deviation.all() or not np.linalg.eigvalsh(batch.prior / deviation / deviation[:, None])[0] > 0.0:
+    if (
+        not deviation.all()
+        or not np.linalg.eigvalsh(batch.prior / deviation / deviation[:, None])[0] > 0.0
+    ):
         return "the navigator's covariance is not positive definite"
     return None
 

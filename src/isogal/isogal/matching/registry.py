@@ -37,7 +37,8 @@ def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
     Raises
     ------
     InputError
-        The name is unknown, an option is unknown or out of range, or it does not take several channels.
+        The name is unknown, an option is unknown or out of range, or it does not take several
+        channels.
     """
     try:
         target = MATCHERS[settings.name]
@@ -47,11 +48,13 @@ def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
         raise InputError(f"matcher.name: unknown matcher '{settings.name}'{hint}") from None
     if vector and settings.name not in VECTOR:
         raise InputError(
-            f"matcher.name: {settings.name} takes one number per scan; for vector readings give {' or '.join(VECTOR)}"
+            f"matcher.name: {settings.name} takes one number per scan; for vector readings give"
+            f" {' or '.join(VECTOR)}"
         )
     if vector and settings.map_sigma == "auto":
         raise InputError(
-            "matcher.map_sigma: auto is for scalar fields; for vector readings give a number, 1/s² where field is gradient"
+            "matcher.map_sigma: auto is for scalar fields; for vector readings give a number, 1/s²"
+            " where field is gradient"
         )
     module_name, _, path = target.partition(":")
     factory: Any = import_module(module_name)
@@ -62,7 +65,8 @@ def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
 
 
 def check_options(matcher: str, options: Mapping[str, Any], model: type) -> Any:
-    """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError with one line."""
+    """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError
+    with one line."""
     from pydantic import ValidationError
 
     from isogal.scenario import describe

@@ -23,8 +23,19 @@ from isogal.sensors.trajectory import build_trajectory
 MEMORY = 256_000_000
 """Bytes that the arrays of one chunk may take in a worker."""
 MOST_RUNS = 25
-"""Runs of a chunk at most: what is lost by an interruption, and what the last worker may keep the others waiting for."""
-_CODE = ("earth", "inertial", "sensors", "maps", "fields", "matching", "fusion", "evaluation/records.py", "montecarlo/engine.py")
+"""Runs of a chunk at most: what is lost by an interruption, and what the last worker may keep the
+others waiting for."""
+_CODE = (
+    "earth",
+    "inertial",
+    "sensors",
+    "maps",
+    "fields",
+    "matching",
+    "fusion",
+    "evaluation/records.py",
+    "montecarlo/engine.py",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,12 +51,14 @@ class Case:
 
     @property
     def duration(self) -> float:
-        """Simulated time of a run, s; raises InputError where the route is shorter than the scenario asks for."""
+        """Simulated time of a run, s; raises InputError where the route is shorter than the
+        scenario asks for."""
         return float(build_trajectory(self.scenario).time[-1])
 
     @property
     def key(self) -> str:
-        """Hash of all that the runs' numbers depend on: scenario, map, format of the records, and the library's source."""
+        """Hash of all that the runs' numbers depend on: scenario, map, format of the records, and
+        the library's source."""
         parts = {
             "isogal": isogal.__version__,
             "code": source_digest(),
@@ -89,15 +102,26 @@ class Unaided:
 
 def compute(chunk: Chunk, field_map: AnyMap, progress: Progress | None = None) -> Runs:
     """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
-    return simulate(chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress)
+    return simulate(
+        chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress
+    )
 
 
 def divide(case: Case, missing: Sequence[int], share: int, memory: int = MEMORY) -> list[Chunk]:
-    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that fit into memory."""
+    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that
+    fit into memory."""
     size = min(share, fitting(case.scenario, case.duration, memory))
     key, map_key = case.key, map_digest(case.field_map)
     return [
-        Chunk(case.name, key, map_key, case.scenario, case.aided, tuple(part[i : i + size]), case.duration)
+        Chunk(
+            case.name,
+            key,
+            map_key,
+            case.scenario,
+            case.aided,
+            tuple(part[i : i + size]),
+            case.duration,
+        )
         for part in consecutive(missing)
         for i in range(0, len(part), size)
     ]
@@ -109,11 +133,12 @@ def fair_share(runs: int, workers: int) -> int:
 
 
 def fitting(scenario: Scenario, duration: float, memory: int = MEMORY) -> int:
-    """How many runs of a scenario of so many seconds can be computed together within so many bytes, at least one.
+    """How many runs of a scenario of so many seconds can be computed together within so many
+    bytes, at least one.
 
-    A run holds six IMU readings and the unaided track of every IMU interval and about 100 numbers of every scan; besides, there are the
-    truth and the draws of the run at hand, and the covariance of the map's error between all scans.
-    """
+    A run holds six IMU readings and the unaided track of every IMU interval and about 100 numbers
+    of every scan; besides, there are the truth and the draws of the run at hand, and the
+    covariance of the map's error between all scans."""
     intervals, scans = duration * scenario.imu.rate, duration / scenario.gravimeter.interval
     shared = 8 * (40 * intervals + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
     each = 8 * (9 * intervals + 100 * scans) + 200_000
@@ -133,10 +158,14 @@ def consecutive(numbers: Iterable[int]) -> list[list[int]]:
 
 @lru_cache(maxsize=1)
 def source_digest() -> str:
-    """Hash of the source files that results depend on: whoever changes a matcher must not be shown what the old one gave."""
+    """Hash of the source files that results depend on: whoever changes a matcher must not be shown
+    what the old one gave."""
     root = Path(isogal.__file__).parent
     digest = hashlib.sha256()
-    for path in [*sorted(root.glob("*.py")), *(f for part in _CODE for f in _python_files(root / part))]:
+    for path in [
+        *sorted(root.glob("*.py")),
+        *(f for part in _CODE for f in _python_files(root / part)),
+    ]:
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
@@ -171,5 +200,10 @@ def _digest(field_map: FieldMap, digest: Any) -> None:
     if strip is not None:  # the rest is empty, and would take memory if it were read
         for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
             digest.update(row[first:last].data)
-    rest = (field_map.unit, field_map.quantity, field_map.correlation_length, field_map.quantisation)
+    rest = (
+        field_map.unit,
+        field_map.quantity,
+        field_map.correlation_length,
+        field_map.quantisation,
+    )
     digest.update(repr(rest).encode())

@@ -22,7 +22,9 @@ def remote(chunk: Chunk, field_map: AnyMap, topic: str) -> Runs:
     return compute(
         chunk,
         field_map,
-        throttled(lambda seconds: worker.log_event(topic, {"chunk": _name(chunk), "seconds": seconds})),
+        throttled(
+            lambda seconds: worker.log_event(topic, {"chunk": _name(chunk), "seconds": seconds})
+        ),
     )
 
 
@@ -31,7 +33,8 @@ def cluster_results(
 ) -> Generator[tuple[Chunk, Runs], None, None]:
     """Compute chunks by the workers of a Dask cluster; yields them as they are finished.
 
-    Dask itself gives the chunk of a worker that dies to another one, `distributed.scheduler.allowed-failures` times.
+    Dask itself gives the chunk of a worker that dies to another one,
+    `distributed.scheduler.allowed-failures` times.
 
     Parameters
     ----------
@@ -43,7 +46,8 @@ def cluster_results(
     Raises
     ------
     InputError
-        No scheduler answers there, its workers run other source code, or the scenario of a chunk cannot be used.
+        No scheduler answers there, its workers run other source code, or the scenario of a chunk
+        cannot be used.
     WorkerError
         A chunk failed, or its workers died too often.
     """
@@ -52,7 +56,9 @@ def cluster_results(
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error})"
+        ) from None
     topic = f"isogal-{os.getpid()}"
     named = {_name(chunk): chunk for chunk in chunks}
     futures: dict[Any, Chunk] = {}
@@ -65,9 +71,14 @@ def cluster_results(
     try:
         _check_code(client, address)
         client.subscribe_topic(topic, heard)
-        spread = {key: client.scatter(field_map, broadcast=True, hash=False) for key, field_map in maps.items()}
+        spread = {
+            key: client.scatter(field_map, broadcast=True, hash=False)
+            for key, field_map in maps.items()
+        }
         for priority, chunk in enumerate(chunks):
-            future = client.submit(remote, chunk, spread[chunk.map_key], topic, pure=False, priority=-priority)
+            future = client.submit(
+                remote, chunk, spread[chunk.map_key], topic, pure=False, priority=-priority
+            )
             futures[future] = chunk
         for future in as_completed(futures, loop=client.loop):
             chunk = futures.pop(future)
@@ -86,9 +97,13 @@ def _result(future: Any, chunk: Chunk) -> Runs:
     except InputError:
         raise
     except KilledWorker as error:
-        raise WorkerError(f"{chunk.case}, {chunk.text()}: its workers died too often ({error})") from None
+        raise WorkerError(
+            f"{chunk.case}, {chunk.text()}: its workers died too often ({error})"
+        ) from None
     except Exception as error:
-        raise WorkerError(f"{chunk.case}, {chunk.text()}: {type(error).__name__}: {error}") from error
+        raise WorkerError(
+            f"{chunk.case}, {chunk.text()}: {type(error).__name__}: {error}"
+        ) from error
     finally:
         future.release()
     return runs
@@ -99,14 +114,16 @@ def _check_code(client: Any, address: str) -> None:
         digests = client.run(source_digest)
     except Exception as error:
         raise InputError(
-            f"--scheduler {address}: its workers cannot import isogal ({type(error).__name__}: {error})"
+            f"--scheduler {address}: its workers cannot import isogal ({type(error).__name__}:"
+            f" {error})"
         ) from None
     if not digests:
         raise InputError(f"--scheduler {address}: has no workers")
     other = sorted(worker for worker, digest in digests.items() if digest != _my_digest())
     if other:
         raise InputError(
-            f"--scheduler {address}: {len(other)} of {len(digests)} workers run another Isogal than this one, for example {other[0]}"
+            f"--scheduler {address}: {len(other)} of {len(digests)} workers run another Isogal"
+            f" than this one, for example {other[0]}"
         )
 
 

@@ -1,8 +1,9 @@
-"""Runs of a scenario in closed loop: simulate, navigate, match, aid. The same functions as the nodes, with a run axis.
+"""Runs of a scenario in closed loop: simulate, navigate, match, aid. The same functions as the
+nodes, with a run axis.
 
-Every run goes through the full strapdown and the full unscented filter at the IMU's rate. A run's numbers depend on the scenario's seed
-and its own index only, never on which other runs are computed beside it.
-"""
+Every run goes through the full strapdown and the full unscented filter at the IMU's rate. A run's
+numbers depend on the scenario's seed and its own index only, never on which other runs are
+computed beside it."""
 
 import time as clock
 from collections.abc import Callable, Sequence
@@ -39,13 +40,15 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 Progress = Callable[[float], None]
 """Called with the simulated time (s) after each scan."""
 Revised = Callable[[int, list[int], FilterState], None]
-"""Called by retrodiction with the index of a past state, which of the runs were changed there, and what they are there now."""
+"""Called by retrodiction with the index of a past state, which of the runs were changed there, and
+what they are there now."""
 
 
 def simulate_unaided(
     scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, imu: ImuData | None = None
 ) -> Array:
-    """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every scan."""
+    """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
+    scan."""
     imu = imu or simulate_imu(scenario, trajectory, runs)
     start = draw_initial_state(scenario, trajectory, runs)
     _, track = propagate_ins(
@@ -55,7 +58,9 @@ def simulate_unaided(
     index = np.arange(0, len(trajectory) + 1, stride)
     latitude = np.concatenate([start.position[:, :1], track[:, stride - 1 :: stride, 0]], axis=1)
     longitude = np.concatenate([start.position[:, 1:2], track[:, stride - 1 :: stride, 1]], axis=1)
-    return horizontal_difference(latitude, longitude, trajectory.latitude[index], trajectory.longitude[index])
+    return horizontal_difference(
+        latitude, longitude, trajectory.latitude[index], trajectory.longitude[index]
+    )
 
 
 def simulate(
@@ -79,7 +84,8 @@ def simulate(
         Default: the scenario's.
     progress : callable, optional
     revised : callable, optional
-        Told of past states that retrodiction corrects; the record keeps what the navigator said at the time.
+        Told of past states that retrodiction corrects; the record keeps what the navigator said at
+        the time.
 
     Raises
     ------
@@ -88,7 +94,9 @@ def simulate(
     """
     trajectory = build_trajectory(scenario)
     field_map = field_map or map_for_scenario(scenario, trajectory)
-    matcher = matcher or build_matcher(scenario.matcher, measured_field(scenario).vector is not None)
+    matcher = matcher or build_matcher(
+        scenario.matcher, measured_field(scenario).vector is not None
+    )
     loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
     for scan in range(loop.scans):
         loop.advance(scan)
@@ -109,7 +117,12 @@ class _ClosedLoop:
         matcher: Matcher,
         revised: Revised | None,
     ) -> None:
-        self.scenario, self.trajectory, self.field_map, self.matcher = scenario, trajectory, field_map, matcher
+        self.scenario, self.trajectory, self.field_map, self.matcher = (
+            scenario,
+            trajectory,
+            field_map,
+            matcher,
+        )
         self.revised = revised
         self.runs = list(runs)
         self.stride = scenario.steps_per_scan
@@ -123,7 +136,9 @@ class _ClosedLoop:
         field = measured_field(scenario)
         self.reduction, covariance = field.reduction(scenario), field.covariance(scenario)
         context = matcher.context
-        self.builders = [BatchBuilder(scenario.matcher, self.reduction, context, covariance) for _ in runs]
+        self.builders = [
+            BatchBuilder(scenario.matcher, self.reduction, context, covariance) for _ in runs
+        ]
         self.memories: list[Any] = [None for _ in runs]
         self.anchor = (self.state.copy(), 0)  # states at the last batch end, for retrodiction
         self.due = [scan for scan in range(self.scans) if fix_due(scan + 1, scenario.matcher)]
@@ -143,7 +158,8 @@ class _ClosedLoop:
         self._write(0)
 
     def advance(self, scan: int) -> None:
-        """Propagate to the end of a scan's interval, take the reading, and match where a batch is due."""
+        """Propagate to the end of a scan's interval, take the reading, and match where a batch is
+        due."""
         first, last = self.index[scan], self.index[scan + 1]
         self._propagate(self.state, slice(None), first, last)
         self._read(scan)
@@ -171,7 +187,9 @@ class _ClosedLoop:
 
     def _read(self, scan: int) -> None:
         position, velocity = self.state.position, self.state.velocity
-        estimate = State(position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1])
+        estimate = State(
+            position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1]
+        )
         reading = self.reduction.reduce(self.felt[:, scan], estimate)
         time = float(self.trajectory.time[self.index[scan + 1]])
         for run, builder in enumerate(self.builders):
@@ -204,7 +222,11 @@ class _ClosedLoop:
 
     def _aid(self, fixes: list[Fix], scan: int) -> None:
         retrodict = self.scenario.matcher.mode == "retrodiction"
-        late = [run for run, fix in enumerate(fixes) if fix.published and retrodict and fix.scan_position is not None]
+        late = [
+            run
+            for run, fix in enumerate(fixes)
+            if fix.published and retrodict and fix.scan_position is not None
+        ]
         for run, fix in enumerate(fixes):
             if fix.reset:
                 widen(self.state, run, LOST_SIGMA)
@@ -242,7 +264,9 @@ class _ClosedLoop:
 
     def _write(self, k: int) -> None:
         truth = self.trajectory.latitude[self.index[k]], self.trajectory.longitude[self.index[k]]
-        self.error[:, k] = horizontal_difference(self.state.position[:, 0], self.state.position[:, 1], *truth)
+        self.error[:, k] = horizontal_difference(
+            self.state.position[:, 0], self.state.position[:, 1], *truth
+        )
         self.covariance[:, k] = self.state.covariance[:, :2, :2]
 
     def record(self) -> Runs:

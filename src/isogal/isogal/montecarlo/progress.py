@@ -1,4 +1,5 @@
-"""Live progress of a study on the standard error stream: a bar on a terminal, now and then a line otherwise."""
+"""Live progress of a study on the standard error stream: a bar on a terminal, now and then a line
+otherwise."""
 
 import sys
 import time
@@ -33,7 +34,13 @@ class LiveProgress:
     def __enter__(self) -> "LiveProgress":
         if sys.stderr.isatty():
             from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+            from rich.progress import (
+                BarColumn,
+                Progress,
+                TextColumn,
+                TimeElapsedColumn,
+                TimeRemainingColumn,
+            )
 
             self._bar = Progress(
                 TextColumn("{task.description}"),
@@ -50,7 +57,10 @@ class LiveProgress:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._bar is not None:
             self._bar.stop()

@@ -1,4 +1,5 @@
-"""Finished runs on disk, so that nothing is computed twice: one folder per case's key, one file per chunk, named by its runs."""
+"""Finished runs on disk, so that nothing is computed twice: one folder per case's key, one file
+per chunk, named by its runs."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +17,8 @@ _PER_RUN = ("error", "covariance", "unaided_error", "fix_error", "fix_covariance
 
 
 class Store:
-    """A folder of finished chunks. Files appear whole or not at all; several processes may write into one folder."""
+    """A folder of finished chunks. Files appear whole or not at all; several processes may write
+    into one folder."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
@@ -29,7 +31,12 @@ class Store:
         note = place / "case.json"
         if not note.exists():
             write_json(
-                note, {"case": chunk.case, "aided": chunk.aided, "scenario": chunk.scenario.model_dump(mode="json")}
+                note,
+                {
+                    "case": chunk.case,
+                    "aided": chunk.aided,
+                    "scenario": chunk.scenario.model_dump(mode="json"),
+                },
             )
         if chunk.runs[0] != 0:
             runs = replace(runs, detail=None)
@@ -49,7 +56,8 @@ class Store:
         return [run for run in range(case.runs) if run not in there]
 
     def load(self, case: Case) -> Runs:
-        """Return all runs of a case in order, whatever chunks they came in; raises InputError where one is missing or damaged."""
+        """Return all runs of a case in order, whatever chunks they came in; raises InputError
+        where one is missing or damaged."""
         parts: list[Runs] = []
         next_run = 0
         for path, first, last in self._files(case):
@@ -57,10 +65,17 @@ class Store:
                 continue
             if first > next_run:
                 break
-            parts.append(take(_read(path, last - first + 1), range(next_run - first, min(last + 1, case.runs) - first)))
+            parts.append(
+                take(
+                    _read(path, last - first + 1),
+                    range(next_run - first, min(last + 1, case.runs) - first),
+                )
+            )
             next_run = last + 1
         if next_run < case.runs:
-            raise InputError(f"{self.folder / case.key}: run {next_run} of {case.runs} is not there")
+            raise InputError(
+                f"{self.folder / case.key}: run {next_run} of {case.runs} is not there"
+            )
         return Runs.concatenate(parts)
 
     def _files(self, case: Case) -> list[tuple[Path, int, int]]:
@@ -85,7 +100,11 @@ def take(runs: Runs, which: Sequence[int]) -> Runs:
         return runs
     values = {item.name: getattr(runs, item.name) for item in fields(Runs)}
     for name in _PER_RUN:
-        values[name] = tuple(values[name][i] for i in which) if name == "fix_reason" else values[name][list(which)]
+        values[name] = (
+            tuple(values[name][i] for i in which)
+            if name == "fix_reason"
+            else values[name][list(which)]
+        )
     if list(which[:1]) != [0]:
         values["detail"] = None
     return Runs(**values)

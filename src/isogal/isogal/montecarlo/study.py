@@ -1,4 +1,5 @@
-"""Cases to results: what is on disk is taken from there, the rest goes through one queue to the workers, whatever case it belongs to."""
+"""Cases to results: what is on disk is taken from there, the rest goes through one queue to the
+workers, whatever case it belongs to."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -85,9 +86,16 @@ def compute_cases(
         if case.runs > known.runs:
             distinct[case.key] = case
     missing = {key: store.missing(case) for key, case in distinct.items()}
-    total, left = sum(case.runs for case in distinct.values()), sum(len(runs) for runs in missing.values())
+    total, left = (
+        sum(case.runs for case in distinct.values()),
+        sum(len(runs) for runs in missing.values()),
+    )
     share, kept = fair_share(left, backend.count), total - left
-    chunks = [chunk for key, case in distinct.items() for chunk in divide(case, missing[key], share, memory)]
+    chunks = [
+        chunk
+        for key, case in distinct.items()
+        for chunk in divide(case, missing[key], share, memory)
+    ]
     for damage in store.damaged:
         display.say(f"computed again: {damage}")
     display.begin(chunks, kept)

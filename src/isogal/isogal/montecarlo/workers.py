@@ -1,8 +1,9 @@
-"""Workers on this machine: one process each, started afresh (spawn), replaced and its chunk done again where it dies.
+"""Workers on this machine: one process each, started afresh (spawn), replaced and its chunk done
+again where it dies.
 
-Python's own pools give up when a worker is killed, and do not say which task it had; here the parent holds a pipe to each worker. A
-script that computes by workers needs the guard ``if __name__ == "__main__"``, since each of them imports it.
-"""
+Python's own pools give up when a worker is killed, and do not say which task it had; here the
+parent holds a pipe to each worker. A script that computes by workers needs the guard ``if __name__
+== "__main__"``, since each of them imports it."""
 
 import contextlib
 import multiprocessing
@@ -197,12 +198,15 @@ def _bury(worker: _Worker, chunk: Chunk, attempts: int) -> None:
             else f"ended with status {code}"
         )
         hint = "; is there too little memory?" if code == -signal.SIGKILL else ""
-        raise WorkerError(f"{chunk.case}, {chunk.text()}: the worker {how}, {attempts} times{hint}")
+        raise WorkerError(
+            f"{chunk.case}, {chunk.text()}: the worker {how}, {attempts} times{hint}"
+        )
 
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let processes started here use one thread each: workers share the cores, and a product of matrices gets one order of summation."""
+    """Let processes started here use one thread each: workers share the cores, and a product of
+    matrices gets one order of summation."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -217,7 +221,8 @@ def _one_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Let processes started here not hear Ctrl-C, which a terminal sends to the whole group: the parent alone decides what is kept."""
+    """Let processes started here not hear Ctrl-C, which a terminal sends to the whole group: the
+    parent alone decides what is kept."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -54,7 +54,11 @@ class Setting:
 
 def table_settings() -> list[Setting]:
     """Return the rows of Tables 4 and 6 for both matchers."""
-    return [Setting(row.quantity, row.sigma, row.batch_length, matcher) for matcher in MATCHERS[::-1] for row in ROWS]
+    return [
+        Setting(row.quantity, row.sigma, row.batch_length, matcher)
+        for matcher in MATCHERS[::-1]
+        for row in ROWS
+    ]
 
 
 def unaided_settings() -> list[Setting]:
@@ -70,7 +74,9 @@ def retrodiction_settings() -> list[Setting]:
 def sweep_settings(matcher: str) -> list[Setting]:
     """Return the sensitivity to heading error and speed."""
     headings = [Setting(matcher=matcher, heading=heading) for heading in SWEEP_HEADINGS]
-    return headings + [Setting(matcher=matcher, speed=speed) for speed in SWEEP_SPEEDS if speed != Setting().speed]
+    return headings + [
+        Setting(matcher=matcher, speed=speed) for speed in SWEEP_SPEEDS if speed != Setting().speed
+    ]
 
 
 def rival_setting() -> Setting:
@@ -109,7 +115,11 @@ class Plan:
             "initial_error": {"heading": setting.heading},
             "gravimeter": {"quantity": setting.quantity, "sigma": setting.sigma},
             "map": {"source": self.map_path or "synthetic"},
-            "matcher": {"name": setting.matcher, "batch_length": setting.batch_length, "mode": setting.mode},
+            "matcher": {
+                "name": setting.matcher,
+                "batch_length": setting.batch_length,
+                "mode": setting.mode,
+            },
         }
         return validate_scenario(document)
 
@@ -119,10 +129,15 @@ class Plan:
 
     def case(self, setting: Setting) -> Case:
         """Return the case of a setting."""
-        swept = setting in [*sweep_settings(PAPER), *sweep_settings(DEFAULT)] and setting not in table_settings()
+        swept = (
+            setting in [*sweep_settings(PAPER), *sweep_settings(DEFAULT)]
+            and setting not in table_settings()
+        )
         few = swept or setting.matcher == RIVAL
         runs = max(1, self.runs // SWEEP_SHARE) if few else self.runs
-        return Case(setting.name, self.scenario(setting), runs, self.field_map(setting), setting.aided)
+        return Case(
+            setting.name, self.scenario(setting), runs, self.field_map(setting), setting.aided
+        )
 
     def settings(self) -> list[Setting]:
         """Return all settings, dear ones first, each once."""
@@ -154,4 +169,9 @@ def _map_of(source: str, quantity: str, speed: float, duration: float) -> FieldM
 
 def _map(scenario: Scenario) -> FieldMap:
     assert scenario.route.duration is not None
-    return _map_of(scenario.map.source, scenario.gravimeter.quantity, scenario.route.speed, scenario.route.duration)
+    return _map_of(
+        scenario.map.source,
+        scenario.gravimeter.quantity,
+        scenario.route.speed,
+        scenario.route.duration,
+    )

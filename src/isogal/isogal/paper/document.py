@@ -1,4 +1,5 @@
-"""The page: every table and figure of the paper, what the paper says about it, and whether that holds here."""
+"""The page: every table and figure of the paper, what the paper says about it, and whether that
+holds here."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,11 +17,19 @@ from isogal.paper.figures_maps import lookup_1d_figure, map_figure, search_windo
 from isogal.paper.figures_signals import iterations_figure, readings_figure, variability_figure
 from isogal.paper.published import JOURNEY, TABLE_4, TABLE_6
 from isogal.paper.results import Results
-from isogal.paper.tables import aiding_table, claims_table, comparison_table, sensitivity_table, spread_table
+from isogal.paper.tables import (
+    aiding_table,
+    claims_table,
+    comparison_table,
+    sensitivity_table,
+    spread_table,
+)
 from isogal.paper.verdicts import Claim
 
 
-def write_page(results: Results, claims: Sequence[Claim], out: str | Path, journey: float, perfect: float) -> Path:
+def write_page(
+    results: Results, claims: Sequence[Claim], out: str | Path, journey: float, perfect: float
+) -> Path:
     """Write `report.html` and the PNG files into a folder.
 
     Parameters
@@ -32,14 +41,18 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path, journ
     journey : float
         s, how long the vehicle takes for the whole route.
     perfect : float
-        m, RMS error of the unaided INS (precision grade) at `Plan.gain_time` without any initial error.
+        m, RMS error of the unaided INS (precision grade) at `Plan.gain_time` without any initial
+        error.
     """
     by_key = {claim.key: claim for claim in claims}
     duration = results.plan.duration / 3600.0
     provenance = results.plan.field_map(Setting()).provenance or "gravity map"
     sections = [
         _verdicts(claims),
-        Section("Table 4: gravity", tables=[comparison_table(results, TABLE_4, "Paper Table 4, gravity map")]),
+        Section(
+            "Table 4: gravity",
+            tables=[comparison_table(results, TABLE_4, "Paper Table 4, gravity map")],
+        ),
         Section(
             "Table 6: disturbance",
             tables=[comparison_table(results, TABLE_6, "Paper Table 6, gravity disturbance map")],
@@ -52,10 +65,12 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path, journ
         _aiding(results, by_key),
     ]
     subtitle = (
-        f"{results.plan.runs} runs a case of {duration:.1f} h at {Setting().speed:g} m/s; map: {provenance}. "
-        f"{PAPER} is the paper's matcher to the letter, {DEFAULT} the default one."
+        f"{results.plan.runs} runs a case of {duration:.1f} h at {Setting().speed:g} m/s; map:"
+        f" {provenance}. {PAPER} is the paper's matcher to the letter, {DEFAULT} the default one."
     )
-    return write_report(out, "Probabilistic map matching: the paper, reproduced", sections, subtitle=subtitle)
+    return write_report(
+        out, "Probabilistic map matching: the paper, reproduced", sections, subtitle=subtitle
+    )
 
 
 def _verdicts(claims: Sequence[Claim]) -> Section:
@@ -64,41 +79,55 @@ def _verdicts(claims: Sequence[Claim]) -> Section:
         for verdict in ("holds", "does not hold", "cannot tell")
     }
     text = (
-        f"Of {len(claims)} statements of the paper {counts['holds']} hold in this simulation, {counts['does not hold']} do not, and "
-        f"{counts['cannot tell']} cannot be decided by it. Verdicts follow from the numbers beside them by fixed rules, for the paper's "
-        "own matcher."
+        f"Of {len(claims)} statements of the paper {counts['holds']} hold in this simulation,"
+        f" {counts['does not hold']} do not, and {counts['cannot tell']} cannot be decided by it."
+        " Verdicts follow from the numbers beside them by fixed rules, for the paper's own"
+        " matcher."
     )
     return Section("What the paper says", [text], tables=[claims_table(claims)])
 
 
-def _limits(results: Results, journey: float, perfect: float, claims: Mapping[str, Claim]) -> Section:
+def _limits(
+    results: Results, journey: float, perfect: float, claims: Mapping[str, Claim]
+) -> Section:
     speed = Setting().speed
     unaided = results.unaided("precision").summary["unaided"]
     paragraphs = [
-        f"Duration. The paper's route takes {journey / 3600:.1f} h at its speed of {speed:g} m/s; the paper says "
-        f"more than {JOURNEY / 3600:.1f} h. "
-        f"The first {results.plan.duration / 3600:.1f} h are simulated here.",
-        "Initial errors. The paper does not state any, but its unaided errors need them: with the sensors of its "
-        "Table 1 and a perfect start the "
-        f"RMS error after {results.plan.gain_time / 3600:.1f} h would be {number(perfect)} m. Assumed here (1-sigma): 50 m, 0.05 "
-        f"m/s, 2.5e-5 rad of tilt, "
-        f"3e-4 rad of heading; the unaided error is then {number(unaided['rms'])} m RMS over the run.",
-        f"Gain by quantum accelerometers. Measured: {claims['quantum gain'].measured} The paper's value cannot come "
-        f"from its Table 1: the drift is "
-        "that of the heading error and of the gyroscopes, which the accelerometers do not change.",
-        "Choices. The paper leaves open the candidates' covariance, the search window's threshold and the weighting "
-        "by map feature variability; "
-        "docs/paper.md says what was chosen. Errors of the gravimeter's reductions (Eötvös, free air) are simulated "
-        "here and reduced with "
-        "the navigator's own estimate, which the paper does not mention.",
+        (
+            f"Duration. The paper's route takes {journey / 3600:.1f} h at its speed of {speed:g}"
+            f" m/s; the paper says more than {JOURNEY / 3600:.1f} h. The first"
+            f" {results.plan.duration / 3600:.1f} h are simulated here."
+        ),
+        (
+            "Initial errors. The paper does not state any, but its unaided errors need them: with"
+            " the sensors of its Table 1 and a perfect start the RMS error after"
+            f" {results.plan.gain_time / 3600:.1f} h would be {number(perfect)} m. Assumed here"
+            " (1-sigma): 50 m, 0.05 m/s, 2.5e-5 rad of tilt, 3e-4 rad of heading; the unaided"
+            f" error is then {number(unaided['rms'])} m RMS over the run."
+        ),
+        (
+            f"Gain by quantum accelerometers. Measured: {claims['quantum gain'].measured} The"
+            " paper's value cannot come from its Table 1: the drift is that of the heading error"
+            " and of the gyroscopes, which the accelerometers do not change."
+        ),
+        (
+            "Choices. The paper leaves open the candidates' covariance, the search window's"
+            " threshold and the weighting by map feature variability; docs/paper.md says what was"
+            " chosen. Errors of the gravimeter's reductions (Eötvös, free air) are simulated here"
+            " and reduced with the navigator's own estimate, which the paper does not mention."
+        ),
     ]
     picture = Illustration(
         "sensitivity",
         sensitivity_figure(results),
-        "Sensitivity of the RMS error over the run to the initial heading error and to the speed. Gravity, sigma 1e-5 m/s², T = 30.",
+        "Sensitivity of the RMS error over the run to the initial heading error and to the speed."
+        " Gravity, sigma 1e-5 m/s², T = 30.",
     )
     return Section(
-        "What cannot be reproduced, and what it depends on", paragraphs, [picture], [sensitivity_table(results)]
+        "What cannot be reproduced, and what it depends on",
+        paragraphs,
+        [picture],
+        [sensitivity_table(results)],
     )
 
 
@@ -106,18 +135,28 @@ def _caption(figure: str, what: str, claims: Mapping[str, Claim], *keys: str) ->
     parts = [f"Paper fig. {figure}. {what}"]
     for key in keys:
         claim = claims[key]
-        parts.append(f"The paper: {claim.text[0].lower()}{claim.text[1:].rstrip('.')}. Here this {_said(claim)}.")
+        parts.append(
+            f"The paper: {claim.text[0].lower()}{claim.text[1:].rstrip('.')}. Here this"
+            f" {_said(claim)}."
+        )
     return " ".join(parts)
 
 
 def _said(claim: Claim) -> str:
-    return {"holds": "holds", "does not hold": "does not hold", "cannot tell": "cannot be decided"}[claim.verdict]
+    return {
+        "holds": "holds",
+        "does not hold": "does not hold",
+        "cannot tell": "cannot be decided",
+    }[claim.verdict]
 
 
 def _lookup(results: Results, claims: Mapping[str, Claim]) -> Section:
     plan = results.plan
     window = results.window
-    error = float((window.truth**2).sum() ** 0.5), float(((window.combined - window.truth) ** 2).sum() ** 0.5)
+    error = (
+        float((window.truth**2).sum() ** 0.5),
+        float(((window.combined - window.truth) ** 2).sum() ** 0.5),
+    )
     pictures = [
         Illustration(
             "fig-51",
@@ -163,7 +202,11 @@ def _inertial(results: Results, claims: Mapping[str, Claim]) -> Section:
             "covariance says when it takes no fix.",
         ),
     ]  # fmt: skip
-    return Section("The inertial navigator, aided and unaided", illustrations=pictures, tables=[spread_table(results)])
+    return Section(
+        "The inertial navigator, aided and unaided",
+        illustrations=pictures,
+        tables=[spread_table(results)],
+    )
 
 
 def _noise(results: Results, claims: Mapping[str, Claim]) -> Section:
@@ -205,15 +248,17 @@ def _iterations(results: Results, claims: Mapping[str, Claim]) -> Section:
         "Right: how far each iteration "
         "moves the batches of this run.", claims, "iterations", "drag",
     )  # fmt: skip
-    return Section("Iterations", illustrations=[Illustration("fig-64", iterations_figure(results), caption)])
+    return Section(
+        "Iterations", illustrations=[Illustration("fig-64", iterations_figure(results), caption)]
+    )
 
 
 def _aiding(results: Results, claims: Mapping[str, Claim]) -> Section:
     claim = claims["retrodiction"]
     caption = (
-        f"Standard aiding and retrodiction with {PAPER}, gravity, sigma 1e-5 m/s², T = 30. The paper: "
-        f"{claim.text[0].lower()}{claim.text[1:]} "
-        f"Here this {_said(claim)}, for the track as it stands in the end; what is output at the time still jumps when a batch comes."
+        f"Standard aiding and retrodiction with {PAPER}, gravity, sigma 1e-5 m/s², T = 30. The"
+        f" paper: {claim.text[0].lower()}{claim.text[1:]} Here this {_said(claim)}, for the track"
+        " as it stands in the end; what is output at the time still jumps when a batch comes."
     )
     picture = Illustration("retrodiction", retrodiction_figure(results), caption)
     return Section("Two ways of aiding", illustrations=[picture], tables=[aiding_table(results)])

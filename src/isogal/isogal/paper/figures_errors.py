@@ -1,4 +1,5 @@
-"""RMS errors over time, by noise and batch length, by way of aiding, by setting (paper figs. 52, 56, 56b, 61, 61a, and beyond)."""
+"""RMS errors over time, by noise and batch length, by way of aiding, by setting (paper figs. 52,
+56, 56b, 61, 61a, and beyond)."""
 
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,9 @@ def overview_figure(results: Results) -> "Figure":
     ]
     curves = [
         Curve(f"unaided, {GRADE_LABELS[grade]}", o.time, o.unaided_rms, line)
-        for line, (grade, o) in zip(unaided, ((g, results.unaided(g)) for g in GRADES), strict=True)
+        for line, (grade, o) in zip(
+            unaided, ((g, results.unaided(g)) for g in GRADES), strict=True
+        )
     ]
     lines = {
         (PAPER, "gravity"): style.Line(style.PURPLE, "-", 1.5),
@@ -47,11 +50,14 @@ def overview_figure(results: Results) -> "Figure":
 
 @style.journal
 def noise_figure(results: Results, quantity: str, batch_length: int) -> "Figure":
-    """RMS errors at both noise levels for one map and batch length (figs. 56, 56b, 61, 61a), with the bound."""
+    """RMS errors at both noise levels for one map and batch length (figs. 56, 56b, 61, 61a), with
+    the bound."""
     figure = style.new_figure(3.3)
     panels = figure.subplots(1, 2, sharey=True)
     for panel, sigma in zip(panels, (LOW[quantity], HIGH[quantity]), strict=True):
-        outcomes = {matcher: results.at(quantity, sigma, batch_length, matcher) for matcher in MATCHERS}
+        outcomes = {
+            matcher: results.at(quantity, sigma, batch_length, matcher) for matcher in MATCHERS
+        }
         paper = outcomes[PAPER]
         _curve(panel, paper, paper.unaided_rms, style.UNAIDED, "unaided INS")
         for matcher, outcome in outcomes.items():
@@ -72,7 +78,8 @@ def _curve(panel: "Axes", outcome: Outcome, values: Array, line: style.Line, lab
 
 @style.journal
 def retrodiction_figure(results: Results) -> "Figure":
-    """Standard aiding and retrodiction: RMS errors of all runs, and the track of one run over half an hour."""
+    """Standard aiding and retrodiction: RMS errors of all runs, and the track of one run over half
+    an hour."""
     figure = style.new_figure(3.4)
     left, right = figure.subplots(1, 2)
     standard, late = Setting(), Setting(mode="retrodiction")
@@ -82,18 +89,28 @@ def retrodiction_figure(results: Results) -> "Figure":
         outcome = results.outcomes[setting]
         _curve(left, outcome, outcome.rms, line, names[setting])
         tracks = results.tracks[setting]
-        right.plot(tracks.time / 60.0, np.hypot(*tracks.live[0].T), **line.options(), label=names[setting])
+        right.plot(
+            tracks.time / 60.0, np.hypot(*tracks.live[0].T), **line.options(), label=names[setting]
+        )
     left.set_ylim(bottom=0.0)
     left.set_ylabel("RMS position error (m)")
     left.set_title("all runs", loc="left")
     style.time_axis(left, float(style.hours(outcome.time[-1:])[0]))
     tracks = results.tracks[late]
     revised = style.Line(style.BLACK, "-", 1.3)
-    right.plot(tracks.time / 60.0, np.hypot(*tracks.revised[0].T), **revised.options(), label="retrodiction, revised")
+    right.plot(
+        tracks.time / 60.0,
+        np.hypot(*tracks.revised[0].T),
+        **revised.options(),
+        label="retrodiction, revised",
+    )
     middle = tracks.time[-1] / 120.0
     half = min(30.0, middle)
     inside = np.abs(tracks.time / 60.0 - middle) <= half
-    top = max(np.hypot(*t[0, inside].T).max() for t in (results.tracks[standard].live, tracks.live, tracks.revised))
+    top = max(
+        np.hypot(*t[0, inside].T).max()
+        for t in (results.tracks[standard].live, tracks.live, tracks.revised)
+    )
     right.set_xlim(middle - half, middle + half)
     right.set_ylim(0.0, style.nice_limit(float(top)))
     right.set_xlabel("time since start (min)")
@@ -105,12 +122,19 @@ def retrodiction_figure(results: Results) -> "Figure":
 
 @style.journal
 def spread_figure(results: Results) -> "Figure":
-    """RMS error of the unaided INS, each grade, and what its filter claims, with the chi-square interval."""
+    """RMS error of the unaided INS, each grade, and what its filter claims, with the chi-square
+    interval."""
     figure = style.new_figure(2.9)
     panels = figure.subplots(1, len(results.spreads), sharey=True)
     for panel, spread in zip(panels, results.spreads, strict=True):
         outcome = results.unaided(spread.grade)
-        _curve(panel, outcome, outcome.unaided_rms, style.UNAIDED, f"RMS of {len(outcome.run_means)} runs")
+        _curve(
+            panel,
+            outcome,
+            outcome.unaided_rms,
+            style.UNAIDED,
+            f"RMS of {len(outcome.run_means)} runs",
+        )
         low, high = np.sqrt(chi_square_interval(len(outcome.run_means), 2))
         panel.errorbar(
             style.hours(spread.time),
@@ -141,10 +165,27 @@ def sensitivity_figure(results: Results) -> "Figure":
     for panel, sweep in ((left, headings), (right, speeds)):
         values = [value for value, _ in sweep]
         unaided = [_rms(results.outcomes[Setting(**change)].unaided) for _, change in sweep]  # type: ignore[arg-type]
-        panel.plot(values, unaided, **style.UNAIDED.options(), marker="^", markersize=4.5, label="unaided INS")
+        panel.plot(
+            values,
+            unaided,
+            **style.UNAIDED.options(),
+            marker="^",
+            markersize=4.5,
+            label="unaided INS",
+        )
         for matcher, marker in zip(MATCHERS, "Do", strict=True):
-            rms = [_rms(results.outcomes[Setting(matcher=matcher, **change)].error) for _, change in sweep]  # type: ignore[arg-type]
-            panel.plot(values, rms, **_LINES[matcher].options(), marker=marker, markersize=4.5, label=matcher)
+            rms = [
+                _rms(results.outcomes[Setting(matcher=matcher, **change)].error)
+                for _, change in sweep
+            ]  # type: ignore[arg-type]
+            panel.plot(
+                values,
+                rms,
+                **_LINES[matcher].options(),
+                marker=marker,
+                markersize=4.5,
+                label=matcher,
+            )
         panel.set_yscale("log")
         panel.grid(True, which="minor", axis="y", linewidth=0.25)
     left.set_xscale("log")

@@ -1,4 +1,5 @@
-"""The map lookup in one and in two dimensions, and the maps with the track (paper figs. 54a, 54, 51, 57)."""
+"""The map lookup in one and in two dimensions, and the maps with the track (paper figs. 54a, 54,
+51, 57)."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,8 @@ _EDGE: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.6}
 
 @style.journal
 def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
-    """Profile of the gravity map across the track with a reading and the places in the window that it may come from (fig-54a)."""
+    """Profile of the gravity map across the track with a reading and the places in the window that
+    it may come from (fig-54a)."""
     offset, profile, centre, reading, candidates = (
         example.offset, example.profile, example.centre, example.reading, example.candidates,
     )  # fmt: skip
@@ -40,11 +42,19 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
         label="search window",
     )
     band = scale(np.array([reading - sigma, reading + sigma]))
-    panel.axhspan(band[0], band[1], color=style.SKY, alpha=0.5, linewidth=0, label=r"reading $s \pm \sigma$")
+    panel.axhspan(
+        band[0], band[1], color=style.SKY, alpha=0.5, linewidth=0, label=r"reading $s \pm \sigma$"
+    )
     panel.plot(km, scale(profile), **style.TRUTH.options(), label="map")
     panel.axvline(centre / 1e3, **style.UNAIDED.options(), label=r"prior $x^s$")
     panel.plot(
-        0.0, scale(np.interp(0.0, offset, profile)), "*", color=style.GREEN, markersize=11, **_EDGE, label="truth"
+        0.0,
+        scale(np.interp(0.0, offset, profile)),
+        "*",
+        color=style.GREEN,
+        markersize=11,
+        **_EDGE,
+        label="truth",
     )
     panel.plot(
         candidates / 1e3,
@@ -72,12 +82,15 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
 
 @style.journal
 def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure":
-    """Search window of 5 x 5 km with 50 candidates, the true place and the PDA solution (fig-54)."""
+    """Search window of 5 x 5 km with 50 candidates, the true place and the PDA solution
+    (fig-54)."""
     scale = style.field_scale(field_map)
     metres = metres_per_radian(example.latitude)
     side = np.linspace(-0.6, 0.6, 181) * FIGURE_54_SIDE
     north, east = np.meshgrid(side, side, indexing="ij")
-    values = scale(field_map.value(example.latitude + north / metres[0], example.longitude + east / metres[1]))
+    values = scale(
+        field_map.value(example.latitude + north / metres[0], example.longitude + east / metres[1])
+    )
     figure = style.new_figure(4.4)
     panel = figure.subplots()
     km = side / 1e3
@@ -89,7 +102,9 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
         interpolation="bilinear",
     )
     figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
-    panel.contour(km, km, values, levels=[float(scale(example.reading))], colors="white", linewidths=1.2)
+    panel.contour(
+        km, km, values, levels=[float(scale(example.reading))], colors="white", linewidths=1.2
+    )
     half = 0.5 * FIGURE_54_SIDE / 1e3
     panel.plot(
         [-half, half, half, -half, -half],
@@ -109,7 +124,14 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
         (example.combined, "D", "black", 6, "PDA solution"),
     ):
         panel.plot(
-            place[1] / 1e3, place[0] / 1e3, marker, color=colour, markersize=size_of, linestyle="", **_EDGE, label=label
+            place[1] / 1e3,
+            place[0] / 1e3,
+            marker,
+            color=colour,
+            markersize=size_of,
+            linestyle="",
+            **_EDGE,
+            label=label,
         )
     panel.grid(False)
     panel.set_xlabel("east (km)")
@@ -129,14 +151,19 @@ def map_figure(plan: Plan, quantity: str) -> "Figure":
     rows, columns = (max(1, size // 900) for size in field_map.values.shape)
     values = scale(field_map.values[::rows, ::columns])
     extent = field_map.extent
-    south, north, west, east = (math.degrees(x) for x in (extent.south, extent.north, extent.west, extent.east))
+    south, north, west, east = (
+        math.degrees(x) for x in (extent.south, extent.north, extent.west, extent.east)
+    )
     low, high = np.nanpercentile(values, [1.0, 99.0])
     image = panel.imshow(
         values, extent=(west, east, south, north), origin="lower", cmap=style.FIELD_COLOURS, vmin=low, vmax=high,
         interpolation="bilinear", aspect=1.0 / math.cos(float(np.mean(trajectory.latitude))),
     )  # fmt: skip
     figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
-    latitude, longitude = np.degrees(trajectory.latitude), np.degrees(np.unwrap(trajectory.longitude))
+    latitude, longitude = (
+        np.degrees(trajectory.latitude),
+        np.degrees(np.unwrap(trajectory.longitude)),
+    )
     panel.plot(longitude, latitude, color="white", linewidth=3.4)
     panel.plot(longitude, latitude, color="black", linewidth=1.5, label="track")
     half_hours = np.arange(0.0, trajectory.time[-1] + 1.0, 1800.0)

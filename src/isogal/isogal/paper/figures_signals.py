@@ -1,4 +1,5 @@
-"""What the sensor reads, how much the map varies, and how the iterations move (paper figs. 56a, 60, 64)."""
+"""What the sensor reads, how much the map varies, and how the iterations move (paper figs. 56a,
+60, 64)."""
 
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 
 @style.journal
 def readings_figure(results: Results) -> "Figure":
-    """Gravity readings of one run at each noise level, and their differences to the noiseless signal (fig-56a)."""
+    """Gravity readings of one run at each noise level, and their differences to the noiseless
+    signal (fig-56a)."""
     scale = style.field_scale(results.plan.field_map(Setting()))
     figure = style.new_figure(4.4)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -29,7 +31,12 @@ def readings_figure(results: Results) -> "Figure":
         difference = (detail.reading - detail.map_value) / scale.unit
         bottom.plot(time, difference, marker, color=colour, markersize=size)
     signal = results.signal["gravity"]
-    top.plot(style.hours(signal.time), scale(signal.signal), **style.TRUTH.options(), label=r"$\sigma$ = 0")
+    top.plot(
+        style.hours(signal.time),
+        scale(signal.signal),
+        **style.TRUTH.options(),
+        label=r"$\sigma$ = 0",
+    )
     top.set_ylabel(scale.label.replace(" (", "\n(", 1))
     bottom.axhline(0.0, **style.TRUTH.options())
     bottom.set_ylabel("difference\n(" + scale.label.rsplit("(", 1)[1])
@@ -40,7 +47,8 @@ def readings_figure(results: Results) -> "Figure":
 
 @style.journal
 def variability_figure(results: Results) -> "Figure":
-    """Noiseless gravity disturbance along the track and the map feature variability there (fig-60)."""
+    """Noiseless gravity disturbance along the track and the map feature variability there
+    (fig-60)."""
     scale = style.field_scale(results.plan.field_map(Setting(quantity="disturbance")))
     signal = results.signal["disturbance"]
     figure = style.new_figure(4.2)
@@ -60,7 +68,8 @@ def variability_figure(results: Results) -> "Figure":
 
 @style.journal
 def iterations_figure(results: Results) -> "Figure":
-    """One batch from the navigator's track over the iterations to the fix, on the candidates (fig-64); right: all batches of the run."""
+    """One batch from the navigator's track over the iterations to the fix, on the candidates
+    (fig-64); right: all batches of the run."""
     figure = style.new_figure(4.3)
     panel, side = figure.subplots(1, 2, width_ratios=(3, 2))
     snapshots = results.snapshots
@@ -100,7 +109,14 @@ def iterations_figure(results: Results) -> "Figure":
         count, *np.percentile(movement, [10.0, 90.0], axis=0), color=style.SKY, alpha=0.35, linewidth=0,
         label=f"10 to 90 % of {len(snapshots)} batches",
     )  # fmt: skip
-    side.plot(count, np.median(movement, axis=0), **style.AIDED.options(), marker="o", markersize=3, label="median")
+    side.plot(
+        count,
+        np.median(movement, axis=0),
+        **style.AIDED.options(),
+        marker="o",
+        markersize=3,
+        label="median",
+    )
     side.set_yscale("log")
     side.set_xlabel("iteration")
     side.set_ylabel("movement of the batch (m)")

@@ -1,4 +1,5 @@
-"""How the paper's matcher goes from the navigator's track to its fix, iteration by iteration (paper fig-64)."""
+"""How the paper's matcher goes from the navigator's track to its fix, iteration by iteration
+(paper fig-64)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -57,11 +58,14 @@ class Listener:
 
 
 def follow_iterations(plan: Plan) -> list[Snapshot]:
-    """Return every batch of run 0 that gives a fix, up to the paper's snapshot (T = 15, low noise, gravity)."""
+    """Return every batch of run 0 that gives a fix, up to the paper's snapshot (T = 15, low noise,
+    gravity)."""
     setting = Setting(batch_length=15)
     scenario, field_map = plan.scenario(setting), plan.field_map(setting)
     duration = min(float(FIGURE_64_SCAN), scenario.route.duration or np.inf)
-    scenario = scenario.model_copy(update={"route": scenario.route.model_copy(update={"duration": duration})})
+    scenario = scenario.model_copy(
+        update={"route": scenario.route.model_copy(update={"duration": duration})}
+    )
     listener = Listener(PmhtPaper.from_settings(scenario.matcher))
     simulate(scenario, [0], field_map, listener)
     trajectory = build_trajectory(scenario)
@@ -69,7 +73,9 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
     return [snapshot for snapshot in snapshots if snapshot is not None]
 
 
-def _follow(batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory) -> Snapshot | None:
+def _follow(
+    batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory
+) -> Snapshot | None:
     fixes = []
     for count in range(1, ITERATIONS + 1):
         matcher = PmhtPaper(PaperOptions(iterations=count))
@@ -77,7 +83,9 @@ def _follow(batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajecto
         if fix.scan_position is None:
             return None
         fixes.append(fix.scan_position)
-    candidates = fix.candidates or Candidates(np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64))
+    candidates = fix.candidates or Candidates(
+        np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64)
+    )
     latitude = np.interp(batch.time, trajectory.time, trajectory.latitude)
     longitude = np.interp(batch.time, trajectory.time, trajectory.longitude)
     metres = np.array([float(m) for m in metres_per_radian(latitude[-1])])

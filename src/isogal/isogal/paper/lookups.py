@@ -11,7 +11,12 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 from isogal.paper.cases import Plan, Setting
-from isogal.paper.published import FIGURE_54_CANDIDATES, FIGURE_54_READING_SIGMA, FIGURE_54_SIDE, LOW
+from isogal.paper.published import (
+    FIGURE_54_CANDIDATES,
+    FIGURE_54_READING_SIGMA,
+    FIGURE_54_SIDE,
+    LOW,
+)
 from isogal.seeds import generator
 from isogal.sensors.trajectory import build_trajectory
 
@@ -39,7 +44,8 @@ class ProfileExample:
 
 
 def profile_example(plan: Plan) -> ProfileExample:
-    """Look readings up along the track; the example is the first place with three candidates, or as near to that as there is."""
+    """Look readings up along the track; the example is the first place with three candidates, or
+    as near to that as there is."""
     trajectory, field_map = build_trajectory(plan.scenario(Setting())), plan.field_map(Setting())
     offset = np.linspace(-_REACH, _REACH, 1601)
     centre = 0.3 * PROFILE_WINDOW
@@ -47,7 +53,9 @@ def profile_example(plan: Plan) -> ProfileExample:
     examples = []
     for place in range(0, len(trajectory), max(1, len(trajectory) // _PLACES)):
         latitude, longitude = trajectory.latitude[place], trajectory.longitude[place]
-        profile = field_map.value(latitude, longitude + offset / float(metres_per_radian(latitude)[1]))
+        profile = field_map.value(
+            latitude, longitude + offset / float(metres_per_radian(latitude)[1])
+        )
         if np.isfinite(profile).all():
             reading = float(np.interp(0.0, offset, profile)) + error
             there = _crossings(offset, profile - reading)
@@ -80,7 +88,8 @@ class WindowExample:
 
 
 def window_example(plan: Plan) -> WindowExample:
-    """Look a reading up a third along the track, around a prior that errs by some hundred metres."""
+    """Look a reading up a third along the track, around a prior that errs by some hundred
+    metres."""
     trajectory = build_trajectory(plan.scenario(Setting()))
     place = len(trajectory) // 3
     latitude, longitude = float(trajectory.latitude[place]), float(trajectory.longitude[place])
@@ -88,12 +97,15 @@ def window_example(plan: Plan) -> WindowExample:
 
 
 def search_window_example(field_map: FieldMap, latitude: float, longitude: float) -> WindowExample:
-    """Take the prior (rad) as centre of a 5 x 5 km window with 50 candidates (paper eqs. s2-01, s3-01 to s3-021)."""
+    """Take the prior (rad) as centre of a 5 x 5 km window with 50 candidates (paper eqs. s2-01,
+    s3-01 to s3-021)."""
     random = generator(0, 0, "fig-54")
     metres = tuple(float(m) for m in metres_per_radian(latitude))
     truth = 0.12 * FIGURE_54_SIDE * random.standard_normal(2)
     sigma = FIGURE_54_READING_SIGMA
-    value = float(field_map.value(latitude + truth[0] / metres[0], longitude + truth[1] / metres[1]))
+    value = float(
+        field_map.value(latitude + truth[0] / metres[0], longitude + truth[1] / metres[1])
+    )
     reading = value + sigma * random.standard_normal()
     half, spacing = np.full(2, 0.5 * FIGURE_54_SIDE), 250.0
     offset, _, gradient = lookup(
@@ -106,5 +118,12 @@ def search_window_example(field_map: FieldMap, latitude: float, longitude: float
     weight = association_weights(offset, np.zeros(2), variance + (half[0] / 3.0) ** 2)
     north, east, mean_variance = combine(offset, weight, variance)
     return WindowExample(
-        truth, offset, weight, np.array([north, east]), math.sqrt(mean_variance), float(reading), latitude, longitude
+        truth,
+        offset,
+        weight,
+        np.array([north, east]),
+        math.sqrt(mean_variance),
+        float(reading),
+        latitude,
+        longitude,
     )

@@ -1,4 +1,5 @@
-"""From runs to what tables, figures and claims need; the runs themselves are let go, so that many cases fit into memory."""
+"""From runs to what tables, figures and claims need; the runs themselves are let go, so that many
+cases fit into memory."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,7 +50,9 @@ class Outcome:
     def of(cls, setting: Setting, runs: Runs, plan: Plan) -> "Outcome":
         """Reduce the runs of a case."""
         scenario = plan.scenario(setting)
-        bound = posterior_cramer_rao(scenario, build_trajectory(scenario), plan.field_map(setting)).rms_at(runs.time)
+        bound = posterior_cramer_rao(
+            scenario, build_trajectory(scenario), plan.field_map(setting)
+        ).rms_at(runs.time)
         return cls(
             setting,
             summarise(runs, scenario, bound),
@@ -84,7 +87,8 @@ class Outcome:
 
     @property
     def mean_uncertainty(self) -> float:
-        """1-sigma of the mean position error as an estimate from so many runs, m; NaN for a single run."""
+        """1-sigma of the mean position error as an estimate from so many runs, m; NaN for a single
+        run."""
         count = len(self.run_means)
         return float(self.run_means.std(ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
 
@@ -96,11 +100,14 @@ class Outcome:
     def rms_between(self, start: float, end: float) -> float:
         """RMS error over a stretch of time (s), m; NaN where the runs are shorter."""
         inside = (self.time > start) & (self.time <= end)
-        return float(np.sqrt(np.mean(self.error[:, inside] ** 2))) if inside.any() else float("nan")
+        return (
+            float(np.sqrt(np.mean(self.error[:, inside] ** 2))) if inside.any() else float("nan")
+        )
 
 
 def excluded_share(runs: Runs) -> float:
-    """Share of the batch ends that the navigator came to with the true place outside the window of eq. s2-02 (a rectangle)."""
+    """Share of the batch ends that the navigator came to with the true place outside the window of
+    eq. s2-02 (a rectangle)."""
     options = PaperOptions()
     before = np.searchsorted(runs.time, runs.fix_time - 1e-6) - 1
     half = np.sqrt(options.gamma * np.diagonal(runs.covariance[:, before], axis1=-2, axis2=-1))
@@ -123,8 +130,11 @@ class Spread:
 
 
 def measure_spread(setting: Setting, runs: Runs) -> Spread:
-    """Compare the errors of the unaided INS with the covariance of its filter, which takes no fix."""
-    wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6] or [float(runs.elapsed[-1])]
+    """Compare the errors of the unaided INS with the covariance of its filter, which takes no
+    fix."""
+    wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6] or [
+        float(runs.elapsed[-1])
+    ]
     index = [int(np.argmin(np.abs(runs.elapsed - t))) for t in wanted]
     error, covariance = runs.unaided_error[:, index], runs.covariance[:, index]
     return Spread(
@@ -159,7 +169,9 @@ def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
 
     def take_note(state: int, which: list[int], there: FilterState) -> None:
         truth = trajectory.latitude[states[state]], trajectory.longitude[states[state]]
-        revised[which, state] = horizontal_difference(there.position[:, 0], there.position[:, 1], *truth)
+        revised[which, state] = horizontal_difference(
+            there.position[:, 0], there.position[:, 1], *truth
+        )
 
     record = simulate(scenario, runs, field_map, revised=take_note)
     revised = np.where(np.isnan(revised), record.error, revised)
@@ -172,6 +184,9 @@ def roughness(error: Array) -> float:
 
 
 def drift_by_theory(plan: Plan, setting: Setting, time: float) -> float:
-    """RMS error (m) of the unaided INS after so many seconds, by its linear error model; NaN beyond the end."""
+    """RMS error (m) of the unaided INS after so many seconds, by its linear error model; NaN
+    beyond the end."""
     scenario = plan.scenario(setting)
-    return float(unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([time]))[0])
+    return float(
+        unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([time]))[0]
+    )

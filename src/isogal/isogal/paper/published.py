@@ -1,4 +1,5 @@
-"""What the paper publishes: the numbers of its Tables 4 and 6 and of its text (Wang et al., NAVIGATION 70(2), navi.583)."""
+"""What the paper publishes: the numbers of its Tables 4 and 6 and of its text (Wang et al.,
+NAVIGATION 70(2), navi.583)."""
 
 from dataclasses import dataclass
 
@@ -36,7 +37,8 @@ LOW = {"gravity": 1e-5, "disturbance": 1e-6}
 HIGH = {"gravity": 2e-4, "disturbance": 4e-5}
 
 QUANTUM_GAIN = 0.06
-"""Section 4.2.1: by how much quantum accelerometers reduce the RMS position error of the unaided navigator "after 3.5 hours"."""
+"""Section 4.2.1: by how much quantum accelerometers reduce the RMS position error of the unaided
+navigator "after 3.5 hours"."""
 GAIN_TIME = 3.5 * 3600.0
 """s."""
 BENEFIT_TIME = 2.0 * 3600.0

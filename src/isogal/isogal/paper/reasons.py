@@ -11,18 +11,17 @@ from isogal.paper.verdicts import HOUR, after, metres
 def ambiguous(_: Results) -> str:
     """Why batches go astray."""
     return (
-        "The variance of eq. s3-021 leaves the candidates' spread out, so a scan that matches many places pulls "
-        "as hard as one that matches "
-        "a single one."
+        "The variance of eq. s3-021 leaves the candidates' spread out, so a scan that matches many"
+        " places pulls as hard as one that matches a single one."
     )
 
 
 def accelerometers(results: Results) -> str:
     """Why better accelerometers do not help."""
     return (
-        "With the sensors of Table 1 the drift is that of the initial heading error and of the gyroscopes; at "
-        f"{number(results.plan.gain_time / HOUR)} h "
-        "better accelerometers change little, whatever the initial errors."
+        "With the sensors of Table 1 the drift is that of the initial heading error and of the"
+        f" gyroscopes; at {number(results.plan.gain_time / HOUR)} h better accelerometers change"
+        " little, whatever the initial errors."
     )
 
 
@@ -33,9 +32,8 @@ def early(results: Results) -> str:
     above = np.flatnonzero(outcome.unaided_rms > level)
     when = after(float(outcome.time[above[0]])) if above.size else "never"
     return (
-        f"The unaided error passes the level of the aided one ({metres(level)}) {when}. That time is set by the "
-        "initial errors, which the paper "
-        "does not state."
+        f"The unaided error passes the level of the aided one ({metres(level)}) {when}. That time"
+        " is set by the initial errors, which the paper does not state."
     )
 
 
@@ -43,23 +41,29 @@ def windows(results: Results) -> str:
     """Why batch length and divergence are another matter here."""
 
     def share(length: int) -> str:
-        worst = max(results.at(q, s, length).excluded for level in (LOW, HIGH) for q, s in level.items())
+        worst = max(
+            results.at(q, s, length).excluded for level in (LOW, HIGH) for q, s in level.items()
+        )
         return f"{100 * worst:.1f} %"
 
     return (
-        "The paper sees the cause of divergence in search windows that do not hold the true place. Here they miss it at "
-        f"{share(15)} of the batch ends at most with T = 15, at {share(30)} with T = 30; and fixes of shorter "
-        "batches come twice as often."
+        "The paper sees the cause of divergence in search windows that do not hold the true"
+        f" place. Here they miss it at {share(15)} of the batch ends at most with T = 15, at"
+        f" {share(30)} with T = 30; and fixes of shorter batches come twice as often."
     )
 
 
 def overconfident(results: Results) -> str:
     """Why better readings do not help the paper's matcher."""
-    nees = [float(results.row(row).summary["nees_per_axis"]["mean"]) for row in ROWS if row.sigma == LOW[row.quantity]]
+    nees = [
+        float(results.row(row).summary["nees_per_axis"]["mean"])
+        for row in ROWS
+        if row.sigma == LOW[row.quantity]
+    ]
     return (
-        f"With low noise the paper's matcher believes too much in its fixes (NEES per axis {number(min(nees))} to "
-        f"{number(max(nees))} where 1 is "
-        "right), which spoils what better readings would give."
+        "With low noise the paper's matcher believes too much in its fixes (NEES per axis"
+        f" {number(min(nees))} to {number(max(nees))} where 1 is right), which spoils what better"
+        " readings would give."
     )
 
 
@@ -67,7 +71,7 @@ def method(results: Results) -> str:
     """Why the level of the error is another one."""
     bounds = [float(results.row(row).summary["bound"]["rms"]) for row in TABLE_4[:2]]
     return (
-        f"The bound is {metres(max(bounds))} RMS: errors of this size come from the method and not from the "
-        "sensor, and depend on what the "
-        "paper leaves open (candidates' covariance, window, weight by variability)."
+        f"The bound is {metres(max(bounds))} RMS: errors of this size come from the method and not"
+        " from the sensor, and depend on what the paper leaves open (candidates' covariance,"
+        " window, weight by variability)."
     )

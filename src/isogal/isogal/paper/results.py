@@ -18,7 +18,8 @@ from isogal.sensors.trajectory import build_trajectory
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlongTrack:
-    """What a noiseless sensor reads at the scans, and how much the map varies there (paper fig-60)."""
+    """What a noiseless sensor reads at the scans, and how much the map varies there (paper
+    fig-60)."""
 
     time: Array
     """(S,) s."""
@@ -39,7 +40,10 @@ def along_track(plan: Plan, quantity: str) -> AlongTrack:
     latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
     variability = feature_variability(field_map, latitude, longitude)
     return AlongTrack(
-        trajectory.time[scans], field_map.value(latitude, longitude), variability, normalised_variability(variability)
+        trajectory.time[scans],
+        field_map.value(latitude, longitude),
+        variability,
+        normalised_variability(variability),
     )
 
 
@@ -55,7 +59,8 @@ class Results:
     """Of both ways of aiding."""
     snapshots: tuple[Snapshot, ...]
     drift: Mapping[tuple[float, str], float]
-    """m, RMS of the unaided INS at `Plan.gain_time` by theory, by heading error (rad) and grade."""
+    """m, RMS of the unaided INS at `Plan.gain_time` by theory, by heading error (rad) and
+    grade."""
     signal: Mapping[str, AlongTrack]
     """By quantity."""
     profile: ProfileExample

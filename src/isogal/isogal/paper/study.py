@@ -72,7 +72,9 @@ def reproduce(
         **as_json(results, claims),
         "time": {
             "wall_s": time.monotonic() - start,
-            "fix_ms_median": {s.name: o.summary["time"]["fix_ms_median"] for s, o in results.outcomes.items()},
+            "fix_ms_median": {
+                s.name: o.summary["time"]["fix_ms_median"] for s, o in results.outcomes.items()
+            },
         },
     }
     write_json(out / "results.json", document)
@@ -99,7 +101,9 @@ def measure(plan: Plan, cases: dict[Setting, Case], store: Store) -> Results:
         tracks={setting: measure_tracks(plan, setting) for setting in both},
         snapshots=tuple(follow_iterations(plan)),
         drift={
-            (heading, grade): drift_by_theory(plan, Setting(heading=heading, grade=grade), plan.gain_time)
+            (heading, grade): drift_by_theory(
+                plan, Setting(heading=heading, grade=grade), plan.gain_time
+            )
             for heading in SWEEP_HEADINGS
             for grade in GRADES
         },
@@ -119,5 +123,11 @@ def journey_time(plan: Plan) -> float:
 def drift_without_initial_errors(plan: Plan) -> float:
     """RMS error (m) of the unaided INS at `Plan.gain_time` after a perfect start."""
     scenario = plan.scenario(Setting())
-    perfect = scenario.model_copy(update={"initial_error": InitialError(position=0, velocity=0, tilt=0, heading=0)})
-    return float(unaided_covariance(perfect, build_trajectory(perfect)).rms_at(np.array([plan.gain_time]))[0])
+    perfect = scenario.model_copy(
+        update={"initial_error": InitialError(position=0, velocity=0, tilt=0, heading=0)}
+    )
+    return float(
+        unaided_covariance(perfect, build_trajectory(perfect)).rms_at(np.array([plan.gain_time]))[
+            0
+        ]
+    )

@@ -31,11 +31,31 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
     """Table 4 or 6: the paper's values, its matcher here, and the default matcher."""
     cells: list[tuple[str, ...]] = []
     for row in rows:
-        title = (f"{row.batch_length}", f"{row.sigma:g}", f"{row.snr:.0f} / {results.snr(row):.0f}")
-        cells.append((*title, "paper", number(row.mean_error), *("–",) * 7, f"{100 * row.divergence_rate:.0f} %"))
+        title = (
+            f"{row.batch_length}",
+            f"{row.sigma:g}",
+            f"{row.snr:.0f} / {results.snr(row):.0f}",
+        )
+        cells.append(
+            (
+                *title,
+                "paper",
+                number(row.mean_error),
+                *("–",) * 7,
+                f"{100 * row.divergence_rate:.0f} %",
+            )
+        )
         cells += [("", "", "", *_outcome_cells(results.row(row, matcher))) for matcher in MATCHERS]
     header = (
-        *("T", "sigma (m/s²)", "SNR (dB): paper / here", "from", "mean error (m)", "RMS (m)", "RMS after 1 h (m)"),
+        *(
+            "T",
+            "sigma (m/s²)",
+            "SNR (dB): paper / here",
+            "from",
+            "mean error (m)",
+            "RMS (m)",
+            "RMS after 1 h (m)",
+        ),
         *(
             "bound after 1 h (m)",
             "RMS over bound",
@@ -46,8 +66,9 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
         ),
     )
     caption = (
-        f"{name}: mean position error over runs and time with its standard error, RMS, ratio to the posterior Cramér–Rao bound, "
-        "normalised error squared of the navigator after a fix (1 is right), and diverged runs with their 95 % interval."
+        f"{name}: mean position error over runs and time with its standard error, RMS, ratio to"
+        " the posterior Cramér–Rao bound, normalised error squared of the navigator after a fix"
+        " (1 is right), and diverged runs with their 95 % interval."
     )
     return Table(caption, header, cells)
 
@@ -94,11 +115,19 @@ def spread_table(results: Results) -> Table:
             )
     runs = len(results.unaided("precision").run_means)
     caption = (
-        f"Unaided INS, {runs} runs of each grade: RMS error, what the filter's covariance says without any fix, and "
-        f"their normalised ratio, "
-        "which is chi-square distributed; the interval is that in which all instants of a grade lie together with 95 % probability."
+        f"Unaided INS, {runs} runs of each grade: RMS error, what the filter's covariance says"
+        " without any fix, and their normalised ratio, which is chi-square distributed; the"
+        " interval is that in which all instants of a grade lie together with 95 % probability."
     )
-    header = ("grade", "time (h)", "RMS (m)", "by the filter (m)", "NEES per axis", "interval", "agrees")
+    header = (
+        "grade",
+        "time (h)",
+        "RMS (m)",
+        "by the filter (m)",
+        "NEES per axis",
+        "interval",
+        "agrees",
+    )
     return Table(caption, header, cells)
 
 
@@ -123,14 +152,21 @@ def aiding_table(results: Results) -> Table:
                 )
             )
     header = (
-        *("T", "aiding", "mean error (m)", "RMS (m)", "NEES per axis", "change per scan as output (m)"),
+        *(
+            "T",
+            "aiding",
+            "mean error (m)",
+            "RMS (m)",
+            "NEES per axis",
+            "change per scan as output (m)",
+        ),
         *("change per scan in the end (m)", "diverged runs"),
     )
     count = len(next(iter(results.tracks.values())).live)
     caption = (
-        f"Both ways of aiding, {PAPER}, gravity, sigma 1e-5 m/s². The change of the error from scan to scan (RMS, "
-        f"{count} runs) says how smooth "
-        "a track is: as output at the time, and as it stands in the end, after later batches have gone back to it."
+        f"Both ways of aiding, {PAPER}, gravity, sigma 1e-5 m/s². The change of the error from"
+        f" scan to scan (RMS, {count} runs) says how smooth a track is: as output at the time, and"
+        " as it stands in the end, after later batches have gone back to it."
     )
     return Table(caption, header, cells)
 
@@ -141,9 +177,16 @@ def sensitivity_table(results: Results) -> Table:
     for change in _sweep():
         setting = Setting(**change)
         aided = [results.outcomes[Setting(matcher=matcher, **change)] for matcher in MATCHERS]
-        theory = [results.drift.get((setting.heading, grade)) for grade in ("precision", "quantum_accelerometer")]
+        theory = [
+            results.drift.get((setting.heading, grade))
+            for grade in ("precision", "quantum_accelerometer")
+        ]
         swept = "speed" not in change
-        gain = f"{100 * (1 - theory[1] / theory[0]):.2f} %" if swept and theory[0] and theory[1] else "–"
+        gain = (
+            f"{100 * (1 - theory[1] / theory[0]):.2f} %"
+            if swept and theory[0] and theory[1]
+            else "–"
+        )
         unaided = aided[0].summary["unaided"]
         cells.append(
             (
@@ -165,7 +208,10 @@ def sensitivity_table(results: Results) -> Table:
         ),
         *(f"{matcher}, mean (m)" for matcher in MATCHERS),
     )
-    caption = "Sensitivity to what the paper does not state: gravity, sigma 1e-5 m/s², T = 30; the sweeps have a fifth of the runs."
+    caption = (
+        "Sensitivity to what the paper does not state: gravity, sigma 1e-5 m/s², T = 30; the"
+        " sweeps have a fifth of the runs."
+    )
     return Table(caption, header, cells)
 
 
@@ -176,12 +222,20 @@ def _sweep() -> list[dict[str, Any]]:
 
 def claims_table(claims: Sequence[Claim]) -> Table:
     """Return every claim with what was measured and the verdict."""
-    rows = [(claim.source, claim.text, f"{claim.measured} {claim.why}".strip(), claim.verdict) for claim in claims]
-    return Table("What the paper says, and what is found here.", ("where", "claim", "measured here", "verdict"), rows)
+    rows = [
+        (claim.source, claim.text, f"{claim.measured} {claim.why}".strip(), claim.verdict)
+        for claim in claims
+    ]
+    return Table(
+        "What the paper says, and what is found here.",
+        ("where", "claim", "measured here", "verdict"),
+        rows,
+    )
 
 
 def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
-    """Return all numbers as one document; the figures of merit of each case are in the format of results.json of a Monte Carlo."""
+    """Return all numbers as one document; the figures of merit of each case are in the format of
+    results.json of a Monte Carlo."""
     gain, error = quantum_gain(results)
 
     def without_time(outcome: Outcome) -> dict[str, Any]:
@@ -194,7 +248,11 @@ def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
                     "batch_length": row.batch_length,
                     "sigma": row.sigma,
                     "snr": results.snr(row),
-                    "published": {"mean": row.mean_error, "divergence_rate": row.divergence_rate, "snr": row.snr},
+                    "published": {
+                        "mean": row.mean_error,
+                        "divergence_rate": row.divergence_rate,
+                        "snr": row.snr,
+                    },
                     **{matcher: _brief(results.row(row, matcher)) for matcher in MATCHERS},
                 }
                 for row in rows
@@ -220,7 +278,8 @@ def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
             "standard_error": error,
         },
         "drift_by_theory": [
-            {"heading": heading, "grade": grade, "rms": value} for (heading, grade), value in results.drift.items()
+            {"heading": heading, "grade": grade, "rms": value}
+            for (heading, grade), value in results.drift.items()
         ],
         "smoothness": [
             {
@@ -242,7 +301,9 @@ def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
             }
             for c in claims
         ],
-        "cases": {setting.name: without_time(outcome) for setting, outcome in results.outcomes.items()},
+        "cases": {
+            setting.name: without_time(outcome) for setting, outcome in results.outcomes.items()
+        },
     }
 
 

@@ -27,7 +27,8 @@ class Claim:
     measured: str
     verdict: Verdict
     why: str
-    """Where it does not hold or cannot be told: what the numbers say about the cause; may be empty."""
+    """Where it does not hold or cannot be told: what the numbers say about the cause; may be
+    empty."""
 
 
 Decision = tuple[str, Verdict]
@@ -48,7 +49,9 @@ class Entry:
 REGISTER: list[Entry] = []
 
 
-def claim(key: str, source: str, text: str, why: Callable[[Results], str] | None = None) -> Callable[[Decide], Decide]:
+def claim(
+    key: str, source: str, text: str, why: Callable[[Results], str] | None = None
+) -> Callable[[Decide], Decide]:
     """Register a function that decides a claim."""
 
     def register(decide: Decide) -> Decide:
@@ -64,7 +67,8 @@ def decide(condition: bool, opposite: bool) -> Verdict:
 
 
 def paired(a: Outcome, b: Outcome) -> float:
-    """Difference of the mean errors of the same runs over its standard error; 0 for a single run."""
+    """Difference of the mean errors of the same runs over its standard error; 0 for a single
+    run."""
     count = min(len(a.run_means), len(b.run_means))
     difference = a.run_means[:count] - b.run_means[:count]
     if count < 2 or not difference.any():
@@ -83,7 +87,8 @@ def rate_interval(count: int, total: int, confidence: float = 0.95) -> tuple[flo
 
 
 def quantum_gain(results: Results) -> tuple[float, float]:
-    """Share by which quantum accelerometers reduce the unaided RMS error, and its standard error (jackknife over runs)."""
+    """Share by which quantum accelerometers reduce the unaided RMS error, and its standard error
+    (jackknife over runs)."""
     precision, quantum = results.unaided("precision"), results.unaided("quantum_accelerometer")
     index = int(np.argmin(np.abs(precision.time - results.plan.gain_time)))
     a, b = precision.unaided[:, index] ** 2, quantum.unaided[:, index] ** 2
@@ -95,7 +100,8 @@ def quantum_gain(results: Results) -> tuple[float, float]:
 
 
 def benefit_time(outcome: Outcome) -> float:
-    """Time (s) from which on the aided RMS error stays below the unaided one; NaN where it does not in the end."""
+    """Time (s) from which on the aided RMS error stays below the unaided one; NaN where it does
+    not in the end."""
     worse = np.flatnonzero(outcome.rms >= outcome.unaided_rms)
     last = int(worse[-1]) if worse.size else -1
     return float(outcome.time[last + 1]) if last + 1 < len(outcome.time) else float("nan")

@@ -1,1 +1,2 @@
-"""Simulated sensors: the true route, inertial sensors with the grades of the paper's Table 1, the gravimeter and its reductions."""
+"""Simulated sensors: the true route, inertial sensors with the grades of the paper's Table 1, the
+gravimeter and its reductions."""

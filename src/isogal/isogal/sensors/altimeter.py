@@ -1,9 +1,9 @@
 """The clearance meter: a radar or laser that looks straight down from the vehicle to the ground.
 
-Terrain height is the navigator's height less the clearance. The height is known to the navigator from another source (SCIENCE 1); its
-error goes into the reading as it is. Heights are above the map's zero: where the navigator's height is ellipsoidal and the map's above
-sea level, the geoid between them is an offset that `matcher.bias_sigma` has to allow for.
-"""
+Terrain height is the navigator's height less the clearance. The height is known to the navigator
+from another source (SCIENCE 1); its error goes into the reading as it is. Heights are above the
+map's zero: where the navigator's height is ellipsoidal and the map's above sea level, the geoid
+between them is an offset that `matcher.bias_sigma` has to allow for."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,21 +26,28 @@ class TerrainReduction:
         self.settings = settings
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return the clearance above terrain of a height; raises InputError where the vehicle is not above it."""
+        """Return the clearance above terrain of a height; raises InputError where the vehicle is
+        not above it."""
         clearance = np.asarray(at.height, dtype=float) - np.asarray(value)
         if (clearance <= 0.0).any():
             i = int(np.argmin(clearance))
-            latitude, longitude, height = (np.broadcast_to(x, clearance.shape).flat[i] for x in at[:3])
+            latitude, longitude, height = (
+                np.broadcast_to(x, clearance.shape).flat[i] for x in at[:3]
+            )
             raise InputError(
-                f"route.height: the vehicle is {-float(clearance.flat[i]):.0f} m below the terrain at latitude"
-                f" {np.degrees(latitude):.4f}, longitude {np.degrees(longitude):.4f} deg, where it flies at {height:.0f} m"
+                f"route.height: the vehicle is {-float(clearance.flat[i]):.0f} m below the terrain"
+                f" at latitude {np.degrees(latitude):.4f}, longitude {np.degrees(longitude):.4f}"
+                f" deg, where it flies at {height:.0f} m"
             )
         return clearance
 
     def report(self, raw: ArrayLike) -> Array:
-        """Return a clearance in single precision, as sensor_msgs/Range carries it; NaN out of range."""
+        """Return a clearance in single precision, as sensor_msgs/Range carries it; NaN out of
+        range."""
         told = np.asarray(raw, dtype=np.float32).astype(np.float64)
-        return np.where((told < self.settings.min_range) | (told > self.settings.max_range), np.nan, told)
+        return np.where(
+            (told < self.settings.min_range) | (told > self.settings.max_range), np.nan, told
+        )
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return terrain height: estimated height less clearance."""

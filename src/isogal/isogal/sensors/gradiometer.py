@@ -1,12 +1,15 @@
-"""The gradiometer: components of the gravity gradient tensor at the vehicle, several numbers at each scan.
+"""The gradiometer: components of the gravity gradient tensor at the vehicle, several numbers at
+each scan.
 
-It feels the gradient of gravity in axes north, east, down, at the vehicle's height. Reduced is that less the normal gradient at the
-navigator's own latitude and height: the gradient of the disturbing potential, of which the maps are. The normal gradient changes by
-0.003 E in a kilometre of latitude and 0.001 E in a metre of height, so what the navigator's error does to the reduction is left out.
+It feels the gradient of gravity in axes north, east, down, at the vehicle's height. Reduced is
+that less the normal gradient at the navigator's own latitude and height: the gradient of the
+disturbing potential, of which the maps are. The normal gradient changes by 0.003 E in a kilometre
+of latitude and 0.001 E in a metre of height, so what the navigator's error does to the reduction
+is left out.
 
-Taken for granted is a platform that is level and points north, and an instrument that takes off the rotation of that platform itself
-(Jekeli 1988, The gravity gradiometer survey system, EOS 69). A platform tilted by 1e-4 rad would add 0.5 E to nd or ed.
-"""
+Taken for granted is a platform that is level and points north, and an instrument that takes off
+the rotation of that platform itself (Jekeli 1988, The gravity gradiometer survey system, EOS 69).
+A platform tilted by 1e-4 rad would add 0.5 E to nd or ed."""
 
 from collections.abc import Sequence
 
@@ -32,7 +35,8 @@ def noise_covariance(settings: Gradiometer) -> Array:
 
 
 def draw_noise(scenario: Scenario, run: int, scans: int) -> Array:
-    """Return the noise (scans, C) of one run, 1/s²; all components of an outlier are outliers, see `scenario.Gravimeter`."""
+    """Return the noise (scans, C) of one run, 1/s²; all components of an outlier are outliers, see
+    `scenario.Gravimeter`."""
     root = np.linalg.cholesky(noise_covariance(scenario.gradiometer))
     white = generator(scenario.seed, run, "gradiometer_noise").standard_normal((scans, len(root)))
     settings = scenario.gravimeter

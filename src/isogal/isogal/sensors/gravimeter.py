@@ -1,47 +1,71 @@
-"""The gravimeter: what it feels on a moving vehicle, and the reductions that use the navigator's own estimate.
+"""The gravimeter: what it feels on a moving vehicle, and the reductions that use the navigator's
+own estimate.
 
-It feels gravity at the vehicle, less the Eötvös acceleration, plus noise. Reduced gravity refers to the map's surface: Eötvös and
-free-air terms are put back with estimated velocity, latitude and height. The disturbance is that less normal gravity at the estimated
-latitude.
-The map's surface is taken at ellipsoidal height 0 and the vehicle at `route.height` above it (SCIENCE 1).
-"""
+It feels gravity at the vehicle, less the Eötvös acceleration, plus noise. Reduced gravity refers
+to the map's surface: Eötvös and free-air terms are put back with estimated velocity, latitude and
+height. The disturbance is that less normal gravity at the estimated latitude. The map's surface is
+taken at ellipsoidal height 0 and the vehicle at `route.height` above it (SCIENCE 1)."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE, radii
-from isogal.earth.gravity import FREE_AIR, eotvos, eotvos_jacobian, normal_gravity, normal_gravity_gradient_north
+from isogal.earth.gravity import (
+    FREE_AIR,
+    eotvos,
+    eotvos_jacobian,
+    normal_gravity,
+    normal_gravity_gradient_north,
+)
 from isogal.sensors.reduction import State
 
 
 def felt_gravity(
-    surface_gravity: ArrayLike, latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
+    surface_gravity: ArrayLike,
+    latitude: ArrayLike,
+    height: ArrayLike,
+    v_north: ArrayLike,
+    v_east: ArrayLike,
 ) -> Array:
-    """Return what a perfect gravimeter feels (m/s²) over a point whose gravity on the map's surface is given."""
-    return np.asarray(surface_gravity) - FREE_AIR * np.asarray(height) - eotvos(latitude, height, v_north, v_east)
+    """Return what a perfect gravimeter feels (m/s²) over a point whose gravity on the map's
+    surface is given."""
+    return (
+        np.asarray(surface_gravity)
+        - FREE_AIR * np.asarray(height)
+        - eotvos(latitude, height, v_north, v_east)
+    )
 
 
 def reduce_gravity(
     felt: ArrayLike, latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
 ) -> Array:
-    """Return gravity on the map's surface (m/s²) from a reading and the navigator's latitude (rad), height (m) and velocity (m/s)."""
-    return np.asarray(felt) + FREE_AIR * np.asarray(height) + eotvos(latitude, height, v_north, v_east)
+    """Return gravity on the map's surface (m/s²) from a reading and the navigator's latitude
+    (rad), height (m) and velocity (m/s)."""
+    return (
+        np.asarray(felt)
+        + FREE_AIR * np.asarray(height)
+        + eotvos(latitude, height, v_north, v_east)
+    )
 
 
 def reduce_disturbance(
     felt: ArrayLike, latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
 ) -> Array:
-    """Return the gravity disturbance (m/s²): reduced gravity less normal gravity at the navigator's latitude."""
+    """Return the gravity disturbance (m/s²): reduced gravity less normal gravity at the
+    navigator's latitude."""
     return reduce_gravity(felt, latitude, height, v_north, v_east) - normal_gravity(latitude)
 
 
-def reading_jacobian(quantity: str, latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike) -> Array:
-    """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s, v_east m/s) at the scan.
+def reading_jacobian(
+    quantity: str, latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
+) -> Array:
+    """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s,
+    v_east m/s) at the scan.
 
-    Reductions with a wrong velocity or latitude put the wrong Eötvös term back; a disturbance also has normal gravity of the wrong
-    latitude taken off. Zero for any quantity that is not reduced with the navigator's estimate.
-    """
+    Reductions with a wrong velocity or latitude put the wrong Eötvös term back; a disturbance also
+    has normal gravity of the wrong latitude taken off. Zero for any quantity that is not reduced
+    with the navigator's estimate."""
     lat = np.asarray(latitude, dtype=float)
     jacobian = np.zeros((*lat.shape, 4))
     if quantity in ("gravity", "disturbance"):

@@ -39,10 +39,13 @@ GRADES: dict[str, ImuGrade] = {
     "precision": ImuGrade(_axes(2e-6, 2.5e-8), _axes(8e-5, 1.6e-6), *_PRECISION_GYROSCOPE),
     "quantum_accelerometer": ImuGrade(*_QUANTUM_ACCELEROMETER, *_PRECISION_GYROSCOPE),
     "quantum": ImuGrade(
-        *_QUANTUM_ACCELEROMETER, _axes(1e-5, 1e-5, _DEG_PER_HOUR), _axes(1.2e-4, 1.2e-4, _DEG_PER_HOUR)
+        *_QUANTUM_ACCELEROMETER,
+        _axes(1e-5, 1e-5, _DEG_PER_HOUR),
+        _axes(1.2e-4, 1.2e-4, _DEG_PER_HOUR),
     ),
 }
-"""Paper Table 1. `quantum_accelerometer` is the paper's QAPCG: quantum accelerometers with precision gyroscopes."""
+"""Paper Table 1. `quantum_accelerometer` is the paper's QAPCG: quantum accelerometers with
+precision gyroscopes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,16 +59,21 @@ class ImuData:
 
 
 def simulate_imu(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> ImuData:
-    """Return truth plus a bias drawn once per run plus white noise (density / sqrt(dt) per sample; SCIENCE 1)."""
+    """Return truth plus a bias drawn once per run plus white noise (density / sqrt(dt) per sample;
+    SCIENCE 1)."""
     grade = GRADES[scenario.imu.grade]
     bias_sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
-    noise_sigma = np.array([*grade.accelerometer_noise, *grade.gyroscope_noise]) / math.sqrt(trajectory.dt)
+    noise_sigma = np.array([*grade.accelerometer_noise, *grade.gyroscope_noise]) / math.sqrt(
+        trajectory.dt
+    )
     truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)
     for i, run in enumerate(runs):
         bias = bias_sigma * generator(scenario.seed, run, "imu_bias").standard_normal(6)
-        noise = noise_sigma * generator(scenario.seed, run, "imu_noise").standard_normal(truth.shape)
+        noise = noise_sigma * generator(scenario.seed, run, "imu_noise").standard_normal(
+            truth.shape
+        )
         readings = truth + bias + noise
         force[i], rate[i] = readings[:, :3], readings[:, 3:]
     return ImuData(force, rate)

@@ -1,4 +1,5 @@
-"""Where the navigator starts: truth plus the initial errors that the scenario gives 1-sigma for (SCIENCE 1)."""
+"""Where the navigator starts: truth plus the initial errors that the scenario gives 1-sigma for
+(SCIENCE 1)."""
 
 from collections.abc import Sequence
 
@@ -12,12 +13,17 @@ from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
 
-def draw_initial_state(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> NavState:
-    """Return the navigators' first states: position, velocity (horizontal only: the height is known), tilt and heading in error."""
+def draw_initial_state(
+    scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
+) -> NavState:
+    """Return the navigators' first states: position, velocity (horizontal only: the height is
+    known), tilt and heading in error."""
     sigma = scenario.initial_error
     north, east = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
     count = len(runs)
-    position = np.tile([trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]], (count, 1))
+    position = np.tile(
+        [trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]], (count, 1)
+    )
     velocity = np.tile(trajectory.velocity[0], (count, 1))
     attitude = np.empty((count, 4))
     for i, run in enumerate(runs):
@@ -28,6 +34,8 @@ def draw_initial_state(scenario: Scenario, trajectory: Trajectory, runs: Sequenc
         position[i, 0] += sigma.position * draw[0] / north
         position[i, 1] += sigma.position * draw[1] / east
         velocity[i, :2] += sigma.velocity * draw[2:4]
-        rotation = from_rotation_vector(sigma.tilt * draw[4], sigma.tilt * draw[5], sigma.heading * draw[6])
+        rotation = from_rotation_vector(
+            sigma.tilt * draw[4], sigma.tilt * draw[5], sigma.heading * draw[6]
+        )
         attitude[i] = multiply(*rotation, *trajectory.attitude[0])
     return NavState(position, velocity, attitude)

@@ -1,10 +1,12 @@
-"""The magnetometer: the total magnetic field, and the anomaly that is left when the Earth's main field is taken off.
+"""The magnetometer: the total magnetic field, and the anomaly that is left when the Earth's main
+field is taken off.
 
-The anomaly of total field is |B| less the main field's intensity at the navigator's estimate. The main field is the International
-Geomagnetic Reference Field (Alken et al. 2021, Earth Planets Space 73:49; degree 13, changes of 3000 km and more) by the package ppigrf.
-Only |B| is used, so the sensor's attitude does not matter. What varies in time (the daily variation, tens of nT) and what the
-vehicle itself adds is not modelled: an offset within a batch is what `matcher.bias_sigma` is for.
-"""
+The anomaly of total field is |B| less the main field's intensity at the navigator's estimate. The
+main field is the International Geomagnetic Reference Field (Alken et al. 2021, Earth Planets Space
+73:49; degree 13, changes of 3000 km and more) by the package ppigrf. Only |B| is used, so the
+sensor's attitude does not matter. What varies in time (the daily variation, tens of nT) and what
+the vehicle itself adds is not modelled: an offset within a batch is what `matcher.bias_sigma` is
+for."""
 
 import math
 from datetime import UTC, datetime, timedelta
@@ -18,7 +20,8 @@ from isogal.maps.field_map import FieldMap
 from isogal.sensors.reduction import State
 
 SPACING = 1.0
-"""deg between the points at which the model is evaluated; a cubic between them is good to 0.01 nT (tested)."""
+"""deg between the points at which the model is evaluated; a cubic between them is good to 0.01 nT
+(tested)."""
 MARGIN = 300e3
 """m beyond the given points that a navigator may be lost."""
 HEIGHT_STEP = 1000.0
@@ -27,7 +30,8 @@ _NEAREST_POLE = 89.0
 
 
 class MainField:
-    """Intensity of the Earth's main field round given points: the model on a coarse grid, a cubic between.
+    """Intensity of the Earth's main field round given points: the model on a coarse grid, a cubic
+    between.
 
     Parameters
     ----------
@@ -46,15 +50,20 @@ class MainField:
         south, north, west, east = np.degrees(window[:4])
         south, north = max(south, -_NEAREST_POLE), min(north, _NEAREST_POLE)
         rows = SPACING * np.arange(math.floor(south / SPACING) - 1, math.ceil(north / SPACING) + 2)
-        columns = SPACING * np.arange(math.floor(west / SPACING) - 1, math.ceil(east / SPACING) + 2)
+        columns = SPACING * np.arange(
+            math.floor(west / SPACING) - 1, math.ceil(east / SPACING) + 2
+        )
         rows, columns = rows[np.abs(rows) <= _NEAREST_POLE], columns[: round(360.0 / SPACING)]
         # row by row: the package needs 3 kB for each point it is given
         here, above = (
-            np.stack([intensity(row, columns, h, epoch) for row in rows]) for h in (height, height + HEIGHT_STEP)
+            np.stack([intensity(row, columns, h, epoch) for row in rows])
+            for h in (height, height + HEIGHT_STEP)
         )
         axes = np.radians(rows), np.radians(columns)
         self.grid = FieldMap(*axes, here, "nT", "magnetic_field", provenance="IGRF")
-        self._rise = FieldMap(*axes, (above - here) / HEIGHT_STEP, "nT/m", "magnetic_field", provenance="IGRF")
+        self._rise = FieldMap(
+            *axes, (above - here) / HEIGHT_STEP, "nT/m", "magnetic_field", provenance="IGRF"
+        )
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
         """Return the intensity, nT; NaN far from the points."""
@@ -67,13 +76,20 @@ class MainField:
         return north, east, self._rise.value(latitude, longitude)
 
 
-def intensity(latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float) -> Array:
+def intensity(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
+) -> Array:
     """Return the main field's intensity (nT) at points in deg and a height in m, by the IGRF."""
     import ppigrf
 
     year = int(epoch)
     date = datetime(year, 1, 1, tzinfo=UTC) + timedelta(days=(epoch - year) * 365.25)
-    parts = ppigrf.igrf(np.asarray(longitude_deg), np.asarray(latitude_deg), height / 1000.0, date.replace(tzinfo=None))
+    parts = ppigrf.igrf(
+        np.asarray(longitude_deg),
+        np.asarray(latitude_deg),
+        height / 1000.0,
+        date.replace(tzinfo=None),
+    )
     return np.sqrt(sum(part[0] ** 2 for part in parts))
 
 
@@ -97,11 +113,13 @@ class MagneticReduction:
         return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return the anomaly: the total field less the main field where the navigator takes itself to be."""
+        """Return the anomaly: the total field less the main field where the navigator takes itself
+        to be."""
         return np.asarray(raw) - self.main_field.value(at.latitude, at.longitude, at.height)
 
     def jacobian(self, at: State) -> Array:
-        """Return the main field's gradient, which a wrong position takes off at the wrong place."""
+        """Return the main field's gradient, which a wrong position takes off at the wrong
+        place."""
         north, east, _ = self.main_field.gradient(at.latitude, at.longitude)
         jacobian = np.zeros((*np.shape(north), 4))
         jacobian[..., 0], jacobian[..., 1] = -north, -east

@@ -1,4 +1,5 @@
-"""What a sensor of a scalar field has to say about itself, so that engine, nodes and batches can use any of them alike."""
+"""What a sensor of a scalar field has to say about itself, so that engine, nodes and batches can
+use any of them alike."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,7 +10,8 @@ from isogal.arrays import Array
 
 
 class State(NamedTuple):
-    """Where a sensor was, or where the navigator takes it to have been. Numbers or arrays that broadcast."""
+    """Where a sensor was, or where the navigator takes it to have been. Numbers or arrays that
+    broadcast."""
 
     latitude: ArrayLike
     """rad."""
@@ -26,11 +28,13 @@ class Reduction(Protocol):
     """From what a sensor feels to values of the map, and back."""
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return what a perfect sensor feels where the field has a value; raises InputError where no such sensor can be."""
+        """Return what a perfect sensor feels where the field has a value; raises InputError where
+        no such sensor can be."""
         ...
 
     def report(self, raw: ArrayLike) -> Array:
-        """Return what a sensor says that feels `raw`: rounded as its message rounds, NaN beyond its range."""
+        """Return what a sensor says that feels `raw`: rounded as its message rounds, NaN beyond
+        its range."""
         ...
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
@@ -38,7 +42,8 @@ class Reduction(Protocol):
         ...
 
     def jacobian(self, at: State) -> Array:
-        """Return d(reduced)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s, v_east m/s) at the scan."""
+        """Return d(reduced)/d(navigator's error) (..., 4) for errors (north m, east m, v_north
+        m/s, v_east m/s) at the scan."""
         ...
 
     def height_slope(self, at: State) -> Array:
@@ -46,8 +51,11 @@ class Reduction(Protocol):
         ...
 
 
-def reduction_variance(reduction: Reduction, at: State, covariance: Array, height_variance: ArrayLike) -> Array:
-    """Return the variance that the navigator's uncertainty puts into a reduced reading, unit of the map squared.
+def reduction_variance(
+    reduction: Reduction, at: State, covariance: Array, height_variance: ArrayLike
+) -> Array:
+    """Return the variance that the navigator's uncertainty puts into a reduced reading, unit of
+    the map squared.
 
     Parameters
     ----------

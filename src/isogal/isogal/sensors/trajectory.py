@@ -1,9 +1,9 @@
 """The true route and what a perfect IMU senses on it.
 
-The vehicle stays level, its nose along its course. Within an IMU interval heading rate and acceleration are constant; position
-follows by a fourth-order Runge-Kutta step, and the IMU's means over the interval by three-point Gauss-Legendre quadrature of the
-continuous specific force and angular rate, so the readings do not share the strapdown's approximations.
-"""
+The vehicle stays level, its nose along its course. Within an IMU interval heading rate and
+acceleration are constant; position follows by a fourth-order Runge-Kutta step, and the IMU's means
+over the interval by three-point Gauss-Legendre quadrature of the continuous specific force and
+angular rate, so the readings do not share the strapdown's approximations."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,8 @@ from isogal.scenario import Route, Scenario
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Truth at the K + 1 ends of K IMU intervals, and the perfect IMU's means over the intervals."""
+    """Truth at the K + 1 ends of K IMU intervals, and the perfect IMU's means over the
+    intervals."""
 
     time: Array
     """(K + 1,) s."""
@@ -76,13 +77,14 @@ def _build(route: Route, rate: float) -> Trajectory:
             if steps is None:
                 break
             raise InputError(
-                f"route.duration: the route ends after {len(rates) * dt:.0f} s, duration asks for {route.duration:.0f} s;"
-                " shorten duration, or give null to drive to the end"
+                f"route.duration: the route ends after {len(rates) * dt:.0f} s, duration asks for"
+                f" {route.duration:.0f} s; shorten duration, or give null to drive to the end"
             )
         if len(rates) > guide.most_steps:
             raise InputError(
-                f"route.waypoints: point {guide.leg + 1} is never reached with turn_rate {route.turn_rate:g} rad/s"
-                " (the vehicle circles round it); raise turn_rate, or move the points apart"
+                f"route.waypoints: point {guide.leg + 1} is never reached with turn_rate"
+                f" {route.turn_rate:g} rad/s (the vehicle circles round it); raise turn_rate, or"
+                " move the points apart"
             )
         turn, acceleration = guide.command(lat, lon, heading, speed)
         lat, lon = _runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
@@ -95,7 +97,9 @@ def _build(route: Route, rate: float) -> Trajectory:
     return _with_sensors(np.array(rows), np.array(rates), route.height, dt)
 
 
-def _position_rates(lat: float, heading: float, speed: float, height: float) -> tuple[float, float]:
+def _position_rates(
+    lat: float, heading: float, speed: float, height: float
+) -> tuple[float, float]:
     w2 = 1.0 - E2 * math.sin(lat) ** 2
     n = A / math.sqrt(w2)
     return (
@@ -105,7 +109,14 @@ def _position_rates(lat: float, heading: float, speed: float, height: float) -> 
 
 
 def _runge_kutta(
-    lat: float, lon: float, heading: float, speed: float, turn: float, acceleration: float, height: float, dt: float
+    lat: float,
+    lon: float,
+    heading: float,
+    speed: float,
+    turn: float,
+    acceleration: float,
+    height: float,
+    dt: float,
 ) -> tuple[float, float]:
     half = 0.5 * dt
     h1, h2 = heading + turn * half, heading + turn * dt
@@ -129,29 +140,36 @@ def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajec
     for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
         psi = heading[:-1] + turn * node * dt
         v = speed[:-1] + acceleration * node * dt
-        # Latitude inside the interval: Euler step from its nearer end, corrected to the far end's value (cubic accuracy is not
-        # needed: 1e-9 rad changes gravity by 1e-11 m/s²).
+        # Latitude inside the interval: Euler step from its nearer end, corrected to the far end's
+        # value (cubic accuracy is not needed: 1e-9 rad changes gravity by 1e-11 m/s²).
         phi = lat[:-1] + node * (lat[1:] - lat[:-1])
         s, c = np.sin(phi), np.cos(phi)
         w2 = 1.0 - E2 * s * s
         n = A / np.sqrt(w2)
         vn, ve = v * np.cos(psi), v * np.sin(psi)
         transport = np.stack(
-            [ve / (n + height), -vn / (n * (1.0 - E2) / w2 + height), -ve * s / c / (n + height)], axis=-1
+            [ve / (n + height), -vn / (n * (1.0 - E2) / w2 + height), -ve * s / c / (n + height)],
+            axis=-1,
         )
         earth = np.stack([EARTH_RATE * c, np.zeros_like(c), -EARTH_RATE * s], axis=-1)
         velocity = np.stack([vn, ve, np.zeros_like(vn)], axis=-1)
         f_n = np.cross(2.0 * earth + transport, velocity)
         f_n[:, 2] -= normal_gravity(phi, height)
-        force += weight * (_to_body(f_n, psi) + np.stack([acceleration, v * turn, np.zeros_like(v)], axis=-1))
-        rate += weight * (_to_body(earth + transport, psi) + np.stack([0 * turn, 0 * turn, turn], axis=-1))
+        force += weight * (
+            _to_body(f_n, psi) + np.stack([acceleration, v * turn, np.zeros_like(v)], axis=-1)
+        )
+        rate += weight * (
+            _to_body(earth + transport, psi) + np.stack([0 * turn, 0 * turn, turn], axis=-1)
+        )
     k = len(rates)
     return Trajectory(
         time=np.arange(k + 1, dtype=np.float64) * dt,
         latitude=lat,
         longitude=lon,
         height=np.full(k + 1, height),
-        velocity=np.stack([speed * np.cos(heading), speed * np.sin(heading), np.zeros(k + 1)], axis=-1),
+        velocity=np.stack(
+            [speed * np.cos(heading), speed * np.sin(heading), np.zeros(k + 1)], axis=-1
+        ),
         attitude=from_heading(heading),
         specific_force=force,
         angular_rate=rate,
@@ -160,11 +178,15 @@ def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajec
 
 def _to_body(vector: Array, heading: Array) -> Array:
     c, s = np.cos(heading), np.sin(heading)
-    return np.stack([c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0], vector[:, 2]], axis=-1)
+    return np.stack(
+        [c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0], vector[:, 2]],
+        axis=-1,
+    )
 
 
 def rhumb_azimuth(lat_0: float, lon_0: float, lat_1: float, lon_1: float) -> float:
-    """Return the azimuth (rad from north) of the rhumb line between two points (rad), by isometric latitude (Snyder 1987, p. 44)."""
+    """Return the azimuth (rad from north) of the rhumb line between two points (rad), by isometric
+    latitude (Snyder 1987, p. 44)."""
     e = math.sqrt(E2)
 
     def isometric(lat: float) -> float:
@@ -181,7 +203,9 @@ class _Guide:
         self.dt = dt
         self.height = route.height
         if route.waypoints is None:
-            assert route.start is not None and route.end is not None  # the scenario model has checked
+            assert (
+                route.start is not None and route.end is not None
+            )  # the scenario model has checked
             points = [(*route.start, route.speed), (*route.end, route.speed)]
             self.geodesic = route.line == "geodesic"
         else:
@@ -206,7 +230,10 @@ class _Guide:
             from pyproj import Geod
 
             inverse = Geod(ellps="GRS80").inv(
-                math.degrees(lon), math.degrees(lat), math.degrees(target[1]), math.degrees(target[0])
+                math.degrees(lon),
+                math.degrees(lat),
+                math.degrees(target[1]),
+                math.degrees(target[0]),
             )
             return math.radians(inverse[0])
         return rhumb_azimuth(lat, lon, target[0], target[1])
@@ -215,11 +242,16 @@ class _Guide:
         return self._between(lat, lon, self.points[self.leg])
 
     def _between(self, lat: float, lon: float, target: tuple[float, float, float]) -> float:
-        north, east = _position_rates(0.5 * (lat + target[0]), math.pi / 4, math.sqrt(2.0), self.height)
-        return math.hypot((target[0] - lat) / north, math.remainder(target[1] - lon, 2.0 * math.pi) / east)
+        north, east = _position_rates(
+            0.5 * (lat + target[0]), math.pi / 4, math.sqrt(2.0), self.height
+        )
+        return math.hypot(
+            (target[0] - lat) / north, math.remainder(target[1] - lon, 2.0 * math.pi) / east
+        )
 
     def arrived(self, lat: float, lon: float, heading: float, speed: float) -> bool:
-        """Whether the last point is reached (within one step) or, on a straight route, has just been passed by."""
+        """Whether the last point is reached (within one step) or, on a straight route, has just
+        been passed by."""
         if self.leg < len(self.points) - 1:
             return False
         distance = self._distance(lat, lon)
@@ -234,13 +266,16 @@ class _Guide:
         if not self.manoeuvring:
             if not self.geodesic:
                 return 0.0, 0.0
-            # Clairaut: a geodesic's azimuth changes by sin(azimuth) tan(latitude) ds / N; evaluated at the interval's middle
+            # Clairaut: a geodesic's azimuth changes by sin(azimuth) tan(latitude) ds / N;
+            # evaluated at the interval's middle
             mid = lat + 0.5 * self.dt * _position_rates(lat, heading, speed, self.height)[0]
             n = A / math.sqrt(1.0 - E2 * math.sin(mid) ** 2)
             return speed * math.sin(heading) * math.tan(mid) / (n + self.height), 0.0
         radius = speed / self.turn_limit
         if self.leg < len(self.points) - 1:
-            corner = math.remainder(self._azimuth(*self.points[self.leg][:2], self.leg + 1) - heading, 2.0 * math.pi)
+            corner = math.remainder(
+                self._azimuth(*self.points[self.leg][:2], self.leg + 1) - heading, 2.0 * math.pi
+            )
             # a corner is rounded off where the turn fits into both legs; a sharper one is overshot
             lead = radius * math.tan(min(abs(corner), 0.5 * math.pi) / 2.0)
             lead = min(lead, 0.5 * self.lengths[self.leg - 1], 0.5 * self.lengths[self.leg])
@@ -252,6 +287,11 @@ class _Guide:
         distance = self._distance(lat, lon)
         ahead, aside = distance * math.cos(error), distance * abs(math.sin(error))
         if math.hypot(ahead, aside - radius) < 0.999 * radius:
-            turn = 0.0  # the point lies within the turning circle: turning would go round it for ever
-        acceleration = max(-self.acceleration_limit, min(self.acceleration_limit, (target_speed - speed) / self.dt))
+            turn = (
+                0.0  # the point lies within the turning circle: turning would go round it for ever
+            )
+        acceleration = max(
+            -self.acceleration_limit,
+            min(self.acceleration_limit, (target_speed - speed) / self.dt),
+        )
         return turn, acceleration

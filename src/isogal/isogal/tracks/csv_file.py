@@ -1,4 +1,5 @@
-"""Recorded tracks in CSV files: columns time, latitude, longitude, value, and if there are sigma, offset."""
+"""Recorded tracks in CSV files: columns time, latitude, longitude, value, and if there are sigma,
+offset."""
 
 import csv
 import difflib
@@ -41,7 +42,8 @@ class CsvTrack:
         Parameters
         ----------
         factor : float
-            Number of units inside (`FieldMap.unit`) in one unit of the columns value, sigma and offset.
+            Number of units inside (`FieldMap.unit`) in one unit of the columns value, sigma and
+            offset.
         sensor_sigma : float, optional
             1-sigma of the readings where the file has no column ``sigma``, unit inside.
         reduction : str
@@ -72,13 +74,14 @@ class CsvTrack:
 
 
 def read_csv_track(path: str | Path) -> CsvTrack:
-    """Read a file with a header line; separated by commas, semicolons or tabs; ``#`` starts a comment; other columns are ignored.
+    """Read a file with a header line; separated by commas, semicolons or tabs; ``#`` starts a
+    comment; other columns are ignored.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a column, has a cell that is not a finite number, a place that is none, or times that do not
-        increase; names the line.
+        The file cannot be read, lacks a column, has a cell that is not a finite number, a place
+        that is none, or times that do not increase; names the line.
     """
     where = str(path)
     try:
@@ -87,12 +90,18 @@ def read_csv_track(path: str | Path) -> CsvTrack:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{where}: is not a text file (UTF-8)") from None
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     if not lines:
         raise InputError(f"{where}: is empty; it needs a header with {', '.join(REQUIRED)}")
     delimiter = max(",;\t", key=lines[0][1].count)
     try:
-        rows = list(csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True))
+        rows = list(
+            csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
+        )
     except csv.Error as error:
         raise InputError(f"{where}: is not a CSV file: {error}") from None
     if len(rows) != len(lines):
@@ -102,15 +111,17 @@ def read_csv_track(path: str | Path) -> CsvTrack:
     numbers = {name: np.empty(len(rows) - 1) for name in index}
     for k, (row, (line, _)) in enumerate(zip(rows[1:], lines[1:], strict=True)):
         if len(row) != len(header):
-            raise InputError(f"{where}: line {line} has {len(row)} cells, the header {len(header)}")
+            raise InputError(
+                f"{where}: line {line} has {len(row)} cells, the header {len(header)}"
+            )
         for name, i in index.items():
             numbers[name][k] = _number(row[i], name, line, where)
     late = np.flatnonzero(np.diff(numbers["time"]) <= 0.0)
     if late.size:
         i = int(late[0])
         raise InputError(
-            f"{where}: times must increase; line {lines[i + 2][0]} ({numbers['time'][i + 1]:.10g} s) is not later than"
-            f" line {lines[i + 1][0]} ({numbers['time'][i]:.10g} s)"
+            f"{where}: times must increase; line {lines[i + 2][0]} ({numbers['time'][i + 1]:.10g}"
+            f" s) is not later than line {lines[i + 1][0]} ({numbers['time'][i]:.10g} s)"
         )
     return CsvTrack(
         where,
@@ -129,10 +140,13 @@ def _locate(header: list[str], where: str) -> dict[str, int]:
             index[name] = header.index(name)
         elif name in REQUIRED:
             others = [h for h in header if h and h not in REQUIRED]
-            close = [h for h in others if name.startswith(h)] + difflib.get_close_matches(name, others, n=1, cutoff=0.6)
+            close = [h for h in others if name.startswith(h)] + difflib.get_close_matches(
+                name, others, n=1, cutoff=0.6
+            )
             hint = f" (is it '{close[0]}'?)" if close else ""
             raise InputError(
-                f"{where}: has no column '{name}'{hint}; it has {', '.join(h or '(no name)' for h in header)}"
+                f"{where}: has no column '{name}'{hint}; it has"
+                f" {', '.join(h or '(no name)' for h in header)}"
             )
     return index
 
@@ -144,10 +158,15 @@ def _number(cell: str, name: str, line: int, where: str) -> float:
         shown = f"'{cell.strip()[:40]}'" if cell.strip() else "empty"
         raise InputError(f"{where}: {name} in line {line} is {shown}, not a number") from None
     if not np.isfinite(value):
-        raise InputError(f"{where}: {name} in line {line} is {cell.strip()}, not a finite number (leave the line out)")
+        raise InputError(
+            f"{where}: {name} in line {line} is {cell.strip()}, not a finite number (leave the"
+            " line out)"
+        )
     low, high = _RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
-        raise InputError(f"{where}: {name} in line {line} is {cell.strip()} deg, must be {low:g} to {high:g}")
+        raise InputError(
+            f"{where}: {name} in line {line} is {cell.strip()} deg, must be {low:g} to {high:g}"
+        )
     if name == "sigma" and value <= 0.0:
         raise InputError(f"{where}: sigma in line {line} is {cell.strip()}, must be > 0")
     return value

@@ -26,22 +26,31 @@ _LATTICE = 420
 
 
 def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Array]:
-    """Return (N,) latitude and longitude (rad) of the track, each batch moved by what is known of its error; NaN without a fix."""
+    """Return (N,) latitude and longitude (rad) of the track, each batch moved by what is known of
+    its error; NaN without a fix."""
     latitude, longitude = np.full(len(track), np.nan), np.full(len(track), np.nan)
     for match in matches:
         if match.fix.published:
             north, east = metres_per_radian(track.latitude[match.rows])
             since = track.time[match.rows] - track.time[match.rows.stop - 1]
-            latitude[match.rows] = track.latitude[match.rows] - (match.error[0] + match.error[2] * since) / north
-            longitude[match.rows] = track.longitude[match.rows] - (match.error[1] + match.error[3] * since) / east
+            latitude[match.rows] = (
+                track.latitude[match.rows] - (match.error[0] + match.error[2] * since) / north
+            )
+            longitude[match.rows] = (
+                track.longitude[match.rows] - (match.error[1] + match.error[3] * since) / east
+            )
     return latitude, longitude
 
 
 @style.journal
 def track_map_figure(
-    track: Track, field_map: FieldMap, matches: Sequence[Match], truth: tuple[Array, Array] | None = None
+    track: Track,
+    field_map: FieldMap,
+    matches: Sequence[Match],
+    truth: tuple[Array, Array] | None = None,
 ) -> "Figure":
-    """The map, the track as the navigator said, and the fixes with 2-sigma ellipses; truth (latitude, longitude, rad) if known."""
+    """The map, the track as the navigator said, and the fixes with 2-sigma ellipses; truth
+    (latitude, longitude, rad) if known."""
     half = _half_widths(track, matches)
     shape = float(half[0] / half[1])
     width = style.WIDTH if shape < 1.0 else 4.9
@@ -53,7 +62,9 @@ def track_map_figure(
 
     def draw(latitude: Array, longitude: Array, line: style.Line, label: str) -> None:
         x, y = np.degrees(np.unwrap(longitude)), np.degrees(latitude)
-        panel.plot(x, y, color="white", linewidth=line.width + 2.0)  # keeps it visible on dark and on light ground
+        panel.plot(
+            x, y, color="white", linewidth=line.width + 2.0
+        )  # keeps it visible on dark and on light ground
         panel.plot(x, y, **line.options(), label=label)
 
     draw(track.latitude, track.longitude, RECORDED, "track as recorded")
@@ -73,7 +84,9 @@ def track_map_figure(
 
 def _middle(track: Track) -> tuple[float, float]:
     longitude = np.unwrap(track.longitude)
-    return 0.5 * float(track.latitude.min() + track.latitude.max()), 0.5 * float(longitude.min() + longitude.max())
+    return 0.5 * float(track.latitude.min() + track.latitude.max()), 0.5 * float(
+        longitude.min() + longitude.max()
+    )
 
 
 def _near(longitude: Array, middle: float) -> Array:
@@ -85,20 +98,26 @@ def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
     """North and east half-width of the picture, m: track and fixes with a margin."""
     middle = _middle(track)
     north, east = (float(m) for m in metres_per_radian(middle[0]))
-    half = 0.5 * np.array([np.ptp(track.latitude) * north, np.ptp(np.unwrap(track.longitude)) * east])
+    half = 0.5 * np.array(
+        [np.ptp(track.latitude) * north, np.ptp(np.unwrap(track.longitude)) * east]
+    )
     widest = half + max(0.15 * float(np.hypot(*half)), 3e3)
     for match in matches:
         if match.fix.published:
             away = horizontal_difference(match.fix.latitude, match.fix.longitude, *middle)
             reach = np.abs(away) + 2.0 * np.sqrt(np.diag(match.fix.covariance))
-            half = np.maximum(half, np.minimum(reach, widest))  # a fix may know little of one direction
+            half = np.maximum(
+                half, np.minimum(reach, widest)
+            )  # a fix may know little of one direction
     half += max(0.1 * float(np.hypot(*half)), 2e3)
     half[0] = max(half[0], _FLATTEST * half[1])
     half[1] = max(half[1], half[0] / _TALLEST)
     return half
 
 
-def _background(panel: "Axes", field_map: FieldMap, middle: tuple[float, float], half: Array) -> None:
+def _background(
+    panel: "Axes", field_map: FieldMap, middle: tuple[float, float], half: Array
+) -> None:
     scale = style.field_scale(field_map)
     rows, columns = (np.linspace(-h, h, _LATTICE) for h in half)
     values = scale(field_map.value(middle[0] + rows[:, None], middle[1] + columns[None, :]))
@@ -134,10 +153,18 @@ def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
     longitude = np.degrees(float(_near(np.array(match.fix.longitude), middle)) + edge[:, 1] / east)
     panel.plot(longitude, latitude, color="white", linewidth=2.6)
     panel.plot(
-        longitude, latitude, color="black", linewidth=1.0, label=r"fix with its $2\sigma$ ellipse" if first else "_"
+        longitude,
+        latitude,
+        color="black",
+        linewidth=1.0,
+        label=r"fix with its $2\sigma$ ellipse" if first else "_",
     )
     panel.plot(
-        *(np.degrees(_near(np.array(match.fix.longitude), middle)), math.degrees(match.fix.latitude), "o"),
+        *(
+            np.degrees(_near(np.array(match.fix.longitude), middle)),
+            math.degrees(match.fix.latitude),
+            "o",
+        ),
         color=style.SKY,
         markeredgecolor="black",
         markeredgewidth=0.6,
@@ -147,9 +174,13 @@ def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
 
 @style.journal
 def readings_figure(
-    track: Track, field_map: FieldMap, matches: Sequence[Match], truth: tuple[Array, Array] | None = None
+    track: Track,
+    field_map: FieldMap,
+    matches: Sequence[Match],
+    truth: tuple[Array, Array] | None = None,
 ) -> "Figure":
-    """Readings (less offset) and the map's values along the track as recorded, and along it as matched; below, the differences."""
+    """Readings (less offset) and the map's values along the track as recorded, and along it as
+    matched; below, the differences."""
     figure = style.new_figure(4.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     distance = _along(track)
@@ -157,12 +188,22 @@ def readings_figure(
     level = track.value - track.offset
     moved = matched_positions(track, matches)
     curves = [
-        (field_map.value(track.latitude, track.longitude), RECORDED, "map along the track as recorded"),
+        (
+            field_map.value(track.latitude, track.longitude),
+            RECORDED,
+            "map along the track as recorded",
+        ),
         (field_map.value(*moved), MATCHED, "map along the track moved by the fixes"),
     ]
     if truth is not None:
         curves.append((field_map.value(*truth), style.TRUTH, "map along the true track"))
-    marks = {"linestyle": "none", "marker": "o", "markersize": 2.4, "markerfacecolor": "0.25", "markeredgewidth": 0.0}
+    marks = {
+        "linestyle": "none",
+        "marker": "o",
+        "markersize": 2.4,
+        "markerfacecolor": "0.25",
+        "markeredgewidth": 0.0,
+    }
     upper.plot(distance, scale(level), **marks, label="readings")
     for values, line, label in curves:
         upper.plot(distance, scale(values), **line.options(), label=label)
@@ -181,5 +222,7 @@ def readings_figure(
 
 def _along(track: Track) -> Array:
     """Distance along the track, km."""
-    steps = horizontal_difference(track.latitude[1:], track.longitude[1:], track.latitude[:-1], track.longitude[:-1])
+    steps = horizontal_difference(
+        track.latitude[1:], track.longitude[1:], track.latitude[:-1], track.longitude[:-1]
+    )
     return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))]) / 1e3

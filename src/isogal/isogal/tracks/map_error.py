@@ -1,11 +1,12 @@
 """How wrong a map is, learnt from tracks whose positions are known.
 
-Along a track with known positions the readings less the map's values are r ~ N(0, R) with the R of `isogal.matching.pmht.likelihood`. The
-parameters of R that make the residuals of some reference tracks most likely (maximum likelihood, Rasmussen & Williams 2006,
-section 5.4) can then be used on other tracks. A map drawn from scattered measurements is most wrong where the field varies most
-between them, so unless the map says itself where it is how wrong, its 1-sigma is taken as sqrt(floor² + (reach g)²), g the RMS
-gradient round the place: as if the values were displaced by `reach`.
-"""
+Along a track with known positions the readings less the map's values are r ~ N(0, R) with the R of
+`isogal.matching.pmht.likelihood`. The parameters of R that make the residuals of some reference
+tracks most likely (maximum likelihood, Rasmussen & Williams 2006, section 5.4) can then be used on
+other tracks. A map drawn from scattered measurements is most wrong where the field varies most
+between them, so unless the map says itself where it is how wrong, its 1-sigma is taken as
+sqrt(floor² + (reach g)²), g the RMS gradient round the place: as if the values were displaced by
+`reach`."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,7 +21,8 @@ from isogal.maps.field_map import FieldMap
 from isogal.tracks.track import Track
 
 SMOOTHING = (1000.0, 2000.0, 4000.0)
-"""m, radii (1-sigma of a Gaussian weight) over which the gradient is averaged; the likeliest is taken."""
+"""m, radii (1-sigma of a Gaussian weight) over which the gradient is averaged; the likeliest is
+taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +48,16 @@ class MapError:
 
 
 def rms_gradient(field_map: FieldMap, smoothing: float) -> Array:
-    """Return (n, m) the RMS gradient (unit/m) round each node, with Gaussian weights of 1-sigma `smoothing` (m)."""
+    """Return (n, m) the RMS gradient (unit/m) round each node, with Gaussian weights of 1-sigma
+    `smoothing` (m)."""
     from scipy.ndimage import gaussian_filter
 
     latitude, longitude = np.meshgrid(field_map.latitude, field_map.longitude, indexing="ij")
     _, north, east = field_map.value_and_gradient(latitude, longitude)
     known = np.isfinite(north)
-    widths = [smoothing / size for size in field_map.cell_size_m(float(np.mean(field_map.latitude)))]
+    widths = [
+        smoothing / size for size in field_map.cell_size_m(float(np.mean(field_map.latitude)))
+    ]
     square = gaussian_filter(np.where(known, north**2 + east**2, 0.0), widths, mode="constant")
     weight = gaussian_filter(known.astype(np.float64), widths, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -67,7 +72,8 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
     references : sequence of Track
         Each is a track of its own: map errors of different tracks count as independent.
     field_map : FieldMap
-        If it says where it is how wrong (sigma on its nodes), only correlation length and sensor noise are fitted.
+        If it says where it is how wrong (sigma on its nodes), only correlation length and sensor
+        noise are fitted.
 
     Raises
     ------
@@ -121,7 +127,9 @@ def _residuals(track: Track, field_map: FieldMap) -> _Residuals:
     return _Residuals(latitude, longitude, value[keep], 0.5 * (distance + distance.T))
 
 
-def _log_likelihood(residuals: list[_Residuals], sigma: list[Array], log_length: float, log_sensor: float) -> float:
+def _log_likelihood(
+    residuals: list[_Residuals], sigma: list[Array], log_length: float, log_sensor: float
+) -> float:
     from scipy.linalg import cholesky, solve_triangular
 
     total = 0.0
@@ -142,6 +150,9 @@ def _maximise(function: Callable[[Array], float], start: Array) -> tuple[Array, 
     from scipy.optimize import minimize
 
     found = minimize(
-        lambda p: -function(p), start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.05, "maxiter": 400}
+        lambda p: -function(p),
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 0.02, "fatol": 0.05, "maxiter": 400},
     )
     return found.x, -float(found.fun)

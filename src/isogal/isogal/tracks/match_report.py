@@ -1,4 +1,5 @@
-"""The report of `isogal match`: the track on the map, its readings against the map, and a table of the fixes."""
+"""The report of `isogal match`: the track on the map, its readings against the map, and a table of
+the fixes."""
 
 import math
 from collections.abc import Sequence
@@ -31,27 +32,35 @@ def write_match_report(
         Illustration(
             "track",
             track_map_figure(track, field_map, matches),
-            "The track as the navigator recorded it, and moved by what the fixes (and the prior) say, on the map.",
+            "The track as the navigator recorded it, and moved by what the fixes (and the prior)"
+            " say, on the map.",
         ),
         Illustration(
             "readings",
             readings_figure(track, field_map, matches),
-            "Readings (less their offset) and the map's values along the track as recorded and as matched; below, their differences.",
+            "Readings (less their offset) and the map's values along the track as recorded and as"
+            " matched; below, their differences.",
         ),
     ]
     sections = [
         Section(
             "Result",
             [
-                f"{published} fixes from {len(matches)} batches of {settings.batch_length} readings; each batch starts from {start}."
+                f"{published} fixes from {len(matches)} batches of {settings.batch_length}"
+                f" readings; each batch starts from {start}."
             ],
             illustrations,
             [_fixes(matches)],
         ),
-        Section("What was assumed", tables=[_assumptions(track, field_map, settings, uncertainty)]),
+        Section(
+            "What was assumed", tables=[_assumptions(track, field_map, settings, uncertainty)]
+        ),
     ]
     return write_report(
-        out_dir, "Recorded track", sections, subtitle=f"{Path(track.where).name} against {field_map.provenance}"
+        out_dir,
+        "Recorded track",
+        sections,
+        subtitle=f"{Path(track.where).name} against {field_map.provenance}",
     )
 
 
@@ -83,7 +92,9 @@ def _fixes(matches: Sequence[Match]) -> Table:
     return Table("Fixes, from the measurements alone", header, rows)
 
 
-def _assumptions(track: Track, field_map: FieldMap, settings: Matcher, uncertainty: Uncertainty) -> Table:
+def _assumptions(
+    track: Track, field_map: FieldMap, settings: Matcher, uncertainty: Uncertainty
+) -> Table:
     unit = field_map.file_unit or field_map.unit
     factor = field_map.file_factor
 

@@ -1,18 +1,20 @@
 """Matching a recorded track against a map, batch by batch.
 
-A recorded track has no inertial navigator behind it that could be asked how wrong it is: its error at the end of each batch is a
-position error with the 1-sigma of `Uncertainty` and a constant velocity error with a small one, and the shape of the track within
-a batch is taken as right. Two ways to go from batch to batch:
+A recorded track has no inertial navigator behind it that could be asked how wrong it is: its error
+at the end of each batch is a position error with the 1-sigma of `Uncertainty` and a constant
+velocity error with a small one, and the shape of the track within a batch is taken as right. Two
+ways to go from batch to batch:
 
-- independent (default): the track stays as recorded and every batch meets the same prior. The fixes are the measurements' own, so they
-  may be fed to any filter, one by one, whatever it has done with the earlier ones.
-  A matcher that finds the track lost widens the prior from there on.
-- chained: what a batch has told moves the track and narrows the prior of the next, as for a navigator that is aided. The fixes are
-  still the measurements' own; `Match.error` and `Match.covariance` hold what all batches so far say together.
+- independent (default): the track stays as recorded and every batch meets the same prior. The
+  fixes are the measurements' own, so they may be fed to any filter, one by one, whatever it has
+  done with the earlier ones. A matcher that finds the track lost widens the prior from there on.
+- chained: what a batch has told moves the track and narrows the prior of the next, as for a
+  navigator that is aided. The fixes are still the measurements' own; `Match.error` and
+  `Match.covariance` hold what all batches so far say together.
 
-Readings never count twice: a matcher's context rows are conditioned on, and the batches that it keeps to itself (an ambiguous one goes on
-as hypotheses) are published with the batch that resolves them.
-"""
+Readings never count twice: a matcher's context rows are conditioned on, and the batches that it
+keeps to itself (an ambiguous one goes on as hypotheses) are published with the batch that resolves
+them."""
 
 import math
 from dataclasses import dataclass, replace
@@ -36,7 +38,8 @@ from isogal.tracks.track import Track
 FEWEST_IN_BATCH = 4
 """Scans that the incomplete last batch needs to be matched."""
 _EDGE_REACH = ((2.0, 2.0 / 3.0), (1.0, 0.5))
-"""Prior 1-sigmas round a reading that the map should cover, and the share of readings that must be left for that."""
+"""Prior 1-sigmas round a reading that the map should cover, and the share of readings that must be
+left for that."""
 _EMPTY = 5.0
 """Prior 1-sigmas from which on a fix is none: it would narrow no direction by more than 2 %."""
 _LOST = LOST_COVARIANCE[:4, :4]
@@ -59,13 +62,16 @@ class Uncertainty:
     velocity: float = 0.0
     """m/s, constant over a batch (over the track where batches are chained)."""
     walk: float = 0.0
-    """m per square root of an hour, random walk of the position error from batch to batch; counts only where they are chained."""
+    """m per square root of an hour, random walk of the position error from batch to batch; counts
+    only where they are chained."""
 
     def __post_init__(self) -> None:
         for name, least in (("position", "> 0"), ("velocity", ">= 0"), ("walk", ">= 0")):
             value = getattr(self, name)
             if not math.isfinite(value) or value < 0.0 or (least == "> 0" and value == 0.0):
-                raise InputError(f"1-sigma of the track's {name} error must be {least}, is {value}")
+                raise InputError(
+                    f"1-sigma of the track's {name} error must be {least}, is {value}"
+                )
 
     @property
     def prior(self) -> Array:
@@ -83,7 +89,8 @@ class Match:
     rows: slice
     """The new readings of the batch, indices into the track."""
     error: Array
-    """(4,) the track's error at the batch end (north, east m; m/s), according to prior and fix; chained: all fixes so far."""
+    """(4,) the track's error at the batch end (north, east m; m/s), according to prior and fix;
+    chained: all fixes so far."""
     covariance: Array
     """(4, 4) of it."""
     latitude: float
@@ -95,11 +102,14 @@ class Match:
     def position(self) -> tuple[float, float]:
         """Latitude and longitude (rad) of the recorded track less its `error`."""
         north, east = metres_per_radian(self.latitude)
-        return float(self.latitude - self.error[0] / north), float(self.longitude - self.error[1] / east)
+        return float(self.latitude - self.error[0] / north), float(
+            self.longitude - self.error[1] / east
+        )
 
 
 def batch_ends(count: int, settings: MatcherSettings) -> list[int]:
-    """Return after how many readings each batch ends; the last may be incomplete, if it has `FEWEST_IN_BATCH` new readings."""
+    """Return after how many readings each batch ends; the last may be incomplete, if it has
+    `FEWEST_IN_BATCH` new readings."""
     ends = list(range(settings.batch_length, count + 1, settings.scans_between_fixes))
     if count - (ends[-1] if ends else 0) >= FEWEST_IN_BATCH or not ends:
         ends.append(count)
@@ -130,12 +140,14 @@ def match_track(
     matcher : Matcher, optional
         Default: the one that the settings name.
     checked : bool
-        Whether fixes of `pmht` are looked at twice (`robust`); False = its likelihood alone counts, for studies.
+        Whether fixes of `pmht` are looked at twice (`robust`); False = its likelihood alone
+        counts, for studies.
 
     Raises
     ------
     InputError
-        The matcher's options are wrong, or readings of this quantity are not reduced with a latitude.
+        The matcher's options are wrong, or readings of this quantity are not reduced with a
+        latitude.
     """
     matching = matcher or build_matcher(settings)
     if isinstance(matching, Doubting):
@@ -148,7 +160,9 @@ def match_track(
     previous = 0
     for end in batch_ends(len(track), settings):
         if chained and previous:
-            error, covariance = _advance(error, covariance, track.time[end - 1] - track.time[previous - 1], uncertainty)
+            error, covariance = _advance(
+                error, covariance, track.time[end - 1] - track.time[previous - 1], uncertainty
+            )
         elif not chained:
             error, covariance = np.zeros(4), prior
         overlap = settings.batch_length - settings.scans_between_fixes
@@ -178,7 +192,12 @@ def match_track(
 
 
 def _scrutinised(
-    fix: Fix, after: Memory, before: Memory | None, batch: Batch, field_map: FieldMap, matcher: Pmht
+    fix: Fix,
+    after: Memory,
+    before: Memory | None,
+    batch: Batch,
+    field_map: FieldMap,
+    matcher: Pmht,
 ) -> tuple[Fix, Memory]:
     """Return fix and memory as `robust` lets them pass."""
     if fix.published:
@@ -190,19 +209,26 @@ def _scrutinised(
 
 
 def _unless_empty(fix: Fix, batch: Batch) -> Fix:
-    """Return the fix unless it is far less certain than the prior in every direction: then that is why there is none."""
+    """Return the fix unless it is far less certain than the prior in every direction: then that is
+    why there is none."""
     if not fix.published:
         return fix
     known = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
     least = math.sqrt(float(np.linalg.eigvalsh(fix.covariance)[0]))
     if least < _EMPTY * known:
         return fix
-    reason = f"tells next to nothing: 1-sigma of {least / 1e3:.0f} km and more, where {known / 1e3:.3g} km were known"
+    reason = (
+        f"tells next to nothing: 1-sigma of {least / 1e3:.0f} km and more, where {known / 1e3:.3g}"
+        " km were known"
+    )
     return replace(declined(batch, reason, **fix.diagnostics), reset=fix.reset)
 
 
-def build_batch(track: Track, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array) -> Batch:
-    """Return rows of a track as a batch, moved by the error (4,) known so far at its last row, with that error's covariance (4, 4)."""
+def build_batch(
+    track: Track, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array
+) -> Batch:
+    """Return rows of a track as a batch, moved by the error (4,) known so far at its last row,
+    with that error's covariance (4, 4)."""
     time = track.time[rows]
     transition = np.zeros((time.size, 2, 4))
     transition[:, 0, 0] = transition[:, 1, 1] = 1.0
@@ -233,9 +259,10 @@ def build_batch(track: Track, jacobian: Array, rows: slice, new: int, error: Arr
 def without_map_edge(batch: Batch, field_map: FieldMap) -> Batch:
     """Return the batch without the readings near which the map ends.
 
-    A place off the map cannot be judged, and matchers take it as impossible: a reading whose true place may lie off the map would push the
-    fix away from there. So readings without map all round them as far as the prior reaches are left out, as long as enough are left: two
-    thirds of them for two 1-sigmas, half for one. Beyond that, those are used that have a map value themselves.
+    A place off the map cannot be judged, and matchers take it as impossible: a reading whose true
+    place may lie off the map would push the fix away from there. So readings without map all round
+    them as far as the prior reaches are left out, as long as enough are left: two thirds of them
+    for two 1-sigmas, half for one. Beyond that, those are used that have a map value themselves.
     """
     sigma = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
     new = np.arange(len(batch)) >= len(batch) - batch.new
@@ -256,8 +283,8 @@ def without_map_edge(batch: Batch, field_map: FieldMap) -> Batch:
 
 
 def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the track's error and its covariance after a fix; where it was declined the error stays, and so does the covariance unless the
-    matcher found the track lost."""
+    """Return the track's error and its covariance after a fix; where it was declined the error
+    stays, and so does the covariance unless the matcher found the track lost."""
     if fix.reset:
         covariance = covariance + _LOST
     if not fix.published:
@@ -265,7 +292,9 @@ def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Arr
     if fix.information is not None:
         vector, matrix = fix.information.vector, fix.information.matrix
     else:
-        seen = -horizontal_difference(fix.latitude, fix.longitude, batch.latitude[-1], batch.longitude[-1])
+        seen = -horizontal_difference(
+            fix.latitude, fix.longitude, batch.latitude[-1], batch.longitude[-1]
+        )
         vector, matrix = np.zeros(4), np.zeros((4, 4))
         matrix[:2, :2] = np.linalg.inv(fix.covariance)
         vector[:2] = matrix[:2, :2] @ seen
@@ -274,9 +303,14 @@ def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Arr
     return error + gain @ vector, 0.5 * (gain + gain.T)
 
 
-def _advance(error: Array, covariance: Array, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:
-    """Carry the track's error on by dt (s) with a constant velocity error and a random walk of the position."""
+def _advance(
+    error: Array, covariance: Array, dt: float, uncertainty: Uncertainty
+) -> tuple[Array, Array]:
+    """Carry the track's error on by dt (s) with a constant velocity error and a random walk of the
+    position."""
     transition = np.eye(4)
     transition[:2, 2:] = dt * np.eye(2)
     walk = uncertainty.walk**2 * dt / 3600.0
-    return transition @ error, transition @ covariance @ transition.T + np.diag([walk, walk, 0.0, 0.0])
+    return transition @ error, transition @ covariance @ transition.T + np.diag(
+        [walk, walk, 0.0, 0.0]
+    )

@@ -1,4 +1,5 @@
-"""Recorded tracks in bags (MCAP, as ``ros2 bag`` and Isogal's recorder write them), read without ROS."""
+"""Recorded tracks in bags (MCAP, as ``ros2 bag`` and Isogal's recorder write them), read without
+ROS."""
 
 import math
 import struct
@@ -37,7 +38,10 @@ def _accel(message: Any) -> tuple[float, float]:
 
 
 def _anomaly(message: Any) -> tuple[float, float]:
-    return message.magnetic_field.z * _NANOTESLA, message.magnetic_field_covariance[8] * _NANOTESLA**2
+    return (
+        message.magnetic_field.z * _NANOTESLA,
+        message.magnetic_field_covariance[8] * _NANOTESLA**2,
+    )
 
 
 def _altitude(message: Any) -> tuple[float, float]:
@@ -48,7 +52,9 @@ _ACCEL = "geometry_msgs/msg/AccelWithCovarianceStamped"
 READINGS = {
     "gravity": ReadingSource("gravimeter/gravity", _ACCEL, _accel, "velocity"),
     "disturbance": ReadingSource("gravimeter/disturbance", _ACCEL, _accel, "velocity"),
-    "magnetic_anomaly": ReadingSource("magnetometer/anomaly", "sensor_msgs/msg/MagneticField", _anomaly, "main-field"),
+    "magnetic_anomaly": ReadingSource(
+        "magnetometer/anomaly", "sensor_msgs/msg/MagneticField", _anomaly, "main-field"
+    ),
     "height": ReadingSource("altimeter/terrain", _POSITION, _altitude, "none"),
 }
 """By quantity of the map."""
@@ -79,7 +85,8 @@ class Recording:
         return track_window(self.latitude, self.longitude, margin)
 
     def track(self, quantity: str, sensor_sigma: float | None) -> Track:
-        """Return the readings of a quantity with the navigator's position at their stamps (between two positions, linearly).
+        """Return the readings of a quantity with the navigator's position at their stamps (between
+        two positions, linearly).
 
         They were reduced with the navigator's own estimate (`Track.reduction`).
 
@@ -96,15 +103,21 @@ class Recording:
             No readings of that quantity, none with a position, or none that says its variance.
         """
         if quantity not in self.readings:
-            known = f"readings of {' and '.join(self.readings)}" if self.readings else "no readings"
+            known = (
+                f"readings of {' and '.join(self.readings)}" if self.readings else "no readings"
+            )
             raise InputError(f"{self.where}: has {known}, and the map is of {quantity}")
         rows = self.readings[quantity]
         rows = rows[(self.time[0] <= rows[:, 0]) & (rows[:, 0] <= self.time[-1])]
         if not rows.size:
-            raise InputError(f"{self.where}: no reading lies between the first and the last position")
+            raise InputError(
+                f"{self.where}: no reading lies between the first and the last position"
+            )
         time, value, variance = rows.T
         if sensor_sigma is None and not (variance > 0.0).all():
-            raise InputError(f"{self.where}: the readings do not say their variance; give --sensor-sigma")
+            raise InputError(
+                f"{self.where}: the readings do not say their variance; give --sensor-sigma"
+            )
         return Track(
             time=time,
             latitude=np.interp(time, self.time, self.latitude),
@@ -125,7 +138,8 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
     path : path
         Folder of the bag, or one MCAP file. A file that was cut short counts as far as it goes.
     fix_topic : str
-        NavSatFix of the navigator. Where a stamp comes twice (before and after a fix), the first counts: the readings were reduced with it.
+        NavSatFix of the navigator. Where a stamp comes twice (before and after a fix), the first
+        counts: the readings were reduced with it.
 
     Raises
     ------
@@ -146,8 +160,15 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
                 _require(kind, source.type, path, name)
                 readings[quantity].setdefault(_stamp(message), source.read(message))
     if not positions or not any(readings.values()):
-        wanted = f"'{fix_topic}'" if not positions else " or ".join(f"'{source.topic}'" for source in READINGS.values())
-        raise InputError(f"{path}: has no message on {wanted}; it has {', '.join(sorted(seen)) or 'none at all'}")
+        wanted = (
+            f"'{fix_topic}'"
+            if not positions
+            else " or ".join(f"'{source.topic}'" for source in READINGS.values())
+        )
+        raise InputError(
+            f"{path}: has no message on {wanted}; it has"
+            f" {', '.join(sorted(seen)) or 'none at all'}"
+        )
     time = np.array(sorted(positions))
     latitude, longitude = np.radians([positions[t] for t in time]).T
     return Recording(
@@ -156,13 +177,16 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
         latitude=latitude,
         longitude=np.unwrap(longitude),
         readings={
-            quantity: np.array([(t, *found[t]) for t in sorted(found)]) for quantity, found in readings.items() if found
+            quantity: np.array([(t, *found[t]) for t in sorted(found)])
+            for quantity, found in readings.items()
+            if found
         },
     )
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
-    """Yield (topic, type, decoded message) of the positions and readings in a bag, as far as it can be read; other types are empty."""
+    """Yield (topic, type, decoded message) of the positions and readings in a bag, as far as it
+    can be read; other types are empty."""
     from mcap.exceptions import McapError
     from mcap.reader import NonSeekingReader
     from mcap_ros2.decoder import DecoderFactory
@@ -173,18 +197,24 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
             with file.open("rb") as stream:
                 decoders: dict[int, Any] = {}
                 factory = DecoderFactory()
-                for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+                for schema, channel, message in NonSeekingReader(stream).iter_messages(
+                    log_time_order=False
+                ):
                     empty = False
                     kind = schema.name if schema and schema.name in _TYPES else ""
                     if not kind:
                         yield channel.topic, "", None
                         continue
                     if channel.id not in decoders:
-                        decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
+                        decoders[channel.id] = factory.decoder_for(
+                            channel.message_encoding, schema
+                        )
                     yield channel.topic, kind, decoders[channel.id](message.data)
         except (McapError, struct.error, EOFError, KeyError, ValueError, TypeError) as error:
             if empty:
-                raise InputError(f"{file}: cannot be read as MCAP ({type(error).__name__})") from None
+                raise InputError(
+                    f"{file}: cannot be read as MCAP ({type(error).__name__})"
+                ) from None
             # cut short, as by a power failure: what was read counts
 
 
@@ -193,7 +223,9 @@ def _files(path: Path) -> list[Path]:
         raise InputError(f"{path}: no such file or folder")
     if path.is_file():
         return [path]
-    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))  # _0, _1, ... _10
+    files = sorted(
+        path.glob("*.mcap"), key=lambda file: (len(file.name), file.name)
+    )  # _0, _1, ... _10
     if not files:
         raise InputError(f"{path}: no MCAP file in this folder")
     return files

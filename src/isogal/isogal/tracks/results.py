@@ -18,10 +18,11 @@ _DEGREE_DIGITS = 9  # 0.1 mm
 
 
 def as_objects(matches: Sequence[Match], chained: bool = False) -> list[dict[str, Any]]:
-    """Return one object a batch: time s, latitude, longitude deg, covariance_enu m² (null = no fix), status, reason.
+    """Return one object a batch: time s, latitude, longitude deg, covariance_enu m² (null = no
+    fix), status, reason.
 
-    Without a fix the position is the track's own. Chained batches also say the aided position and its covariance, from all fixes so far.
-    """
+    Without a fix the position is the track's own. Chained batches also say the aided position and
+    its covariance, from all fixes so far."""
     return [_object(match, chained) for match in matches]
 
 
@@ -43,7 +44,10 @@ def _object(match: Match, chained: bool) -> dict[str, Any]:
 
 def _place(latitude: float, longitude: float) -> dict[str, float]:
     turned = math.degrees(math.remainder(longitude, 2.0 * math.pi))
-    return {"latitude": round(math.degrees(latitude), _DEGREE_DIGITS), "longitude": round(turned, _DEGREE_DIGITS)}
+    return {
+        "latitude": round(math.degrees(latitude), _DEGREE_DIGITS),
+        "longitude": round(turned, _DEGREE_DIGITS),
+    }
 
 
 def _enu(covariance: Array) -> list[list[float]]:
@@ -58,8 +62,11 @@ def as_json(objects: Sequence[dict[str, Any]]) -> str:
 
 
 def as_csv(objects: Sequence[dict[str, Any]]) -> str:
-    """Return a table; the covariances as three columns each (east-east, east-north, north-north)."""
-    rows = [{key: value for item in _flat(entry) for key, value in item.items()} for entry in objects]
+    """Return a table; the covariances as three columns each (east-east, east-north,
+    north-north)."""
+    rows = [
+        {key: value for item in _flat(entry) for key, value in item.items()} for entry in objects
+    ]
     stream = io.StringIO()
     writer = csv.DictWriter(stream, fieldnames=list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
@@ -73,22 +80,38 @@ def _flat(entry: dict[str, Any]) -> list[dict[str, Any]]:
         if key.endswith("covariance_enu"):
             name = key.removesuffix("_enu")
             matrix = value or [[None, None], [None, None]]
-            result.append({f"{name}_ee": matrix[0][0], f"{name}_en": matrix[0][1], f"{name}_nn": matrix[1][1]})
+            result.append(
+                {
+                    f"{name}_ee": matrix[0][0],
+                    f"{name}_en": matrix[0][1],
+                    f"{name}_nn": matrix[1][1],
+                }
+            )
         else:
             result.append({key: value})
     return result
 
 
 def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
-    """Return a FeatureCollection (RFC 7946): a point for each batch, without geometry where there is no fix."""
+    """Return a FeatureCollection (RFC 7946): a point for each batch, without geometry where there
+    is no fix."""
     features = []
     for entry in objects:
         point = {"type": "Point", "coordinates": [entry["longitude"], entry["latitude"]]}
-        properties = {key: value for key, value in entry.items() if key not in ("latitude", "longitude")}
+        properties = {
+            key: value for key, value in entry.items() if key not in ("latitude", "longitude")
+        }
         features.append(
-            {"type": "Feature", "geometry": point if entry["status"] == FIX else None, "properties": properties}
+            {
+                "type": "Feature",
+                "geometry": point if entry["status"] == FIX else None,
+                "properties": properties,
+            }
         )
-    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, indent=1) + "\n"
+    return (
+        json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, indent=1)
+        + "\n"
+    )
 
 
 WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {
@@ -103,11 +126,14 @@ def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
     """Return the writer that a file's suffix means; raises InputError."""
     writer = WRITERS.get(path.suffix.casefold())
     if writer is None:
-        raise InputError(f"{path}: results are written to {', '.join(WRITERS)} files, not to '{path.suffix}'")
+        raise InputError(
+            f"{path}: results are written to {', '.join(WRITERS)} files, not to '{path.suffix}'"
+        )
     return writer
 
 
 def write_results(objects: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write a file in the format that its suffix means; it appears when complete. Raises InputError."""
+    """Write a file in the format that its suffix means; it appears when complete. Raises
+    InputError."""
     text = writer_for(path)(objects)
     write_atomic(path, text)

@@ -20,17 +20,23 @@ from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.reduction import State
 
 REDUCTIONS = ("none", "latitude", "velocity", "main-field")
-"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or that and the Eötvös acceleration; of a
-magnetometer's, the Earth's main field at its position."""
+"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or
+that and the Eötvös acceleration; of a magnetometer's, the Earth's main field at its position."""
 FEWEST = 3
 """Readings that a track needs."""
 _OFF_SCALE = 30.0
-"""Readings whose spread differs from the map's by this factor or more are in another unit, if some unit explains it."""
+"""Readings whose spread differs from the map's by this factor or more are in another unit, if some
+unit explains it."""
 _EXPLAINED = 8.0
 """A unit explains it where it brings the two spreads within this factor."""
 _LEAST_NORMAL_GRAVITY = 9.5
 """m/s², less than it is anywhere up to 80 km."""
-_NORMAL_GRAVITY_TAKEN_OFF = ("disturbance", "gravity_anomaly", "bouguer_disturbance", "bouguer_anomaly")
+_NORMAL_GRAVITY_TAKEN_OFF = (
+    "disturbance",
+    "gravity_anomaly",
+    "bouguer_disturbance",
+    "bouguer_anomaly",
+)
 _REDUCED_WITH: dict[str, tuple[str, ...]] = {
     "gravity": ("velocity",),
     **dict.fromkeys(_NORMAL_GRAVITY_TAKEN_OFF, ("latitude", "velocity")),
@@ -41,12 +47,14 @@ _REDUCED_WITH: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """N readings with the navigator's own position of each. Radians; values in the map's unit inside (SI, nT for magnetic fields).
+    """N readings with the navigator's own position of each. Radians; values in the map's unit
+    inside (SI, nT for magnetic fields).
 
     Raises
     ------
     InputError
-        Fewer than three readings, a number that is not finite, times that do not increase, no such place, sigma not positive.
+        Fewer than three readings, a number that is not finite, times that do not increase, no such
+        place, sigma not positive.
     """
 
     time: Array
@@ -70,29 +78,41 @@ class Track:
 
     def __post_init__(self) -> None:
         if self.time.size < FEWEST:
-            raise InputError(f"{self.where}: needs at least {FEWEST} readings, has {self.time.size}")
+            raise InputError(
+                f"{self.where}: needs at least {FEWEST} readings, has {self.time.size}"
+            )
         for name in ("time", "latitude", "longitude", "sigma", "offset"):
             bad = ~np.isfinite(getattr(self, name))
             if bad.any():
-                raise InputError(f"{self.where}: {name} of reading {int(np.argmax(bad)) + 1} is not a finite number")
+                raise InputError(
+                    f"{self.where}: {name} of reading {int(np.argmax(bad)) + 1} is not a finite"
+                    " number"
+                )
         late = np.diff(self.time) <= 0.0
         if late.any():
             i = int(np.argmax(late))
             raise InputError(
-                f"{self.where}: times must increase; reading {i + 2} ({self.time[i + 1]:.10g} s) is not later than"
-                f" reading {i + 1} ({self.time[i]:.10g} s)"
+                f"{self.where}: times must increase; reading {i + 2} ({self.time[i + 1]:.10g} s)"
+                f" is not later than reading {i + 1} ({self.time[i]:.10g} s)"
             )
         wrong = (np.abs(self.latitude) > math.pi / 2) | (np.abs(self.longitude) > 2.0 * math.pi)
         if wrong.any():
             i = int(np.argmax(wrong))
             raise InputError(
-                f"{self.where}: no such place at reading {i + 1}: latitude {math.degrees(self.latitude[i]):.6g}, longitude"
-                f" {math.degrees(self.longitude[i]):.6g} deg (latitude -90 to 90, longitude -180 to 360)"
+                f"{self.where}: no such place at reading {i + 1}: latitude"
+                f" {math.degrees(self.latitude[i]):.6g}, longitude"
+                f" {math.degrees(self.longitude[i]):.6g} deg (latitude -90 to 90, longitude -180"
+                " to 360)"
             )
         if self.reduction not in REDUCTIONS:
-            raise InputError(f"reduction must be one of {', '.join(REDUCTIONS)}, is '{self.reduction}'")
+            raise InputError(
+                f"reduction must be one of {', '.join(REDUCTIONS)}, is '{self.reduction}'"
+            )
         if (self.sigma <= 0.0).any():
-            raise InputError(f"{self.where}: sigma of reading {int(np.argmax(self.sigma <= 0.0)) + 1} must be > 0")
+            raise InputError(
+                f"{self.where}: sigma of reading {int(np.argmax(self.sigma <= 0.0)) + 1} must"
+                " be > 0"
+            )
 
     def __len__(self) -> int:
         return self.time.size
@@ -102,13 +122,18 @@ class Track:
         """(N, 2) m/s north and east, by differences of the positions."""
         north, east = metres_per_radian(self.latitude)
         turned = np.unwrap(self.longitude)
-        return np.stack([np.gradient(self.latitude, self.time) * north, np.gradient(turned, self.time) * east], axis=-1)
+        return np.stack(
+            [np.gradient(self.latitude, self.time) * north, np.gradient(turned, self.time) * east],
+            axis=-1,
+        )
 
     def jacobian(self, quantity: str) -> Array:
-        """Return (N, 4) d(reading)/d(track's error north m, east m, v_north m/s, v_east m/s) by the reduction.
+        """Return (N, 4) d(reading)/d(track's error north m, east m, v_north m/s, v_east m/s) by
+        the reduction.
 
-        Zero for readings that do not depend on where the navigator thought it was. Otherwise normal gravity was taken at the track's
-        latitude, and the Eötvös acceleration at its velocity, and a candidate elsewhere would have been reduced otherwise.
+        Zero for readings that do not depend on where the navigator thought it was. Otherwise
+        normal gravity was taken at the track's latitude, and the Eötvös acceleration at its
+        velocity, and a candidate elsewhere would have been reduced otherwise.
 
         Raises
         ------
@@ -119,11 +144,16 @@ class Track:
         if self.reduction == "none":
             return jacobian
         if self.reduction not in _REDUCED_WITH.get(quantity, ()):
-            raise InputError(f"{self.where}: readings of {quantity} are not reduced with the track's {self.reduction}")
+            raise InputError(
+                f"{self.where}: readings of {quantity} are not reduced with the track's"
+                f" {self.reduction}"
+            )
         if self.reduction == "main-field":
             # the year hardly matters: the gradient changes by a thousandth in one
             main_field = MainField(self.latitude, self.longitude, 0.0, Magnetometer().epoch)
-            return MagneticReduction(main_field).jacobian(State(self.latitude, self.longitude, 0.0, 0.0, 0.0))
+            return MagneticReduction(main_field).jacobian(
+                State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
+            )
         if self.reduction == "latitude":
             jacobian[:, 0] = -normal_gravity_gradient_north(self.latitude)
             return jacobian
@@ -131,8 +161,9 @@ class Track:
         return reading_jacobian(reduced, self.latitude, *self.velocity.T)
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
-        """Return by how much the readings may be off per metre of latitude (unit/m), where nobody said at which latitude the normal gravity
-        in the offset was taken; zero where there is none in it, or `reduction` says it."""
+        """Return by how much the readings may be off per metre of latitude (unit/m), where nobody
+        said at which latitude the normal gravity in the offset was taken; zero where there is none
+        in it, or `reduction` says it."""
         if self.reduction != "none" or quantity not in _NORMAL_GRAVITY_TAKEN_OFF:
             return 0.0
         if float(np.median(self.offset)) < _LEAST_NORMAL_GRAVITY:
@@ -147,7 +178,8 @@ def track_window(latitude: Array, longitude: Array, margin: float) -> Window:
 
 
 def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
-    """Refuse a track that cannot belong to the map; else return it with NaN where the map has no value, and (N,) where that is.
+    """Refuse a track that cannot belong to the map; else return it with NaN where the map has no
+    value, and (N,) where that is.
 
     Raises
     ------
@@ -160,15 +192,17 @@ def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
     if usable.sum() < FEWEST:
         extent = route_window(track.latitude, track.longitude, 0.0).text()
         raise InputError(
-            f"{track.where}: the track ({extent}) is off the map {field_map.provenance} ({field_map.extent.text()}):"
-            f" {int(usable.sum())} of {len(track)} readings lie where it has a value"
+            f"{track.where}: the track ({extent}) is off the map {field_map.provenance}"
+            f" ({field_map.extent.text()}): {int(usable.sum())} of {len(track)} readings lie where"
+            " it has a value"
         )
     _check_unit(track.value[usable] - track.offset[usable], at_track[usable], field_map, track)
     return replace(track, value=np.where(on_map, track.value, np.nan)), ~on_map
 
 
 def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track) -> None:
-    """Refuse readings less offset that the quantity cannot have, or whose spread another unit explains."""
+    """Refuse readings less offset that the quantity cannot have, or whose spread another unit
+    explains."""
     known = QUANTITIES[field_map.quantity]
     low, high = float(level.min()), float(level.max())
     spread, expected = float(np.std(level)), float(np.std(at_track))
@@ -180,15 +214,23 @@ def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track
     for name, (inside, factor) in UNITS.items():
         scale = factor / track.factor
         possible = known.lowest <= low * scale and high * scale <= known.highest
-        if inside == field_map.unit and scale != 1.0 and possible and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED:
+        if (
+            inside == field_map.unit
+            and scale != 1.0
+            and possible
+            and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED
+        ):
             hint = f"; they look like {name}: give --track-unit '{name}'"
             break
     if not impossible and not hint:  # a quiet or a noisy sensor, not another unit
         return
     if not hint and field_map.unit == "m/s²" and known.highest < 1.0 < low:
         hint = "; they look like gravity: give normal gravity in the column offset"
-    low, high, least, most = (x / track.factor for x in (low, high, float(at_track.min()), float(at_track.max())))
+    low, high, least, most = (
+        x / track.factor for x in (low, high, float(at_track.min()), float(at_track.max()))
+    )
     raise InputError(
-        f"{track.where}: readings (less offset) of {low:.6g} to {high:.6g} do not fit the {field_map.quantity} map"
-        f" {field_map.provenance}, which in their unit has {least:.6g} to {most:.6g} along the track{hint}"
+        f"{track.where}: readings (less offset) of {low:.6g} to {high:.6g} do not fit the"
+        f" {field_map.quantity} map {field_map.provenance}, which in their unit has {least:.6g} to"
+        f" {most:.6g} along the track{hint}"
     )

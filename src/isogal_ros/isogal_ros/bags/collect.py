@@ -23,7 +23,8 @@ from isogal_ros.topics import Topic
 
 
 class Collector:
-    """Keeps serialised messages by stamp and decodes those that a record needs: at the start and at every scan.
+    """Keeps serialised messages by stamp and decodes those that a record needs: at the start and
+    at every scan.
 
     Parameters
     ----------
@@ -69,7 +70,10 @@ class Collector:
             for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
                 if item.name.endswith(f"{topics.PMHT_MM}: batch"):
                     figures = figures_of(item)
-                    self.batches[from_seconds(float(figures["stamp"]))] = {**figures, "message": item.message}
+                    self.batches[from_seconds(float(figures["stamp"]))] = {
+                        **figures,
+                        "message": item.message,
+                    }
 
     def take_bag(self, reader: BagReader) -> None:
         """Keep what a bag holds."""
@@ -77,13 +81,16 @@ class Collector:
         found: dict[str, Topic | None] = {}
         for message in reader.messages():
             if message.topic not in found:
-                found[message.topic] = next((topic for topic in wanted if topic_of(message.topic, topic.name)), None)
+                found[message.topic] = next(
+                    (topic for topic in wanted if topic_of(message.topic, topic.name)), None
+                )
             topic = found[message.topic]
             if topic is not None:
                 self.take(topic, message.data)
 
     def fix_positions(self) -> dict[int, tuple[float, float] | None]:
-        """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch gave none."""
+        """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch
+        gave none."""
         result: dict[int, tuple[float, float] | None] = {}
         for ns, data in self.fixes.items():
             message = deserialize_message(data, topics.FIX.type)
@@ -95,7 +102,8 @@ class Collector:
         return result
 
     def runs(self, field_map: AnyMap) -> Runs | None:
-        """Return the record of the run; None where truth or navigation is missing, or no scan is covered by both."""
+        """Return the record of the run; None where truth or navigation is missing, or no scan is
+        covered by both."""
         scans = sorted(ns for ns in self.readings if ns in self.truth and ns in self.last_nav)
         starts = sorted(ns for ns in self.last_nav if ns in self.truth)
         if not scans:
@@ -105,9 +113,14 @@ class Collector:
         nav = self._positions(self.last_nav, stamps)
         unaided = self._positions(self.unaided, stamps)
         covariance = np.stack([self._covariance(self.last_nav[ns]) for ns in stamps])
-        # retrodiction publishes a fix for each scan: only the batch ends have figures in the diagnostics
+        # retrodiction publishes a fix for each scan: only the batch ends have figures in the
+        # diagnostics
         batch_ends = self.batches if self.scenario.matcher.mode == "retrodiction" else self.fixes
-        ends = sorted(ns for ns in batch_ends if ns in self.fixes and ns in self.truth and ns in self.last_nav)
+        ends = sorted(
+            ns
+            for ns in batch_ends
+            if ns in self.fixes and ns in self.truth and ns in self.last_nav
+        )
         error = horizontal_difference(nav[:, 0], nav[:, 1], truth[:, 0], truth[:, 1])
         return Runs(
             time=np.array([to_seconds(ns) for ns in stamps]),
@@ -115,14 +128,19 @@ class Collector:
             longitude=truth[:, 1],
             error=error[None],
             covariance=covariance[None],
-            unaided_error=horizontal_difference(unaided[:, 0], unaided[:, 1], truth[:, 0], truth[:, 1])[None],
+            unaided_error=horizontal_difference(
+                unaided[:, 0], unaided[:, 1], truth[:, 0], truth[:, 1]
+            )[None],
             **self._fix_record(ends),
             detail=self._detail(scans, ends, channels_of(field_map)[0]),
         )
 
     def _fix_record(self, ends: list[int]) -> dict[str, Any]:
         error, covariance = np.full((len(ends), 2), np.nan), np.full((len(ends), 2, 2), np.nan)
-        posterior, posterior_covariance = np.full((len(ends), 2), np.nan), np.full((len(ends), 2, 2), np.nan)
+        posterior, posterior_covariance = (
+            np.full((len(ends), 2), np.nan),
+            np.full((len(ends), 2, 2), np.nan),
+        )
         reasons: list[str | None] = []
         seconds = np.full(len(ends), np.nan)
         for i, ns in enumerate(ends):
@@ -137,7 +155,9 @@ class Collector:
                 found = read_position(message)
                 error[i] = horizontal_difference(found[0], found[1], latitude, longitude)
                 covariance[i] = read_covariance(message)[:2, :2]
-            posterior[i] = horizontal_difference(*_position(self.last_nav[ns]), latitude, longitude)
+            posterior[i] = horizontal_difference(
+                *_position(self.last_nav[ns]), latitude, longitude
+            )
             posterior_covariance[i] = self._covariance(self.last_nav[ns])
         return {
             "fix_time": np.array([to_seconds(ns) for ns in ends]),
@@ -165,7 +185,11 @@ class Collector:
 
     def _candidates(self, ns: int) -> Candidates | None:
         data = self.candidates.get(ns)
-        found = None if data is None else read_candidates(deserialize_message(data, topics.CANDIDATES.type))
+        found = (
+            None
+            if data is None
+            else read_candidates(deserialize_message(data, topics.CANDIDATES.type))
+        )
         return found if found is not None and len(found.latitude) else None
 
     def _reading(self, data: bytes) -> float:
@@ -187,5 +211,7 @@ class Collector:
 
 
 def _position(data: bytes) -> tuple[float, float]:
-    latitude, longitude, _ = read_position(deserialize_message(data, topics.NAV_FIX.type), frame="")
+    latitude, longitude, _ = read_position(
+        deserialize_message(data, topics.NAV_FIX.type), frame=""
+    )
     return latitude, longitude

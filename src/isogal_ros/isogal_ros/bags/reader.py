@@ -75,7 +75,11 @@ class BagReader:
                         continue
                     if metadata_only and isinstance(record, Chunk):
                         return
-                    for inner in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):
+                    for inner in (
+                        breakup_chunk(record, validate_crc=True)
+                        if isinstance(record, Chunk)
+                        else (record,)
+                    ):
                         if isinstance(inner, Schema):
                             schemas[inner.id] = inner.name
                         elif isinstance(inner, Channel):
@@ -83,10 +87,21 @@ class BagReader:
                             self.types[inner.topic] = schemas.get(inner.schema_id, "")
                         elif isinstance(inner, Message):
                             yield Recorded(channels[inner.channel_id], inner.data, inner.log_time)
-            except (McapError, struct.error, EOFError, KeyError, ValueError, MemoryError, OSError) as error:
+            except (
+                McapError,
+                struct.error,
+                EOFError,
+                KeyError,
+                ValueError,
+                MemoryError,
+                OSError,
+            ) as error:
                 if _is_empty(stream) or (type(error).__name__ == "InvalidMagic" and not channels):
                     raise InputError(f"{self.file}: not an MCAP file") from None
-                self.cut = f"the file ends early, at byte {self.file.stat().st_size} ({type(error).__name__})"
+                self.cut = (
+                    f"the file ends early, at byte {self.file.stat().st_size}"
+                    f" ({type(error).__name__})"
+                )
             except Exception as error:
                 if type(error).__name__ != "ZstdError":
                     raise
@@ -103,22 +118,31 @@ def _find_file(path: Path) -> Path:
         raise InputError(f"{path}: no such bag")
     if path.is_file():
         if path.suffix != ".mcap":
-            raise InputError(f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in .mcap")
+            raise InputError(
+                f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in"
+                " .mcap"
+            )
         return path
     files = sorted(path.glob("*.mcap"))
     if not files:
         others = sorted(entry.name for entry in path.glob("*.db3"))
-        hint = f" but {others[0]}; convert it: ros2 bag convert with storage_id mcap" if others else ""
+        hint = (
+            f" but {others[0]}; convert it: ros2 bag convert with storage_id mcap"
+            if others
+            else ""
+        )
         raise InputError(f"{path}: no MCAP file in this folder{hint}")
     if len(files) > 1:
         raise InputError(
-            f"{path}: {len(files)} MCAP files; give one of them: {', '.join(file.name for file in files[:3])}"
+            f"{path}: {len(files)} MCAP files; give one of them:"
+            f" {', '.join(file.name for file in files[:3])}"
         )
     return files[0]
 
 
 def topic_of(recorded: str, name: str) -> bool:
-    """Whether a recorded (absolute) topic is the graph's topic of that name, in whatever namespace."""
+    """Whether a recorded (absolute) topic is the graph's topic of that name, in whatever
+    namespace."""
     return recorded == name or recorded.endswith("/" + name.lstrip("/"))
 
 

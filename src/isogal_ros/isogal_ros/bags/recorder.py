@@ -33,9 +33,9 @@ class RecorderSettings(NodeSettings):
 class RecorderNode(GraphNode):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
-    Log time is the simulation's clock (never earlier than the message's own stamp), as ``ros2 bag record --use-sim-time`` has it. Publish
-    time is the wall clock at reception: the events executor cannot tell when a serialised message was sent.
-    """
+    Log time is the simulation's clock (never earlier than the message's own stamp), as ``ros2 bag
+    record --use-sim-time`` has it. Publish time is the wall clock at reception: the events
+    executor cannot tell when a serialised message was sent."""
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
@@ -47,7 +47,9 @@ class RecorderNode(GraphNode):
             "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
             "run": str(self.settings.run),
         }
-        self.writer = BagWriter(Path(self.settings.bag), texts, self.settings.replace, self.settings.compress)
+        self.writer = BagWriter(
+            Path(self.settings.bag), texts, self.settings.replace, self.settings.compress
+        )
         self._now = 0
         self._written = 0
         for topic in topics.ALL:
@@ -67,11 +69,14 @@ class RecorderNode(GraphNode):
             except OSError as error:
                 self.fail(f"{self.writer.path}: cannot be written: {error.strerror or error}")
 
-        subscription = self.create_subscription(topic.type, topic.name, write, topics.LOSSLESS, raw=True)
+        subscription = self.create_subscription(
+            topic.type, topic.name, write, topics.LOSSLESS, raw=True
+        )
         name = subscription.topic_name
 
     def _add(self, name: str, topic: Topic) -> None:
-        """Make a topic known to the bag with what its publishers offer; the history is not part of discovery, so it is the graph's own."""
+        """Make a topic known to the bag with what its publishers offer; the history is not part of
+        discovery, so it is the graph's own."""
         offers = self.get_publishers_info_by_topic(name)
         profiles = [offer.qos_profile for offer in offers] or [topics.LOSSLESS]
         entries = qos_text([_with_history(profile) for profile in profiles])

@@ -71,7 +71,9 @@ class _Feeder(GraphNode):
         self.collector = Collector(self.scenario)
         self.heard = 0
         self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
-        self._readings = self.advertise(topics.readings(self.scenario.measured_field), consumers=(topics.PMHT_MM,))
+        self._readings = self.advertise(
+            topics.readings(self.scenario.measured_field), consumers=(topics.PMHT_MM,)
+        )
         for topic in ANSWERS:
             self.listen(topic, self._keep(topic), raw=True)
 
@@ -105,7 +107,9 @@ class _Recorded:
     collector: Collector
 
 
-def replay(reader: BagReader, interrupt: Interrupt, report: Callable[[float, float], None]) -> Replay:
+def replay(
+    reader: BagReader, interrupt: Interrupt, report: Callable[[float, float], None]
+) -> Replay:
     """Replay a bag as fast as the nodes can, in lock-step.
 
     Parameters
@@ -131,7 +135,9 @@ def replay(reader: BagReader, interrupt: Interrupt, report: Callable[[float, flo
         notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
-        feeder, answered = _run(recorded, scenario, int(reader.texts.get("run", 0)), context, interrupt, report)
+        feeder, answered = _run(
+            recorded, scenario, int(reader.texts.get("run", 0)), context, interrupt, report
+        )
     outputs = feeder.collector
     outputs.truth, outputs.unaided, outputs.readings = (
         recorded.collector.truth,
@@ -157,18 +163,25 @@ def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
     known: dict[str, Any] = {}
     for message in reader.messages():
         if message.topic not in known:
-            known[message.topic] = next((item for item in wanted if topic_of(message.topic, item.name)), None)
+            known[message.topic] = next(
+                (item for item in wanted if topic_of(message.topic, item.name)), None
+            )
         found = known[message.topic]
         if found is topics.IMU:
             imu[peek_ns(message.data)] = message.data
         elif found is not None:
             collector.take(found, message.data)
-    missing = [name for name, store in ((topics.IMU.name, imu), (topic.name, collector.readings)) if not store]
+    missing = [
+        name
+        for name, store in ((topics.IMU.name, imu), (topic.name, collector.readings))
+        if not store
+    ]
     if missing:
         there = ", ".join(sorted(reader.types)) or "nothing"
         cut = f"; {reader.cut}" if reader.cut else ""
         raise InputError(
-            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag has {there}{cut}"
+            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
+            f" has {there}{cut}"
         )
     return _Recorded(imu, collector.readings, collector)
 
@@ -188,7 +201,9 @@ def _run(
     try:
         for name in NODES:
             nodes[name] = node_class(name)(
-                name, values=graph_values(scenario, own, node_class(name).sections), context=context
+                name,
+                values=graph_values(scenario, own, node_class(name).sections),
+                context=context,
             )
         values = graph_values(scenario, own | {"recorders": 0}, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
@@ -204,17 +219,23 @@ def _run(
 
 
 class _Steps:
-    """The lock-step: every IMU sample is answered before the next, every reading before what follows it."""
+    """The lock-step: every IMU sample is answered before the next, every reading before what
+    follows it."""
 
     def __init__(self, recorded: _Recorded, nodes: dict[str, Any], executor: Any) -> None:
         self.recorded, self.executor = recorded, executor
-        self.matcher, self.filter, self.feeder = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION], nodes[FEEDER]
+        self.matcher, self.filter, self.feeder = (
+            nodes[topics.PMHT_MM],
+            nodes[topics.UKF_FUSION],
+            nodes[FEEDER],
+        )
 
     def run(self, interrupt: Interrupt, report: Callable[[float, float], None]) -> int:
         """Play all; return the last stamp (ns) that was answered, 0 = none."""
         stamps, readings = sorted(self.recorded.imu), sorted(self.recorded.readings)
         self._wait(
-            lambda: self.matcher.ready and self.filter.ready and self.feeder.ready, "the nodes to find each other"
+            lambda: self.matcher.ready and self.filter.ready and self.feeder.ready,
+            "the nodes to find each other",
         )
         played = answered = 0
         told = time.monotonic()
@@ -222,11 +243,17 @@ class _Steps:
             if interrupt:
                 break
             self.feeder.imu(ns, self.recorded.imu[ns])
-            self._wait(lambda: self.filter.samples >= samples, f"the filter's answer at {to_seconds(ns):.3f} s")  # noqa: B023
+            self._wait(
+                lambda: self.filter.samples >= samples,
+                f"the filter's answer at {to_seconds(ns):.3f} s",
+            )  # noqa: B023
             while played < len(readings) and readings[played] <= ns:
                 self.feeder.reading(self.recorded.readings[readings[played]])
                 played += 1
-                self._wait(lambda: self._settled(played), f"the matcher's answer at {to_seconds(ns):.3f} s")  # noqa: B023
+                self._wait(
+                    lambda: self._settled(played),
+                    f"the matcher's answer at {to_seconds(ns):.3f} s",
+                )  # noqa: B023
             answered = ns
             if (now := time.monotonic()) - told > 0.2:
                 told = now
@@ -251,7 +278,11 @@ def compare(recorded: Collector, replayed: Collector, last_ns: int) -> Compariso
     old = {ns: fix for ns, fix in recorded.fix_positions().items() if ns <= last_ns}
     new = replayed.fix_positions()
     both = [(old[ns], new[ns]) for ns in old if old[ns] is not None and new.get(ns) is not None]
-    differences = [float(np.hypot(*horizontal_difference(*b, *a))) for a, b in both if a is not None and b is not None]
+    differences = [
+        float(np.hypot(*horizontal_difference(*b, *a)))
+        for a, b in both
+        if a is not None and b is not None
+    ]
     fixes_old = sum(fix is not None for fix in old.values())
     fixes_new = sum(fix is not None for fix in new.values())
     return Comparison(

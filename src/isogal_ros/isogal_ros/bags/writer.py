@@ -1,8 +1,9 @@
-"""Writing recordings as ``ros2 bag record -s mcap`` lays them out: a folder with one MCAP file and ``metadata.yaml``.
+"""Writing recordings as ``ros2 bag record -s mcap`` lays them out: a folder with one MCAP file and
+``metadata.yaml``.
 
-The file is written in small chunks straight to the disk, and the scenario goes first: whoever kills the recorder leaves a file that can be
-read up to the last whole chunk (`isogal_ros.bags.reader`).
-"""
+The file is written in small chunks straight to the disk, and the scenario goes first: whoever
+kills the recorder leaves a file that can be read up to the last whole chunk
+(`isogal_ros.bags.reader`)."""
 
 import os
 import sys
@@ -51,7 +52,8 @@ _QOS_DEFAULTS: dict[str, Any] = {
 
 
 class _Stream:
-    """A file without buffer: what a chunk's write has returned from is in the kernel's hands, whatever becomes of this process.
+    """A file without buffer: what a chunk's write has returned from is in the kernel's hands,
+    whatever becomes of this process.
 
     (Given a raw file, mcap's writer would put a buffer of its own round it.)
     """
@@ -88,7 +90,8 @@ class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[mi
 
 
 def qos_text(profiles: Sequence[Any]) -> list[dict[str, Any]]:
-    """Return offered QoS profiles as rosbag2 writes them (names in lower case since metadata version 9)."""
+    """Return offered QoS profiles as rosbag2 writes them (names in lower case since metadata
+    version 9)."""
     result = []
     for profile in profiles:
         entry = dict(_QOS_DEFAULTS)
@@ -106,7 +109,8 @@ def qos_text(profiles: Sequence[Any]) -> list[dict[str, Any]]:
 
 @lru_cache(maxsize=64)
 def schema_text(type_name: str) -> str:
-    """Return the definition of a message type with all it contains, as the encoding ``ros2msg`` wants it."""
+    """Return the definition of a message type with all it contains, as the encoding ``ros2msg``
+    wants it."""
     parts = [_definition(type_name)]
     seen, queue = {type_name}, _contained(type_name)
     while queue:
@@ -126,7 +130,8 @@ def _definition(type_name: str) -> str:
 
 
 def _share(package: str) -> Path:
-    """Return a package's share folder; packages from wheels are not in the ament index unless the environment names the venv."""
+    """Return a package's share folder; packages from wheels are not in the ament index unless the
+    environment names the venv."""
     try:
         return Path(get_package_share_directory(package))
     except (PackageNotFoundError, OSError):
@@ -202,7 +207,9 @@ class BagWriter:
         self._flushed = time.monotonic()
         self._write_metadata()
 
-    def add_topic(self, topic: str, type_name: str, qos: list[dict[str, Any]], type_hash: str) -> None:
+    def add_topic(
+        self, topic: str, type_name: str, qos: list[dict[str, Any]], type_hash: str
+    ) -> None:
         """Make a topic known; its first message must not come before."""
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(
@@ -226,7 +233,8 @@ class BagWriter:
         self._last = max(self._last, log_ns)
 
     def flush(self) -> None:
-        """Write out what is not on the disk yet, so that a killed recorder loses little; not more often than every `FLUSH_EVERY` s."""
+        """Write out what is not on the disk yet, so that a killed recorder loses little; not more
+        often than every `FLUSH_EVERY` s."""
         if time.monotonic() - self._flushed >= FLUSH_EVERY:
             self._flushed = time.monotonic()
             self._writer.flush()
@@ -235,7 +243,8 @@ class BagWriter:
     def close(self) -> None:
         """Finish the file and its metadata."""
         self._writer.add_metadata(
-            "rosbag2", {"serialized_metadata": _dump(self._information()["rosbag2_bagfile_information"])}
+            "rosbag2",
+            {"serialized_metadata": _dump(self._information()["rosbag2_bagfile_information"])},
         )
         self._writer.finish()
         self._stream.close()
@@ -281,14 +290,21 @@ class BagWriter:
 
 
 def prepare_folder(folder: Path, replace: bool) -> None:
-    """Make the folder of a new bag; raises InputError where it holds something else, or a bag that must stay."""
+    """Make the folder of a new bag; raises InputError where it holds something else, or a bag that
+    must stay."""
     if folder.exists():
         if not folder.is_dir():
             raise InputError(f"{folder}: is a file; a bag needs a folder")
         entries = list(folder.iterdir())
-        strangers = [entry.name for entry in entries if not (entry.name == "metadata.yaml" or entry.suffix == ".mcap")]
+        strangers = [
+            entry.name
+            for entry in entries
+            if not (entry.name == "metadata.yaml" or entry.suffix == ".mcap")
+        ]
         if strangers:
-            raise InputError(f"{folder}: holds something else than a bag ({strangers[0]}); give another folder")
+            raise InputError(
+                f"{folder}: holds something else than a bag ({strangers[0]}); give another folder"
+            )
         if entries and not replace:
             raise InputError(f"{folder}: there is a bag already; give another folder")
         for entry in entries:

@@ -1,4 +1,5 @@
-"""A ROS domain that nobody else on this machine uses, and the traces that Fast DDS leaves behind."""
+"""A ROS domain that nobody else on this machine uses, and the traces that Fast DDS leaves
+behind."""
 
 import os
 import socket
@@ -13,17 +14,21 @@ DEFAULTS = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("fastdds.xml")),
 }
-"""Environment of the graph where the user has not said otherwise: found on this machine only; quick acknowledgements."""
+"""Environment of the graph where the user has not said otherwise: found on this machine only;
+quick acknowledgements."""
 _MEMORY = Path("/dev/shm")
 _HIGHEST = 101
-"""Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula, section 9.6.2.3)."""
+"""Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula,
+section 9.6.2.3)."""
 
 
 @contextmanager
 def claim_domain() -> Iterator[int]:
-    """Yield a domain for one graph: the user's ``ROS_DOMAIN_ID`` where it is set, else a free one, held until the end.
+    """Yield a domain for one graph: the user's ``ROS_DOMAIN_ID`` where it is set, else a free one,
+    held until the end.
 
-    A domain counts as free where nobody listens on the first participants' ports and no other run holds it.
+    A domain counts as free where nobody listens on the first participants' ports and no other run
+    holds it.
 
     Raises
     ------
@@ -59,7 +64,8 @@ def _claim(domain: int, stack: ExitStack) -> bool:
 
 
 def _in_use(domain: int) -> bool:
-    """Whether a participant listens: unicast discovery ports are 7410 + 250 domain + 2 participant."""
+    """Whether a participant listens: unicast discovery ports are 7410 + 250 domain + 2
+    participant."""
     for participant in range(4):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -73,11 +79,16 @@ def shared_memory() -> set[str]:
     """List Fast DDS's shared memory files."""
     if not _MEMORY.is_dir():
         return set()
-    return {entry.name for entry in _MEMORY.iterdir() if "fastrtps_" in entry.name or "fastdds_" in entry.name}
+    return {
+        entry.name
+        for entry in _MEMORY.iterdir()
+        if "fastrtps_" in entry.name or "fastdds_" in entry.name
+    }
 
 
 def sweep_shared_memory(before: set[str]) -> None:
-    """Delete the files that came since and that no process has open: a killed process leaves its own behind."""
+    """Delete the files that came since and that no process has open: a killed process leaves its
+    own behind."""
     left = shared_memory() - before
     if not left:
         return
@@ -92,14 +103,17 @@ def sweep_shared_memory(before: set[str]) -> None:
 
 
 def _open_files() -> set[str]:
-    """List the shared memory files that any process has mapped or open, as far as this user may see."""
+    """List the shared memory files that any process has mapped or open, as far as this user may
+    see."""
     found: set[str] = set()
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
             continue  # its participant is gone, and what it still has mapped it no longer needs
         try:
             lines = (process / "maps").read_text(errors="replace").splitlines()
-            found.update(line[line.index(str(_MEMORY)) :] for line in lines if str(_MEMORY) in line)
+            found.update(
+                line[line.index(str(_MEMORY)) :] for line in lines if str(_MEMORY) in line
+            )
             found.update(str(entry.readlink()) for entry in (process / "fd").iterdir())
         except OSError:
             continue

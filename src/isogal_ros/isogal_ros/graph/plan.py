@@ -1,4 +1,5 @@
-"""What the two ways to run the graph share: which nodes, with which parameters, and what they tell while they run."""
+"""What the two ways to run the graph share: which nodes, with which parameters, and what they tell
+while they run."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -50,7 +51,8 @@ class Plan:
     """Simulated seconds per second; 0 = as fast as the graph can."""
     replace_bag: bool = True
     lock_step: bool = True
-    """Whether a step waits for the graph's answers; without, nodes work as they would with real sensors."""
+    """Whether a step waits for the graph's answers; without, nodes work as they would with real
+    sensors."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,4 +1,5 @@
-"""The graph as processes: one per node and one for the recorder, started, watched and ended together."""
+"""The graph as processes: one per node and one for the recorder, started, watched and ended
+together."""
 
 import os
 import signal
@@ -16,7 +17,13 @@ from rclpy.qos import QoSProfile
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import DEFAULTS, DOMAIN, claim_domain, shared_memory, sweep_shared_memory
+from isogal_ros.graph.domain import (
+    DEFAULTS,
+    DOMAIN,
+    claim_domain,
+    shared_memory,
+    sweep_shared_memory,
+)
 from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan, Report, progress_of
 from isogal_ros.nodes import parameters as params
 from isogal_ros.nodes.base import PARENT
@@ -48,11 +55,26 @@ class Processes:
         parameters = ["--params-file", str(self.parameters)]
         # what a node logs goes to its output, and that to a file
         logging = ["--disable-external-lib-logs"]
-        command = [sys.executable, "-m", CLASSES[name][0], "--ros-args", "-r", f"__node:={name}", *logging, *parameters]
+        command = [
+            sys.executable,
+            "-m",
+            CLASSES[name][0],
+            "--ros-args",
+            "-r",
+            f"__node:={name}",
+            *logging,
+            *parameters,
+        ]
         with self.log(name).open("wb") as log:
-            # a session of its own: Ctrl-C in the terminal reaches this process only, which ends the others in order
+            # a session of its own: Ctrl-C in the terminal reaches this process only, which ends
+            # the others in order
             return subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                start_new_session=True,
             )
 
     def log(self, name: str) -> Path:
@@ -94,8 +116,11 @@ class Processes:
 
 
 def parameter_text(plan: Plan) -> str:
-    """Return a parameter file for the whole graph: the scenario for all, each node's own parameters by its name."""
-    document: dict[str, Any] = yaml.safe_load(params.parameter_file(params.scenario_values(plan.scenario)))
+    """Return a parameter file for the whole graph: the scenario for all, each node's own
+    parameters by its name."""
+    document: dict[str, Any] = yaml.safe_load(
+        params.parameter_file(params.scenario_values(plan.scenario))
+    )
     for name in plan.names:
         document[f"/**/{name}"] = {"ros__parameters": plan.own(name)}
     return yaml.safe_dump(document, sort_keys=False)
@@ -113,7 +138,9 @@ class _Watcher(Node):
             start_parameter_services=False,
         )
         self.figures: dict[str, str] = {}
-        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, self._hear, QoSProfile(depth=10))
+        self.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS.name, self._hear, QoSProfile(depth=10)
+        )
 
     def _hear(self, array: DiagnosticArray) -> None:
         for item in array.status:
@@ -121,7 +148,9 @@ class _Watcher(Node):
                 self.figures = figures_of(item)
 
 
-def run_processes(plan: Plan, folder: Path, interrupt: Interrupt, report: Report, announce: Any = None) -> Outcome:
+def run_processes(
+    plan: Plan, folder: Path, interrupt: Interrupt, report: Report, announce: Any = None
+) -> Outcome:
     """Run the graph as processes until the route's end, or until interrupted.
 
     Parameters
@@ -168,7 +197,8 @@ def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Repo
                 now = time.monotonic()
                 progress = progress_of(watcher.figures)
                 if progress is not None:
-                    # the simulator's own count of time, so that the start of the processes is not in it
+                    # the simulator's own count of time, so that the start of the processes is not
+                    # in it
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     if now - told > 0.2:
                         told = now

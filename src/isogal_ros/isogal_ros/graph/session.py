@@ -1,4 +1,5 @@
-"""What the commands ``isogal run`` and ``isogal replay`` do, from the check of the input to the report."""
+"""What the commands ``isogal run`` and ``isogal replay`` do, from the check of the input to the
+report."""
 
 import sys
 import time
@@ -28,7 +29,9 @@ from isogal_ros.nodes.spin import interrupts
 FAILED, INTERRUPTED = 1, 130
 
 
-def run_session(scenario: Scenario, out: Path, bag: Path | None, *, in_process: bool, rate: float, json: bool) -> int:
+def run_session(
+    scenario: Scenario, out: Path, bag: Path | None, *, in_process: bool, rate: float, json: bool
+) -> int:
     """Run the graph, then evaluate its recording; return the exit status.
 
     Raises
@@ -57,7 +60,8 @@ def run_session(scenario: Scenario, out: Path, bag: Path | None, *, in_process: 
         return FAILED
     if outcome.interrupted:
         _say(
-            f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The recording is kept: isogal replay {folder}"
+            f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The"
+            f" recording is kept: isogal replay {folder}"
         )
         return INTERRUPTED
     _say(f"The graph took {outcome.wall_seconds:.1f} s; writing the report ...")
@@ -99,7 +103,11 @@ def replay_session(bag: Path, out: Path | None, *, json: bool) -> int:
         "bag": str(bag),
         "simulated_s": result.simulated,
         "wall_s": result.wall_seconds,
-        "fixes": {"recorded": comparison.recorded, "replayed": comparison.replayed, "common": comparison.common},
+        "fixes": {
+            "recorded": comparison.recorded,
+            "replayed": comparison.replayed,
+            "common": comparison.common,
+        },
         "disagreements": comparison.disagreements,
         "largest_difference_m": comparison.largest_difference,
         "notes": result.notes,
@@ -107,7 +115,9 @@ def replay_session(bag: Path, out: Path | None, *, json: bool) -> int:
     if out is not None and not result.interrupted:
         trajectory = build_trajectory(result.scenario)
         field_map = map_for_scenario(result.scenario, trajectory)
-        document["summary"] = evaluate(result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds)
+        document["summary"] = evaluate(
+            result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds
+        )
     if json:
         print(dumps(document, indent=2, allow_nan=False))
     else:
@@ -115,9 +125,13 @@ def replay_session(bag: Path, out: Path | None, *, json: bool) -> int:
             print(f"Note: {note}.")
         print(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
         print(
-            f"Fixes: {comparison.recorded} recorded, {comparison.replayed} replayed, {comparison.common} of the same stamp."
+            f"Fixes: {comparison.recorded} recorded, {comparison.replayed} replayed,"
+            f" {comparison.common} of the same stamp."
         )
-        print(f"Largest difference: {comparison.largest_difference:.3g} m; disagreements: {comparison.disagreements}.")
+        print(
+            f"Largest difference: {comparison.largest_difference:.3g} m; disagreements:"
+            f" {comparison.disagreements}."
+        )
         if out is not None:
             print(f"Report: {out / 'report.html'}")
     return INTERRUPTED if result.interrupted else 0
@@ -131,7 +145,8 @@ def evaluate(
     out: Path,
     wall_seconds: float,
 ) -> dict[str, Any] | None:
-    """Write summary.json, report.html and figures; return the summary, or None where there is nothing to evaluate."""
+    """Write summary.json, report.html and figures; return the summary, or None where there is
+    nothing to evaluate."""
     from isogal.evaluation.bound import posterior_cramer_rao
     from isogal.evaluation.run_report import run_report
     from isogal.evaluation.summary import summarise, write_json
@@ -141,7 +156,10 @@ def evaluate(
         return None
     bound = posterior_cramer_rao(scenario, trajectory, field_map)
     summary = summarise(
-        runs, scenario, bound.rms_at(runs.time - runs.time[0] + bound.time[0]), wall_seconds=wall_seconds
+        runs,
+        scenario,
+        bound.rms_at(runs.time - runs.time[0] + bound.time[0]),
+        wall_seconds=wall_seconds,
     )
     write_json(out / "summary.json", summary)
     run_report(runs, scenario, field_map, bound, out, summary)
@@ -162,10 +180,12 @@ def _say(text: str) -> None:
 
 
 def _announce(domain: int) -> None:
-    environment = " ".join(f"{name}={value}" for name, value in DEFAULTS.items() if name.startswith("ROS_"))
+    environment = " ".join(
+        f"{name}={value}" for name, value in DEFAULTS.items() if name.startswith("ROS_")
+    )
     _say(
-        f"Four nodes and a recorder in ROS domain {domain}. To watch them, where ros2 is installed:\n"
-        f"  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"
+        f"Four nodes and a recorder in ROS domain {domain}. To watch them, where ros2 is"
+        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"
     )
 
 
@@ -188,11 +208,26 @@ class _Display:
             progress = simulated
         else:
             self.begun = self.begun or time.monotonic() - 1e-3
-            progress = Progress(simulated, duration, simulated / (time.monotonic() - self.begun), float("nan"))
-        error = "" if progress.position_error != progress.position_error else f"error {progress.position_error:.0f} m"
-        text = f"{_clock(progress.simulated)} of {_clock(progress.duration)}, {progress.speed:.0f} x real time"
+            progress = Progress(
+                simulated, duration, simulated / (time.monotonic() - self.begun), float("nan")
+            )
+        error = (
+            ""
+            if progress.position_error != progress.position_error
+            else f"error {progress.position_error:.0f} m"
+        )
+        text = (
+            f"{_clock(progress.simulated)} of {_clock(progress.duration)}, {progress.speed:.0f} x"
+            " real time"
+        )
         if self.bar is not None:
-            self.bar.update(self.task, completed=progress.simulated, total=progress.duration, text=text, error=error)
+            self.bar.update(
+                self.task,
+                completed=progress.simulated,
+                total=progress.duration,
+                text=text,
+                error=error,
+            )
         elif time.monotonic() - self.told > 5.0:
             self.told = time.monotonic()
             _say(f"  {text}{', ' + error if error else ''}")
@@ -214,7 +249,9 @@ def _display() -> Iterator[_Display]:
         TextColumn("{task.percentage:>3.0f} %  {task.fields[error]}"),
     )
     with Bar(*columns, console=console) as bar:
-        yield _Display(bar, bar.add_task("run", total=None, text="Starting the nodes ...", error=""))
+        yield _Display(
+            bar, bar.add_task("run", total=None, text="Starting the nodes ...", error="")
+        )
 
 
 def _print_summary(summary: dict[str, Any]) -> None:
@@ -225,10 +262,20 @@ def _print_summary(summary: dict[str, Any]) -> None:
         return "–" if value is None else f"{value:.1f} m"
 
     table = Table(show_header=True, header_style="bold")
-    for name, justify in (("position error", "left"), ("mean", "right"), ("RMS", "right"), ("RMS after 1 h", "right")):
+    for name, justify in (
+        ("position error", "left"),
+        ("mean", "right"),
+        ("RMS", "right"),
+        ("RMS after 1 h", "right"),
+    ):
         table.add_column(name, justify=justify)  # type: ignore[arg-type]
     error, unaided, bound = summary["position_error"], summary["unaided"], summary["bound"]
-    table.add_row("aided navigator", metres(error["mean"]), metres(error["rms"]), metres(error["rms_after_1h"]))
+    table.add_row(
+        "aided navigator",
+        metres(error["mean"]),
+        metres(error["rms"]),
+        metres(error["rms_after_1h"]),
+    )
     table.add_row("unaided INS", metres(unaided["mean"]), metres(unaided["rms"]), "")
     table.add_row("bound (Cramér-Rao)", "", metres(bound["rms"]), metres(bound["rms_after_1h"]))
     console = Console()
@@ -236,9 +283,14 @@ def _print_summary(summary: dict[str, Any]) -> None:
     nees, fixes = summary["nees_per_axis"], summary["fixes"]
     low, high = nees["interval"]
     if nees["mean"] is not None and low is not None:
-        console.print(f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f})")
+        console.print(
+            f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f})"
+        )
     took = summary["time"]
-    each = "" if took["fix_ms_median"] is None else f", {took['fix_ms_median']:.1f} ms each (median)"
+    each = (
+        "" if took["fix_ms_median"] is None else f", {took['fix_ms_median']:.1f} ms each (median)"
+    )
     console.print(
-        f"Fixes: {fixes['published']} published, {fixes['declined']} declined{each}; wall time {took['wall_s']:.1f} s"
+        f"Fixes: {fixes['published']} published, {fixes['declined']} declined{each}; wall time"
+        f" {took['wall_s']:.1f} s"
     )

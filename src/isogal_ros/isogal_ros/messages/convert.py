@@ -1,9 +1,9 @@
 """Messages to arrays and back: the only place that knows both conventions.
 
-The library has body axes forward-right-down (FRD), north-east-down and radians; messages have forward-left-up (FLU), east-north-up and
-degrees (REP-103). The frame ``map`` is ENU at the first route point, exact through ECEF (`isogal.earth.frames.LocalFrame`).
-Readers raise `BadMessageError` for what cannot be used.
-"""
+The library has body axes forward-right-down (FRD), north-east-down and radians; messages have
+forward-left-up (FLU), east-north-up and degrees (REP-103). The frame ``map`` is ENU at the first
+route point, exact through ECEF (`isogal.earth.frames.LocalFrame`). Readers raise `BadMessageError`
+for what cannot be used."""
 
 import math
 from typing import Any
@@ -34,7 +34,8 @@ _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED <-
 
 
 def map_frame(scenario: Scenario) -> LocalFrame:
-    """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's height."""
+    """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's
+    height."""
     route = scenario.route
     first = route.waypoints[0][:2] if route.waypoints is not None else route.start
     assert first is not None  # the scenario model has checked
@@ -48,7 +49,8 @@ def require_frame(message: Any, frame: str) -> None:
 
 
 def fill_imu(message: Any, ns: int, specific_force: Array, angular_rate: Array) -> None:
-    """Write the means over an interval that ends at the stamp (FRD) into an Imu message, which has no orientation (REP-145)."""
+    """Write the means over an interval that ends at the stamp (FRD) into an Imu message, which has
+    no orientation (REP-145)."""
     set_stamp(message.header.stamp, ns)
     force, rate = message.linear_acceleration, message.angular_velocity
     force.x, force.y, force.z = (specific_force * _FLIP).tolist()
@@ -64,11 +66,18 @@ def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:
         raise BadMessageError("specific force or angular rate is not finite")
     if np.abs(values[0]).max() > LARGEST_FORCE or np.abs(values[1]).max() > LARGEST_RATE:
         raise BadMessageError(
-            f"specific force above {LARGEST_FORCE:g} m/s² or angular rate above {LARGEST_RATE:g} rad/s"
+            f"specific force above {LARGEST_FORCE:g} m/s² or angular rate above {LARGEST_RATE:g}"
+            " rad/s"
         )
-    if message.linear_acceleration_covariance[0] == -1.0 or message.angular_velocity_covariance[0] == -1.0:
+    if (
+        message.linear_acceleration_covariance[0] == -1.0
+        or message.angular_velocity_covariance[0] == -1.0
+    ):
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
-    if min(message.linear_acceleration_covariance[::4]) < 0.0 or min(message.angular_velocity_covariance[::4]) < 0.0:
+    if (
+        min(message.linear_acceleration_covariance[::4]) < 0.0
+        or min(message.angular_velocity_covariance[::4]) < 0.0
+    ):
         raise BadMessageError("negative variance")
     return values[0], values[1]
 
@@ -82,9 +91,13 @@ def fill_fix(
     covariance: Array | None = None,
     status: int = NavSatStatus.STATUS_FIX,
 ) -> None:
-    """Write a position (rad, m) and its (3, 3) covariance (NED, m²; None = not known) into a NavSatFix."""
+    """Write a position (rad, m) and its (3, 3) covariance (NED, m²; None = not known) into a
+    NavSatFix."""
     set_stamp(message.header.stamp, ns)
-    message.latitude, message.longitude = math.degrees(latitude), math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    message.latitude, message.longitude = (
+        math.degrees(latitude),
+        math.degrees(math.remainder(longitude, 2.0 * math.pi)),
+    )
     message.altitude = float(height)
     message.status.status = status
     if covariance is None:
@@ -98,10 +111,17 @@ def fill_fix(
 def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
     """Return (latitude rad, longitude rad, height m)."""
     require_frame(message, frame)
-    if not (math.isfinite(message.latitude) and math.isfinite(message.longitude) and math.isfinite(message.altitude)):
+    if not (
+        math.isfinite(message.latitude)
+        and math.isfinite(message.longitude)
+        and math.isfinite(message.altitude)
+    ):
         raise BadMessageError("position is not finite")
     if abs(message.latitude) > 90.0 or abs(message.longitude) > 360.0:
-        raise BadMessageError(f"no such place: latitude {message.latitude:.4f}, longitude {message.longitude:.4f} deg")
+        raise BadMessageError(
+            f"no such place: latitude {message.latitude:.4f}, longitude"
+            f" {message.longitude:.4f} deg"
+        )
     return math.radians(message.latitude), math.radians(message.longitude), message.altitude
 
 
@@ -125,7 +145,12 @@ _NO_COVARIANCE = np.zeros((0, 0))
 
 
 def fill_odom(
-    message: Any, ns: int, frame: LocalFrame, state: Array, angular_rate: Array, covariance: Array = _NO_COVARIANCE
+    message: Any,
+    ns: int,
+    frame: LocalFrame,
+    state: Array,
+    angular_rate: Array,
+    covariance: Array = _NO_COVARIANCE,
 ) -> None:
     """Write a navigation state into an Odometry of frame ``map`` and child ``base_link``.
 
@@ -136,8 +161,9 @@ def fill_odom(
     angular_rate : (3,) array
         FRD, rad/s, relative to the Earth.
     covariance : (9+, 9+) array
-        Position, velocity, attitude errors, NED; (0, 0) = the message's stays as it is. The twist's covariance is that of the NED velocity
-        turned into body axes, so that turning it back with the message's orientation gives it unchanged.
+        Position, velocity, attitude errors, NED; (0, 0) = the message's stays as it is. The
+        twist's covariance is that of the NED velocity turned into body axes, so that turning it
+        back with the message's orientation gives it unchanged.
     """
     set_stamp(message.header.stamp, ns)
     pose, twist = np.empty((6, 6)), np.zeros((6, 6))
@@ -152,8 +178,11 @@ def fill_odom(
         message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
 
 
-def read_velocity(message: Any, frame: LocalFrame, latitude: float, longitude: float) -> tuple[Array, Array, Array]:
-    """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry, NED at a point (rad)."""
+def read_velocity(
+    message: Any, frame: LocalFrame, latitude: float, longitude: float
+) -> tuple[Array, Array, Array]:
+    """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry,
+    NED at a point (rad)."""
     require_frame(message, MAP)
     if message.child_frame_id != BASE:
         raise BadMessageError(f"child_frame_id must be '{BASE}', is '{message.child_frame_id}'")
@@ -170,7 +199,8 @@ def read_velocity(message: Any, frame: LocalFrame, latitude: float, longitude: f
 
 
 def fill_accel(message: Any, ns: int, value: float, variance: float) -> None:
-    """Write a gravimeter's value (m/s², z up) and variance into an AccelWithCovarianceStamped; x and y are not measured."""
+    """Write a gravimeter's value (m/s², z up) and variance into an AccelWithCovarianceStamped; x
+    and y are not measured."""
     set_stamp(message.header.stamp, ns)
     message.accel.accel.linear.z = float(value)
     covariance = np.diag([NOT_MEASURED] * 6)
@@ -190,7 +220,8 @@ def read_accel(message: Any, frame: str = PLATFORM) -> tuple[float, float]:
 
 
 def fill_numbers(message: Any, ns: int, *arrays: Array) -> None:
-    """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray, which has no header."""
+    """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
+    which has no header."""
     seconds, rest = divmod(ns, 1_000_000_000)
     data = [float(seconds), float(rest)]
     for array in arrays:
@@ -199,38 +230,47 @@ def fill_numbers(message: Any, ns: int, *arrays: Array) -> None:
 
 
 def read_nav_covariance(message: Any) -> Array:
-    """Return the covariance of `isogal.matching.batching`'s error states: (7, 7), or (4, 4) without the attitude."""
+    """Return the covariance of `isogal.matching.batching`'s error states: (7, 7), or (4, 4)
+    without the attitude."""
     values = np.array(message.data)
     size = math.isqrt(max(len(values) - 2, 0))
     if size not in (4, 7) or len(values) != size * size + 2:
-        raise BadMessageError(f"must hold a stamp and a 7 x 7 or 4 x 4 covariance, holds {len(values)} numbers")
+        raise BadMessageError(
+            f"must hold a stamp and a 7 x 7 or 4 x 4 covariance, holds {len(values)} numbers"
+        )
     covariance = values[2:].reshape(size, size)
     _require_variances(covariance)
     return covariance
 
 
 def fill_information(message: Any, ns: int, reset: bool, information: Information | None) -> None:
-    """Write what belongs to a fix into ``pmht_mm/information``: stamp, whether the navigator is lost, then vector and matrix if any."""
+    """Write what belongs to a fix into ``pmht_mm/information``: stamp, whether the navigator is
+    lost, then vector and matrix if any."""
     parts = () if information is None else (information.vector, information.matrix)
     fill_numbers(message, ns, np.array([float(reset)]), *parts)
 
 
 def read_information(message: Any) -> tuple[bool, Information | None]:
-    """Return (whether the navigator is lost, information); None where the fix itself says all there is."""
+    """Return (whether the navigator is lost, information); None where the fix itself says all
+    there is."""
     values = np.array(message.data)
     size = {3: 0, 23: 4, 59: 7}.get(len(values))
     if size is None:
         raise BadMessageError(
-            "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7 x 7,"
-            f" holds {len(values)} numbers"
+            "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7"
+            f" x 7, holds {len(values)} numbers"
         )
     if not np.isfinite(values).all():
         raise BadMessageError("information is not finite")
-    information = Information(values[3 : 3 + size], values[3 + size :].reshape(size, size)) if size else None
+    information = (
+        Information(values[3 : 3 + size], values[3 + size :].reshape(size, size)) if size else None
+    )
     return bool(values[2]), information
 
 
-_CANDIDATE = np.dtype([("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")])
+_CANDIDATE = np.dtype(
+    [("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")]
+)
 
 
 def candidates_cloud(ns: int, candidates: Candidates | None) -> PointCloud2:
@@ -239,7 +279,10 @@ def candidates_cloud(ns: int, candidates: Candidates | None) -> PointCloud2:
     count = 0 if candidates is None else len(candidates.latitude)
     points = np.zeros(count, dtype=_CANDIDATE)
     if candidates is not None:
-        points["latitude"], points["longitude"] = np.degrees(candidates.latitude), np.degrees(candidates.longitude)
+        points["latitude"], points["longitude"] = (
+            np.degrees(candidates.latitude),
+            np.degrees(candidates.longitude),
+        )
         points["weight"], points["scan"] = candidates.weight, candidates.scan
     cloud = PointCloud2(
         height=1,

@@ -10,7 +10,8 @@ from isogal.earth.ellipsoid import E2, A
 
 @kernel
 def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-untyped-def]
-    """Return position (3) and orientation quaternion (4; w first) in the frame ``map``, and velocity (3) FLU, as one array of 10.
+    """Return position (3) and orientation quaternion (4; w first) in the frame ``map``, and
+    velocity (3) FLU, as one array of 10.
 
     Parameters
     ----------
@@ -26,7 +27,9 @@ def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-u
     lat, lon, height = state[0], state[1], state[2]
     sl, cl, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
     n = A / math.sqrt(1.0 - E2 * sl * sl)
-    ecef = np.array([(n + height) * cl * co, (n + height) * cl * so, (n * (1.0 - E2) + height) * sl])
+    ecef = np.array(
+        [(n + height) * cl * co, (n + height) * cl * so, (n * (1.0 - E2) + height) * sl]
+    )
     # columns: north, east, down in ECEF
     ned = np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
     to_map = axes @ ned
@@ -56,7 +59,8 @@ def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-u
 
 @kernel
 def quaternion(rotation):  # type: ignore[no-untyped-def]
-    """Return (w, x, y, z) of a rotation matrix (3, 3), from its largest component (Shepperd 1978)."""
+    """Return (w, x, y, z) of a rotation matrix (3, 3), from its largest component (Shepperd
+    1978)."""
     a, b, c = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     d, e, f = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     g, h, i = rotation[2, 0], rotation[2, 1], rotation[2, 2]

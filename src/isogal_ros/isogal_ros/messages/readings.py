@@ -1,9 +1,10 @@
-"""Readings as messages: what each instrument publishes raw, and what is published of it once it is reduced.
+"""Readings as messages: what each instrument publishes raw, and what is published of it once it is
+reduced.
 
-Values and variances are in the unit of the field's maps (m/s², nT, m, 1/s²); messages have those of their definitions (m/s², T, m).
-A reading of several channels is an array (C,) with a covariance (C, C) instead of a number and its variance.
-Readers raise `BadMessageError` for what cannot be used.
-"""
+Values and variances are in the unit of the field's maps (m/s², nT, m, 1/s²); messages have those
+of their definitions (m/s², T, m). A reading of several channels is an array (C,) with a covariance
+(C, C) instead of a number and its variance. Readers raise `BadMessageError` for what cannot be
+used."""
 
 import math
 from typing import Any, Protocol
@@ -20,8 +21,14 @@ from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.nodes.health import BadMessageError
 from isogal_ros.topics import Topic
 
-MAGNETOMETER, ALTIMETER, MAIN_FIELD, GROUND = "magnetometer_link", "altimeter_link", "main_field", "ground"
-"""Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly counts."""
+MAGNETOMETER, ALTIMETER, MAIN_FIELD, GROUND = (
+    "magnetometer_link",
+    "altimeter_link",
+    "main_field",
+    "ground",
+)
+"""Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly
+counts."""
 TESLA = 1e-9
 """T in 1 nT."""
 _EARTH = QUANTITIES["magnetic_field"]
@@ -87,7 +94,9 @@ class GravimeterAdapter:
         message.header.frame_id = PLATFORM
         return message
 
-    def fill_reduced(self, message: Any, ns: int, value: float, variance: float, place: Place) -> None:
+    def fill_reduced(
+        self, message: Any, ns: int, value: float, variance: float, place: Place
+    ) -> None:
         """Write gravity or the disturbance, m/s²."""
         fill_accel(message, ns, value, variance)
 
@@ -97,11 +106,12 @@ class GravimeterAdapter:
 
 
 class MagnetometerAdapter:
-    """MagneticField in tesla. Of the raw vector only the length is used, so that its frame may be any.
+    """MagneticField in tesla. Of the raw vector only the length is used, so that its frame may be
+    any.
 
-    The simulated instrument measures the total field alone, as optically pumped ones do: it stands on z. The anomaly is the component
-    along the main field, the other two are not reported (NaN, as the message's definition has it).
-    """
+    The simulated instrument measures the total field alone, as optically pumped ones do: it stands
+    on z. The anomaly is the component along the main field, the other two are not reported (NaN,
+    as the message's definition has it)."""
 
     raw, reduced = topics.MAGNETIC_FIELD, topics.ANOMALY
 
@@ -118,14 +128,22 @@ class MagnetometerAdapter:
         message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
 
     def read_raw(self, message: Any) -> tuple[float, float | None]:
-        """Return the total field (nT) and its variance (nT²): that of the component along the vector."""
-        vector = np.array([message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z]) / TESLA
+        """Return the total field (nT) and its variance (nT²): that of the component along the
+        vector."""
+        vector = (
+            np.array(
+                [message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z]
+            )
+            / TESLA
+        )
         covariance = np.asarray(message.magnetic_field_covariance).reshape(3, 3) / TESLA**2
         if not np.isfinite(vector).all():
             raise BadMessageError("a component is not finite: the total field needs all three")
         total = math.sqrt(vector @ vector)
         if not _EARTH.lowest <= total <= _EARTH.highest:
-            raise BadMessageError(f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla")
+            raise BadMessageError(
+                f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
+            )
         if not np.isfinite(covariance).all():
             raise BadMessageError("covariance is not finite")
         variance = float(vector @ covariance @ vector) / total**2
@@ -140,7 +158,9 @@ class MagnetometerAdapter:
         message.magnetic_field.x = message.magnetic_field.y = math.nan
         return message
 
-    def fill_reduced(self, message: Any, ns: int, value: float, variance: float, place: Place) -> None:
+    def fill_reduced(
+        self, message: Any, ns: int, value: float, variance: float, place: Place
+    ) -> None:
         """Write an anomaly, nT."""
         set_stamp(message.header.stamp, ns)
         message.magnetic_field.z = value * TESLA
@@ -150,7 +170,10 @@ class MagnetometerAdapter:
 
     def read_reduced(self, message: Any) -> tuple[float, float]:
         """Return the anomaly (nT) and its variance (nT²)."""
-        value, variance = message.magnetic_field.z / TESLA, float(message.magnetic_field_covariance[8]) / TESLA**2
+        value, variance = (
+            message.magnetic_field.z / TESLA,
+            float(message.magnetic_field_covariance[8]) / TESLA**2,
+        )
         if not (math.isfinite(value) and math.isfinite(variance)):
             raise BadMessageError("reading is not finite")
         if variance < 0.0:
@@ -159,7 +182,8 @@ class MagnetometerAdapter:
 
 
 class AltimeterAdapter:
-    """Range of an instrument that looks straight down; terrain height as NavSatFix: the point on the ground below."""
+    """Range of an instrument that looks straight down; terrain height as NavSatFix: the point on
+    the ground below."""
 
     raw, reduced = topics.CLEARANCE, topics.TERRAIN
 
@@ -167,26 +191,39 @@ class AltimeterAdapter:
         """Return a message with the scenario's limits of range."""
         message = self.raw.type()
         message.header.frame_id = ALTIMETER
-        message.min_range, message.max_range = scenario.altimeter.min_range, scenario.altimeter.max_range
+        message.min_range, message.max_range = (
+            scenario.altimeter.min_range,
+            scenario.altimeter.max_range,
+        )
         return message
 
     def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
-        """Write a clearance, m; NaN becomes infinity, which is what REP 117 has for nothing in range."""
+        """Write a clearance, m; NaN becomes infinity, which is what REP 117 has for nothing in
+        range."""
         set_stamp(message.header.stamp, ns)
         message.range = math.inf if math.isnan(value) else value
         message.variance = variance
 
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return the clearance (m), NaN where it is out of range, and its variance."""
-        low, high, value, variance = message.min_range, message.max_range, message.range, message.variance
+        low, high, value, variance = (
+            message.min_range,
+            message.max_range,
+            message.range,
+            message.variance,
+        )
         if math.isnan(value):
             raise BadMessageError("reading is not a number")
         if low == high:
-            raise BadMessageError("min_range equals max_range: a ranger of fixed distance measures no distance")
+            raise BadMessageError(
+                "min_range equals max_range: a ranger of fixed distance measures no distance"
+            )
         if not low < high:
             raise BadMessageError(f"min_range {low:g} m is not below max_range {high:g} m")
         if not (math.isfinite(variance) and variance >= 0.0):
-            raise BadMessageError("negative variance" if variance < 0.0 else "variance is not finite")
+            raise BadMessageError(
+                "negative variance" if variance < 0.0 else "variance is not finite"
+            )
         in_range = math.isfinite(value) and low <= value <= high
         return (value if in_range else math.nan), variance or None
 
@@ -196,7 +233,9 @@ class AltimeterAdapter:
         message.header.frame_id = GROUND
         return message
 
-    def fill_reduced(self, message: Any, ns: int, value: float, variance: float, place: Place) -> None:
+    def fill_reduced(
+        self, message: Any, ns: int, value: float, variance: float, place: Place
+    ) -> None:
         """Write a terrain height, m; NaN = no altitude, as the message's definition has it."""
         code = NavSatStatus.STATUS_NO_FIX if math.isnan(value) else NavSatStatus.STATUS_FIX
         covariance = np.diag([NOT_MEASURED, NOT_MEASURED, variance])
@@ -224,6 +263,11 @@ ADAPTERS: dict[str, Any] = {
 
 
 def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
-    """Return the adapter of a field, by default the scenario's own, as the scenario's instrument needs it."""
+    """Return the adapter of a field, by default the scenario's own, as the scenario's instrument
+    needs it."""
     adapter: Adapter = ADAPTERS[field or scenario.measured_field]
-    return GradiometerAdapter(scenario.gradiometer.components) if isinstance(adapter, GradiometerAdapter) else adapter
+    return (
+        GradiometerAdapter(scenario.gradiometer.components)
+        if isinstance(adapter, GradiometerAdapter)
+        else adapter
+    )

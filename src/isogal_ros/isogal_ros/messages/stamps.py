@@ -38,9 +38,8 @@ def to_seconds(ns: int) -> float:
 def peek_ns(serialised: bytes) -> int:
     """Return the header stamp of a serialised message without decoding the rest.
 
-    CDR begins with four bytes of representation (the second says the byte order), then the fields in order: a message that starts with
-    a ``std_msgs/Header`` has its stamp there.
-    """
+    CDR begins with four bytes of representation (the second says the byte order), then the fields
+    in order: a message that starts with a ``std_msgs/Header`` has its stamp there."""
     seconds, rest = (_LITTLE if serialised[1] & 1 else _BIG).unpack_from(serialised, 4)
     return int(seconds) * _SECOND + int(rest)
 
@@ -49,7 +48,8 @@ _NUMBERS = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 
 
 def peek_numbers_ns(serialised: bytes) -> int:
-    """Return the stamp at the head of a serialised Float64MultiArray that `isogal_ros.messages.convert.fill_numbers` wrote.
+    """Return the stamp at the head of a serialised Float64MultiArray that
+    `isogal_ros.messages.convert.fill_numbers` wrote.
 
     Raises
     ------

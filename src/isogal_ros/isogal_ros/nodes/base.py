@@ -1,4 +1,5 @@
-"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics, readiness."""
+"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics,
+readiness."""
 
 import os
 import time
@@ -29,7 +30,9 @@ class NodeSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
-    recorders: int = Field(0, ge=0, le=100, description="recorders that must listen before the node is ready")
+    recorders: int = Field(
+        0, ge=0, le=100, description="recorders that must listen before the node is ready"
+    )
     peers: tuple[str, ...] = Field(
         topics.NODES, description="nodes of the graph that must listen before the node is ready"
     )
@@ -44,7 +47,8 @@ class GraphNode(Node):
     name : str
         Node name.
     values : mapping, optional
-        Parameter values by dotted name. None = from the command line and parameter files, as `ros2 run` gives them.
+        Parameter values by dotted name. None = from the command line and parameter files, as `ros2
+        run` gives them.
     context : Context, optional
         None = the default context.
 
@@ -64,7 +68,9 @@ class GraphNode(Node):
     """Own parameters, a `settings_model`."""
     scenario: Scenario
 
-    def __init__(self, name: str, values: Mapping[str, Any] | None = None, context: Context | None = None) -> None:
+    def __init__(
+        self, name: str, values: Mapping[str, Any] | None = None, context: Context | None = None
+    ) -> None:
         super().__init__(
             name,
             context=context,
@@ -83,14 +89,18 @@ class GraphNode(Node):
         self._ready = False
         try:
             own = params.parameter_specs(self.settings_model, mutable=self.mutable)
-            of_scenario = params.parameter_specs(Scenario, sections=self.sections, mutable=self.mutable)
+            of_scenario = params.parameter_specs(
+                Scenario, sections=self.sections, mutable=self.mutable
+            )
             specs = own + of_scenario
             known = {spec.name for spec in params.parameter_specs(Scenario)}
             declared = params.declare(self, specs, known)
             self.settings = params.settings_from(
                 self.settings_model, {spec.name: declared[spec.name] for spec in own}, name
             )
-            self.scenario = params.scenario_from({spec.name: declared[spec.name] for spec in of_scenario}, name)
+            self.scenario = params.scenario_from(
+                {spec.name: declared[spec.name] for spec in of_scenario}, name
+            )
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
                 self.advertise(topics.DIAGNOSTICS),
@@ -114,10 +124,13 @@ class GraphNode(Node):
         """Take new values of mutable parameters; an InputError refuses them."""
 
     def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
-        """Return a publisher of one of the graph's topics; `consumers` replaces those of the topic."""
+        """Return a publisher of one of the graph's topics; `consumers` replaces those of the
+        topic."""
         publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
         wanted = topic.consumers if consumers is None else consumers
-        listeners = [name for name in wanted if name in self.settings.peers and name != self.get_name()]
+        listeners = [
+            name for name in wanted if name in self.settings.peers and name != self.get_name()
+        ]
         self._expected[publisher] = (topic.name, len(listeners))
         return publisher
 
@@ -131,7 +144,9 @@ class GraphNode(Node):
                 self.health.drop(topic.name, str(error))
             except Exception as error:
                 self.health.drop(topic.name, f"{type(error).__name__}: {error}")
-                self.get_logger().error(f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0)
+                self.get_logger().error(
+                    f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
+                )
 
         return self.create_subscription(topic.type, topic.name, guarded, LOSSLESS, raw=raw)
 
@@ -157,11 +172,13 @@ class GraphNode(Node):
         self.finished = True
 
     def received(self) -> int | None:
-        """Count the messages taken so far; None = the node need not take what is under way when it ends."""
+        """Count the messages taken so far; None = the node need not take what is under way when it
+        ends."""
         return None
 
     def close(self, timeout: float = 5.0) -> None:
-        """Let listeners have what was published, for `timeout` s of wall time at most, then destroy the node."""
+        """Let listeners have what was published, for `timeout` s of wall time at most, then
+        destroy the node."""
         deadline = time.monotonic() + timeout
         for publisher in self._expected if self.context.ok() else ():
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
@@ -192,6 +209,11 @@ class GraphNode(Node):
 def graph_values(
     scenario: Scenario, own: Mapping[str, Any], sections: Sequence[str] | Collection[str]
 ) -> dict[str, Any]:
-    """Return the parameter values of one node of a graph: its sections of the scenario and its own settings."""
-    values = {name: value for name, value in params.scenario_values(scenario).items() if name.split(".")[0] in sections}
+    """Return the parameter values of one node of a graph: its sections of the scenario and its own
+    settings."""
+    values = {
+        name: value
+        for name, value in params.scenario_values(scenario).items()
+        if name.split(".")[0] in sections
+    }
     return values | dict(own)

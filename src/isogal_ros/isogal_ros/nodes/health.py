@@ -14,7 +14,8 @@ class BadMessageError(Exception):
 
 
 class Health:
-    """State, figures and counts of dropped messages of one node, published once a period and on change.
+    """State, figures and counts of dropped messages of one node, published once a period and on
+    change.
 
     A drop raises the level to WARN until a whole period has passed without one; the counts stay.
     """
@@ -55,7 +56,8 @@ class Health:
             self.publish()
 
     def tick(self, stamp_ns: int) -> None:
-        """Note the time of the data; publishes when a period has passed since the last time it did."""
+        """Note the time of the data; publishes when a period has passed since the last time it
+        did."""
         self._stamp = stamp_ns
         if self._last is None or not 0 <= stamp_ns - self._last < self._period:
             self._last = stamp_ns
@@ -72,7 +74,9 @@ class Health:
         level, message = self._level, self._message
         if self._reasons:
             level = max(level, WARN)
-            message += "; dropped " + ", ".join(f"{topic}: {reason}" for topic, reason in self._reasons.items())
+            message += "; dropped " + ", ".join(
+                f"{topic}: {reason}" for topic, reason in self._reasons.items()
+            )
         own = self._array.status[0]
         own.level, own.message = level, message
         self._write(self.figures)
@@ -84,7 +88,8 @@ class Health:
         self._published += 1
 
     def _write(self, figures: dict[str, Any]) -> None:
-        """Bring the pairs of the message up to date; they are kept from one publication to the next."""
+        """Bring the pairs of the message up to date; they are kept from one publication to the
+        next."""
         for key, value in figures.items():
             pair = self._pairs.get(key)
             if pair is None:
@@ -96,7 +101,9 @@ class Health:
 def status(name: str, level: bytes, message: str, figures: dict[str, Any]) -> DiagnosticStatus:
     """Return one diagnostic status."""
     values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
-    return DiagnosticStatus(level=level, name=name, message=message, hardware_id="isogal", values=values)
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id="isogal", values=values
+    )
 
 
 def figures_of(item: DiagnosticStatus) -> dict[str, str]:
@@ -109,5 +116,6 @@ def _text(value: Any) -> str:
 
 
 def _shape(reason: str) -> str:
-    """Return a reason without its numbers, so that the same trouble with other numbers counts as the same."""
+    """Return a reason without its numbers, so that the same trouble with other numbers counts as
+    the same."""
     return "".join(character for character in reason if not character.isdigit())

@@ -12,7 +12,13 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.rotations import to_rotation_vector
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.convert import map_frame, read_covariance, read_nav_covariance, read_position, read_velocity
+from isogal_ros.messages.convert import (
+    map_frame,
+    read_covariance,
+    read_nav_covariance,
+    read_position,
+    read_velocity,
+)
 from isogal_ros.messages.odometry import quaternion
 from isogal_ros.messages.stamps import from_seconds, peek_ns, peek_numbers_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -38,7 +44,8 @@ class NavSample:
     attitude: Array
     """(3, 3) FRD to NED."""
     covariance: Array
-    """(7, 7) of north, east (m), v_north, v_east (m/s), attitude (rad); (4, 4) where the attitude's is not known."""
+    """(7, 7) of north, east (m), v_north, v_east (m/s), attitude (rad); (4, 4) where the
+    attitude's is not known."""
     height_variance: float
 
 
@@ -53,7 +60,8 @@ class Jump:
 
 @dataclass(slots=True)
 class _Stamp:
-    """Serialised messages of one stamp in the order they came: the first of each topic is before any fix."""
+    """Serialised messages of one stamp in the order they came: the first of each topic is before
+    any fix."""
 
     fix: list[bytes] = field(default_factory=list)
     odom: list[bytes] = field(default_factory=list)
@@ -64,7 +72,8 @@ class _Stamp:
 class NavBuffer:
     """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node.
 
-    A further pair of the same stamp is the navigator after a fix. Messages are kept serialised, since only one in ten is ever looked at.
+    A further pair of the same stamp is the navigator after a fix. Messages are kept serialised,
+    since only one in ten is ever looked at.
 
     Parameters
     ----------
@@ -90,7 +99,8 @@ class NavBuffer:
         self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
 
     def at(self, ns: int) -> NavSample | None:
-        """Return the state at a stamp as it was before any fix of that stamp, or None while it may still come.
+        """Return the state at a stamp as it was before any fix of that stamp, or None while it may
+        still come.
 
         A stamp between two states is reached from the one before with its velocity.
 
@@ -107,7 +117,9 @@ class NavBuffer:
             return self._decode(ns, stamp)
         if ns >= self._newest:
             return None
-        before = max((time for time, item in self._stamps.items() if time < ns and item.pairs), default=None)
+        before = max(
+            (time for time, item in self._stamps.items() if time < ns and item.pairs), default=None
+        )
         if before is None or ns - before > 2 * self._interval:
             raise BadMessageError(f"the navigator said nothing about {to_seconds(ns):.3f} s")
         return _moved(self._decode(before, self._stamps[before]), ns)
@@ -124,7 +136,9 @@ class NavBuffer:
             if len(self._stamps) >= KEPT:
                 oldest = next(iter(self._stamps))
                 if ns < oldest:
-                    raise BadMessageError(f"stamp {to_seconds(ns):.3f} s is older than all that are kept")
+                    raise BadMessageError(
+                        f"stamp {to_seconds(ns):.3f} s is older than all that are kept"
+                    )
                 del self._stamps[oldest]
             found = self._stamps[ns] = _Stamp()
         return found
@@ -155,7 +169,9 @@ class NavBuffer:
     def _note_jump(self, ns: int, stamp: _Stamp) -> None:
         after = self._state(stamp, stamp.pairs - 1)
         before = self._state(stamp, stamp.pairs - 2)
-        shift = horizontal_difference(after.latitude, after.longitude, before.latitude, before.longitude)
+        shift = horizontal_difference(
+            after.latitude, after.longitude, before.latitude, before.longitude
+        )
         turn = to_rotation_vector(*quaternion(after.attitude @ before.attitude.T))
         change = np.concatenate([shift, (after.velocity - before.velocity)[:2], turn])
         if np.abs(shift).max() > ROUNDING:

@@ -1,7 +1,7 @@
 """The parameter file of the bringup package: every scenario key with its default, unit and limits.
 
-``python -m isogal_ros.nodes.parameter_file > src/isogal_bringup/params/isogal.yaml`` writes it anew after a change of the scenario model.
-"""
+``python -m isogal_ros.nodes.parameter_file > src/isogal_bringup/params/isogal.yaml`` writes it
+anew after a change of the scenario model."""
 
 import sys
 from collections.abc import Iterator
@@ -36,7 +36,11 @@ def lines() -> Iterator[str]:
 
 def comment(spec: ParameterSpec) -> str:
     """Return what a parameter is, its limits and what stands for null."""
-    parts = [spec.descriptor.description or "see docs", limits(spec.descriptor), spec.descriptor.additional_constraints]
+    parts = [
+        spec.descriptor.description or "see docs",
+        limits(spec.descriptor),
+        spec.descriptor.additional_constraints,
+    ]
     return "; ".join(part for part in parts if part)
 
 

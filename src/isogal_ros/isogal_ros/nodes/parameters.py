@@ -1,11 +1,14 @@
-"""ROS parameters declared from pydantic models, so that a scenario key is described, typed and checked in one place.
+"""ROS parameters declared from pydantic models, so that a scenario key is described, typed and
+checked in one place.
 
-A nested model becomes dotted names (``matcher.batch_length``). What ROS parameters cannot hold is written thus:
+A nested model becomes dotted names (``matcher.batch_length``). What ROS parameters cannot hold is
+written thus:
 
 - a number that may be null is 0 where it is null (such numbers are positive),
 - a text that may be null is empty where it is null,
 - a number that may also be a word (``matcher.map_sigma: auto``) is dynamically typed,
-- anything nested (``route.waypoints``, ``matcher.options``) is a string that holds YAML, empty where it is null or has no entries.
+- anything nested (``route.waypoints``, ``matcher.options``) is a string that holds YAML, empty
+  where it is null or has no entries.
 """
 
 import difflib
@@ -19,7 +22,13 @@ from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ValidationError
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterType, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -58,7 +67,8 @@ class ParameterSpec:
         return value
 
     def to_parameter(self, value: Any) -> Any:
-        """Return the parameter's value for a model's value; None where the default has to stand for it."""
+        """Return the parameter's value for a model's value; None where the default has to stand
+        for it."""
         if self.kind == "nullable":
             return self.default.__class__(0) if value is None else self.cast(value)
         if self.kind == "nullable_text":
@@ -83,7 +93,10 @@ class ParameterSpec:
 
 
 def parameter_specs(
-    model: type[BaseModel], prefix: str = "", sections: Collection[str] | None = None, mutable: Collection[str] = ()
+    model: type[BaseModel],
+    prefix: str = "",
+    sections: Collection[str] | None = None,
+    mutable: Collection[str] = (),
 ) -> list[ParameterSpec]:
     """List the parameters of a model.
 
@@ -141,21 +154,29 @@ def _spec(
             descriptor.type = ParameterType.PARAMETER_INTEGER
             if low is not None or high is not None:
                 limits = (-(2**63) if low is None else low, 2**63 - 1 if high is None else high)
-                descriptor.integer_range = [IntegerRange(from_value=int(limits[0]), to_value=int(limits[1]), step=0)]
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(limits[0]), to_value=int(limits[1]), step=0)
+                ]
         else:
             descriptor.type = ParameterType.PARAMETER_DOUBLE
             if low is not None or high is not None:
                 largest = sys.float_info.max
                 limits = (-largest if low is None else low, largest if high is None else high)
                 descriptor.floating_point_range = [
-                    FloatingPointRange(from_value=float(limits[0]), to_value=float(limits[1]), step=0.0)
+                    FloatingPointRange(
+                        from_value=float(limits[0]), to_value=float(limits[1]), step=0.0
+                    )
                 ]
-        return ParameterSpec(name, inner(default or 0), descriptor, "nullable" if nullable else "number")
+        return ParameterSpec(
+            name, inner(default or 0), descriptor, "nullable" if nullable else "number"
+        )
     if inner is str or typing.get_origin(inner) is Literal:
         descriptor.type = ParameterType.PARAMETER_STRING
         if inner is not str:
             descriptor.additional_constraints = "one of: " + ", ".join(typing.get_args(inner))
-        return ParameterSpec(name, default or "", descriptor, "nullable_text" if nullable else "text")
+        return ParameterSpec(
+            name, default or "", descriptor, "nullable_text" if nullable else "text"
+        )
     if typing.get_origin(inner) is tuple and typing.get_args(inner)[0] is str:
         descriptor.type = ParameterType.PARAMETER_STRING_ARRAY
         return ParameterSpec(name, list(default), descriptor, "texts")
@@ -174,14 +195,17 @@ def _spec(
 
 
 def _unwrap(annotation: Any, metadata: list[Any]) -> tuple[Any, bool, list[Any]]:
-    """Return (bare type, or (float, word) for a number that may be a word; whether null is allowed; constraints)."""
+    """Return (bare type, or (float, word) for a number that may be a word; whether null is
+    allowed; constraints)."""
     nullable = False
     while True:
         origin = typing.get_origin(annotation)
         if origin is typing.Annotated:
             annotation, *more = typing.get_args(annotation)
             for item in more:
-                metadata = metadata + (list(item.metadata) if hasattr(item, "metadata") else [item])
+                metadata = metadata + (
+                    list(item.metadata) if hasattr(item, "metadata") else [item]
+                )
         elif origin in (typing.Union, types.UnionType):
             members = [item for item in typing.get_args(annotation) if item is not type(None)]
             nullable = nullable or len(members) < len(typing.get_args(annotation))
@@ -205,7 +229,9 @@ def _bounds(metadata: Iterable[Any], number: type) -> tuple[Any, Any]:
             if attribute in ("gt", "lt"):
                 up = attribute == "gt"
                 value = (
-                    value + (1 if up else -1) if number is int else math.nextafter(value, math.inf if up else -math.inf)
+                    value + (1 if up else -1)
+                    if number is int
+                    else math.nextafter(value, math.inf if up else -math.inf)
                 )
             if attribute[0] == "g":
                 low = value if low is None else max(low, value)
@@ -214,11 +240,14 @@ def _bounds(metadata: Iterable[Any], number: type) -> tuple[Any, Any]:
     return low, high
 
 
-def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] = ()) -> dict[str, Any]:
-    """Declare parameters with their overrides and return their values by name, as the model wants them.
+def declare(
+    node: Node, specs: Sequence[ParameterSpec], known: Collection[str] = ()
+) -> dict[str, Any]:
+    """Declare parameters with their overrides and return their values by name, as the model wants
+    them.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides``: that is the public way to see overrides that
-    nobody declares, which rclpy would ignore in silence.
+    The node must have been made with ``automatically_declare_parameters_from_overrides``: that is
+    the public way to see overrides that nobody declares, which rclpy would ignore in silence.
 
     Parameters
     ----------
@@ -241,7 +270,11 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
     for name in overrides:
         if name not in names and name not in known:
             close = difflib.get_close_matches(name, [*names, *known], n=1, cutoff=0.5)
-            hint = f", did you mean '{close[0]}'?" if close else f"; allowed: {', '.join(sorted(names))}"
+            hint = (
+                f", did you mean '{close[0]}'?"
+                if close
+                else f"; allowed: {', '.join(sorted(names))}"
+            )
             raise InputError(f"{node.get_name()}: unknown parameter '{name}'{hint}")
     values: dict[str, Any] = {}
     for spec in specs:
@@ -259,7 +292,9 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
             values[spec.name] = spec.to_field(value)
         except InputError as error:
             raise InputError(f"{node.get_name()}: {error}") from None
-    node.add_pre_set_parameters_callback(lambda parameters: [_recast(parameter, specs) for parameter in parameters])
+    node.add_pre_set_parameters_callback(
+        lambda parameters: [_recast(parameter, specs) for parameter in parameters]
+    )
     return values
 
 
@@ -283,7 +318,8 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def scenario_from(values: Mapping[str, Any], where: str) -> Scenario:
-    """Return the scenario of parameter values; keys that a node has not declared keep their defaults."""
+    """Return the scenario of parameter values; keys that a node has not declared keep their
+    defaults."""
     return validate_scenario(nested(values), where)
 
 
@@ -296,7 +332,8 @@ def settings_from(model: type[BaseModel], values: Mapping[str, Any], where: str)
 
 
 def scenario_values(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as parameter values by dotted name; what parameters cannot say is left to its default."""
+    """Return a scenario as parameter values by dotted name; what parameters cannot say is left to
+    its default."""
     values: dict[str, Any] = {}
     for spec in parameter_specs(Scenario):
         item: Any = scenario
@@ -313,13 +350,22 @@ def parameter_file(values: Mapping[str, Any]) -> str:
     return yaml.safe_dump({"/**": {"ros__parameters": nested(values)}}, sort_keys=False)
 
 
-def on_change(node: Node, specs: Sequence[ParameterSpec], apply: typing.Callable[[dict[str, Any]], None]) -> None:
-    """Call `apply` with the new model values of a change; an InputError refuses it and is its reason."""
+def on_change(
+    node: Node, specs: Sequence[ParameterSpec], apply: typing.Callable[[dict[str, Any]], None]
+) -> None:
+    """Call `apply` with the new model values of a change; an InputError refuses it and is its
+    reason."""
     by_name = {spec.name: spec for spec in specs}
 
     def callback(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            apply({p.name: by_name[p.name].to_field(p.value) for p in parameters if p.name in by_name})
+            apply(
+                {
+                    p.name: by_name[p.name].to_field(p.value)
+                    for p in parameters
+                    if p.name in by_name
+                }
+            )
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

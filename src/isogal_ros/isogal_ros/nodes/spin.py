@@ -1,4 +1,5 @@
-"""Running nodes: one node per process for `ros2 run` and launch files, or several in one process."""
+"""Running nodes: one node per process for `ros2 run` and launch files, or several in one
+process."""
 
 import os
 import signal
@@ -21,10 +22,11 @@ INTERRUPTED = 130
 
 
 def make_executor(context: Context | None = None) -> Any:
-    """Return the events executor, which is three to five times as fast, or the plain one where rclpy has none.
+    """Return the events executor, which is three to five times as fast, or the plain one where
+    rclpy has none.
 
-    The events executor's ``spin()`` neither dispatches nor ends on SIGINT in some builds; ``spin_once`` in a loop does both.
-    """
+    The events executor's ``spin()`` neither dispatches nor ends on SIGINT in some builds;
+    ``spin_once`` in a loop does both."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -48,7 +50,8 @@ class Interrupt:
 
 @contextmanager
 def interrupts() -> Iterator[Interrupt]:
-    """Catch SIGINT and SIGTERM instead of dying of them, so that what was published arrives before the process ends."""
+    """Catch SIGINT and SIGTERM instead of dying of them, so that what was published arrives before
+    the process ends."""
     interrupt = Interrupt()
     old = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -60,13 +63,19 @@ def interrupts() -> Iterator[Interrupt]:
 
 @contextmanager
 def local_context(domain: int) -> Iterator[Context]:
-    """Yield a context in a domain, found on this machine only unless the user wants it otherwise."""
+    """Yield a context in a domain, found on this machine only unless the user wants it
+    otherwise."""
     for name, value in DEFAULTS.items():
         os.environ.setdefault(name, value)
     context = Context()
     # without log files, which would go to the user's home folder
     arguments = ["--ros-args", "--disable-external-lib-logs"]
-    rclpy.init(args=arguments, context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(
+        args=arguments,
+        context=context,
+        domain_id=domain,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
     try:
         yield context
     finally:
@@ -74,7 +83,8 @@ def local_context(domain: int) -> Iterator[Context]:
 
 
 def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> None:
-    """Let a node that counts what it receives (`GraphNode.received`) take what is still under way: until nothing comes for `quiet` s."""
+    """Let a node that counts what it receives (`GraphNode.received`) take what is still under way:
+    until nothing comes for `quiet` s."""
     if node.received() is None:
         return
     count, changed = node.received(), time.monotonic()
@@ -89,7 +99,8 @@ def run_node(name: str, build: Callable[[], Any]) -> int:
     """Run one node until it is finished or interrupted; return the exit code of its process."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        # while the node is being made there is nothing to end in good order: signals end it at once
+        # while the node is being made there is nothing to end in good order: signals end it at
+        # once
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         node = build()
         with interrupts() as interrupt:

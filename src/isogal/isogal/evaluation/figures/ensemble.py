@@ -1,4 +1,5 @@
-"""RMS errors of many runs over time: aided, unaided, bound, and side by side for several studies."""
+"""RMS errors of many runs over time: aided, unaided, bound, and side by side for several
+studies."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,6 @@ from isogal.evaluation.records import Runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,9 @@ def aided_curve(runs: Runs, label: str = "aided", line: style.Line | None = None
     return Curve(label, runs.elapsed, ensemble_rms(runs.horizontal_error), line)
 
 
-def unaided_curve(runs: Runs, label: str = "unaided INS", line: style.Line | None = style.UNAIDED) -> Curve:
+def unaided_curve(
+    runs: Runs, label: str = "unaided INS", line: style.Line | None = style.UNAIDED
+) -> Curve:
     """RMS horizontal error of the unaided navigators."""
     return Curve(label, runs.elapsed, ensemble_rms(runs.unaided_horizontal_error), line)
 
@@ -58,7 +60,8 @@ def rms_figure(
     curves : sequence of Curve
         At least one.
     logarithmic : bool
-        Logarithmic error axis: a bound of metres and a drift of kilometres in one picture. Linear as in the paper otherwise.
+        Logarithmic error axis: a bound of metres and a drift of kilometres in one picture. Linear
+        as in the paper otherwise.
     title : str, optional
         Above the panel.
     label : str
@@ -83,11 +86,16 @@ def rms_figure(
     return figure
 
 
-def ensemble_figure(runs: Runs, bound_rms: Array | None = None, title: str | None = None) -> "Figure":
-    """RMS error of the aided and unaided navigators over time with the posterior Cramér–Rao bound at `runs.time`."""
+def ensemble_figure(
+    runs: Runs, bound_rms: Array | None = None, title: str | None = None
+) -> "Figure":
+    """RMS error of the aided and unaided navigators over time with the posterior Cramér–Rao bound
+    at `runs.time`."""
     curves = [unaided_curve(runs), aided_curve(runs, line=style.AIDED)]
     if bound_rms is not None:
-        curves.append(Curve("posterior Cramér–Rao bound (RMS)", runs.elapsed, bound_rms, style.BOUND))
+        curves.append(
+            Curve("posterior Cramér–Rao bound (RMS)", runs.elapsed, bound_rms, style.BOUND)
+        )
     many = len(runs) > 1
     label = f"RMS position error of {len(runs)} runs (m)" if many else "position error (m)"
     return rms_figure(curves, title=title, label=label)

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-
 @style.journal
 def error_figure(runs: Runs, run: int = 0) -> "Figure":
-    """North and east error of one run with its 3-sigma band and the fixes; left against the unaided INS, right enlarged."""
+    """North and east error of one run with its 3-sigma band and the fixes; left against the
+    unaided INS, right enlarged."""
     figure = style.new_figure(4.6)
     axes = figure.subplots(2, 2, sharex=True)
     time = style.hours(runs.elapsed)
@@ -36,7 +36,12 @@ def error_figure(runs: Runs, run: int = 0) -> "Figure":
                 linewidth=0,
                 label=r"$\pm3\sigma$ of the navigator",
             )
-            panel.plot(time, runs.unaided_error[run, :, axis], **style.UNAIDED.options(), label="unaided INS")
+            panel.plot(
+                time,
+                runs.unaided_error[run, :, axis],
+                **style.UNAIDED.options(),
+                label="unaided INS",
+            )
             panel.plot(time, runs.error[run, :, axis], **style.AIDED.options(), label="aided")
             if column == 1:
                 _fix_marks(panel, fix_time, runs, run, axis)
@@ -66,7 +71,8 @@ def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, run: int, axis: int) 
 
 
 def _enlarged_limit(error: Array, deviation: Array, elapsed: Array) -> float:
-    """Half height of the enlarged panels: what band and error reach in the second half, once the aiding has settled."""
+    """Half height of the enlarged panels: what band and error reach in the second half, once the
+    aiding has settled."""
     settled = elapsed >= 0.5 * elapsed[-1]
     reach = np.maximum(np.abs(error), deviation)[settled]
     return style.nice_limit(1.2 * float(np.nanpercentile(reach, 99.0)))
@@ -74,7 +80,8 @@ def _enlarged_limit(error: Array, deviation: Array, elapsed: Array) -> float:
 
 @style.journal
 def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
-    """NEES per axis right after each published fix: of the one run, or averaged over runs, with its chi-square interval."""
+    """NEES per axis right after each published fix: of the one run, or averaged over runs, with
+    its chi-square interval."""
     figure = style.new_figure(2.7)
     panel = figure.subplots()
     time = style.hours(runs.fix_time - runs.time[0])
@@ -86,14 +93,25 @@ def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
     if known.any():
         band = np.array([chi_square_interval(float(n), 2, confidence) for n in counts[known]])
         label = f"{confidence:.0%} of consistent navigators"
-        panel.fill_between(time[known], band[:, 0], band[:, 1], color=style.SKY, alpha=0.35, linewidth=0, label=label)
+        panel.fill_between(
+            time[known],
+            band[:, 0],
+            band[:, 1],
+            color=style.SKY,
+            alpha=0.35,
+            linewidth=0,
+            label=label,
+        )
     who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
     panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
     panel.axhline(1.0, **style.BOUND.options(), label="1: right")
     overall = mean_nees(values, confidence=confidence)
     if np.isfinite(overall.mean):
         low, high = overall.interval
-        panel.set_title(f"mean {overall.mean:.2f}; {confidence:.0%} interval {low:.2f} to {high:.2f}", loc="left")
+        panel.set_title(
+            f"mean {overall.mean:.2f}; {confidence:.0%} interval {low:.2f} to {high:.2f}",
+            loc="left",
+        )
     style.logarithmic(panel)
     low, high = panel.get_ylim()
     panel.set_ylim(max(min(low, 0.1), 1e-2), max(high, 10.0))

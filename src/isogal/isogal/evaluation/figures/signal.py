@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 @style.journal
 def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None) -> "Figure":
-    """Measured values against the map's at the true and at the navigated position, and their differences below.
+    """Measured values against the map's at the true and at the navigated position, and their
+    differences below.
 
     Parameters
     ----------
@@ -31,16 +32,37 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
     figure = style.new_figure(4.2)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     time = style.hours(detail.scan_time - runs.time[0])
-    top.plot(time, scale(detail.reading), ".", markersize=2.0, color=style.VERMILION, label="measured")
+    top.plot(
+        time, scale(detail.reading), ".", markersize=2.0, color=style.VERMILION, label="measured"
+    )
     top.plot(time, scale(detail.map_value), **style.TRUTH.options(), label="map, true position")
-    top.plot(time, scale(detail.map_value_navigator), **style.SERIES[2].options(), label="map, navigator")
+    top.plot(
+        time,
+        scale(detail.map_value_navigator),
+        **style.SERIES[2].options(),
+        label="map, navigator",
+    )
     top.set_ylabel(scale.two_lines)
 
     if sigma is not None:
         band = 3.0 * sigma / scale.unit
-        bottom.axhspan(-band, band, color=style.SKY, alpha=0.35, linewidth=0, label=r"$\pm3\sigma$ of the noise")
+        bottom.axhspan(
+            -band,
+            band,
+            color=style.SKY,
+            alpha=0.35,
+            linewidth=0,
+            label=r"$\pm3\sigma$ of the noise",
+        )
     difference = (detail.reading - detail.map_value) / scale.unit
-    bottom.plot(time, difference, ".", markersize=2.0, color=style.VERMILION, label="measured − map, true position")
+    bottom.plot(
+        time,
+        difference,
+        ".",
+        markersize=2.0,
+        color=style.VERMILION,
+        label="measured − map, true position",
+    )
     bottom.plot(
         time,
         (detail.reading - detail.map_value_navigator) / scale.unit,
@@ -54,8 +76,11 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
 
 
 @style.journal
-def variability_figure(runs: Runs, field_map: "FieldMap", run: int = 0, threshold: float | None = None) -> "Figure":
-    """Noiseless signal and map feature variability along the true track (paper fig-60), with the batches that gave no fix.
+def variability_figure(
+    runs: Runs, field_map: "FieldMap", run: int = 0, threshold: float | None = None
+) -> "Figure":
+    """Noiseless signal and map feature variability along the true track (paper fig-60), with the
+    batches that gave no fix.
 
     Parameters
     ----------
@@ -81,7 +106,10 @@ def variability_figure(runs: Runs, field_map: "FieldMap", run: int = 0, threshol
     known = variability[np.isfinite(variability)]
     usual = float(known.mean()) if known.size and known.mean() > 0.0 else 1.0
     bottom.plot(
-        time, variability / usual, **style.AIDED.options(), label="map feature variability, 1 = mean of the track"
+        time,
+        variability / usual,
+        **style.AIDED.options(),
+        label="map feature variability, 1 = mean of the track",
     )
     if known.size and known.min() > 0.0:
         style.logarithmic(bottom)  # it ranges over decades, and what matters is where it is small

@@ -27,7 +27,8 @@ DPI = 150
 MGAL = 1e-5
 """m/s²."""
 
-# Okabe and Ito, "Color universal design", 2008: eight colours that people with any colour vision tell apart.
+# Okabe and Ito, "Color universal design", 2008: eight colours that people with any colour vision
+# tell apart.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 
@@ -64,14 +65,17 @@ SERIES = (
 
 
 def series(taken: Iterable[Line | None] = ()) -> Iterator[Line]:
-    """Return lines for further curves beside those taken, without end; colours come again only when all are used."""
+    """Return lines for further curves beside those taken, without end; colours come again only
+    when all are used."""
     used = {line.colour for line in taken if line is not None}
     return cycle([line for line in SERIES if line.colour not in used] or SERIES)
 
 
 _JOURNAL: dict[str, Any] = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so a figure looks the same everywhere
+    "font.sans-serif": [
+        "DejaVu Sans"
+    ],  # comes with matplotlib, so a figure looks the same everywhere
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.labelsize": 8.5,
@@ -103,7 +107,8 @@ _JOURNAL: dict[str, Any] = {
 
 
 def journal(draw: Callable[P, T]) -> Callable[P, T]:
-    """Run a drawing function with the journal's settings; the caller's matplotlib settings are untouched."""
+    """Run a drawing function with the journal's settings; the caller's matplotlib settings are
+    untouched."""
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -141,7 +146,8 @@ def hours(seconds: Array) -> Array:
 
 
 def time_axis(axes: "Axes", end: float, label: bool = True) -> None:
-    """Label a time axis in hours or, for records under 20 minutes, minutes; the data are in hours. `end` in hours."""
+    """Label a time axis in hours or, for records under 20 minutes, minutes; the data are in hours.
+    `end` in hours."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
     axes.set_xlim(0.0, end)
@@ -185,14 +191,17 @@ _NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity distu
 
 
 def field_scale(field_map: "FieldMap") -> FieldScale:
-    """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle, gradients in Eötvös, others as they are."""
+    """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle,
+    gradients in Eötvös, others as they are."""
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
     if field_map.unit == "1/s²":
         return FieldScale(0.0, 1e-9, f"{name} (E)")
     if field_map.unit != "m/s²":
         return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
     rows, columns = (1 + size // _MEDIAN_OF for size in field_map.values.shape)
-    some = field_map.thinned(rows, columns).values  # a large map is not read, nor copied, for a round number
+    some = field_map.thinned(
+        rows, columns
+    ).values  # a large map is not read, nor copied, for a round number
     middle = float(np.nanmedian(some if np.isfinite(some).any() else field_map.values))
     if abs(middle) < 0.1:
         return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
@@ -211,7 +220,8 @@ def logarithmic(axis: "Axes") -> None:
 
 
 def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" = None) -> None:
-    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared label comes once.
+    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared
+    label comes once.
 
     It has as many columns as fit, up to `columns`.
     """
@@ -220,8 +230,14 @@ def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" 
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     for count in range(min(columns, len(entries)), 0, -1):
-        legend = figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=count)
-        if count == 1 or legend.get_window_extent(figure.canvas.get_renderer()).width < 0.98 * figure.bbox.width:
+        legend = figure.legend(
+            list(entries.values()), list(entries), loc="outside lower center", ncols=count
+        )
+        if (
+            count == 1
+            or legend.get_window_extent(figure.canvas.get_renderer()).width
+            < 0.98 * figure.bbox.width
+        ):
             break
         legend.remove()
 
@@ -231,4 +247,6 @@ def nice_limit(value: float) -> float:
     if not (math.isfinite(value) and value > 0.0):
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
-    return next(m * power for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-12))
+    return next(
+        m * power for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-12)
+    )

@@ -1,4 +1,5 @@
-"""The track on the map: the whole route, and close-ups of single batches with candidates and fix."""
+"""The track on the map: the whole route, and close-ups of single batches with candidates and
+fix."""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ _LATTICE = 90
 
 @style.journal
 def track_figure(runs: Runs, field_map: "FieldMap", run: int = 0) -> "Figure":
-    """One run on the map: above the whole route, below close-ups of batches early, half-way and at the end.
+    """One run on the map: above the whole route, below close-ups of batches early, half-way and at
+    the end.
 
     Candidates are drawn for run 0 where the record has them.
     """
@@ -43,9 +45,13 @@ def track_figure(runs: Runs, field_map: "FieldMap", run: int = 0) -> "Figure":
         _overview(figure.add_subplot(), runs, field_map, frame, run, chosen)
     else:
         figure = style.new_figure(height + 2.4 + _LEGEND)
-        halves = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, 2.4 + _LEGEND))[:, 0]
+        halves = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, 2.4 + _LEGEND))[
+            :, 0
+        ]
         _overview(halves[0].add_subplot(), runs, field_map, frame, run, chosen)
-        for panel, batch in zip(halves[1].subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
+        for panel, batch in zip(
+            halves[1].subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True
+        ):
             _close_up(panel, runs, field_map, run, batch, batch == chosen[0])
     style.legend_below(halves[1] if chosen else figure, columns=4, panels=figure.axes)
     return figure
@@ -53,7 +59,9 @@ def track_figure(runs: Runs, field_map: "FieldMap", run: int = 0) -> "Figure":
 
 def _close_up_batches(runs: Runs) -> list[int]:
     count = runs.fix_time.size
-    return sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
+    return (
+        sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +82,8 @@ class _Frame:
 
 
 def _frame(runs: Runs) -> _Frame:
-    """Frame the route with a margin of a tenth of its length, at least 5 km, in a shape that fills the page's width."""
+    """Frame the route with a margin of a tenth of its length, at least 5 km, in a shape that fills
+    the page's width."""
     north, east = (float(m) for m in metres_per_radian(float(runs.latitude.mean())))
     longitude = np.unwrap(runs.longitude)
     half = 0.5 * np.array([np.ptp(runs.latitude) * north, np.ptp(longitude) * east])
@@ -83,7 +92,9 @@ def _frame(runs: Runs) -> _Frame:
     half[1] = max(half[1], half[0] / _TALLEST)
     middle = [0.5 * float(x.min() + x.max()) for x in (runs.latitude, longitude)]
     (d_lat, d_lon) = half / (north, east)
-    return _Frame(middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon, north / east)
+    return _Frame(
+        middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon, north / east
+    )
 
 
 def _drawn(field_map: "FieldMap", frame: _Frame) -> "FieldMap":
@@ -98,13 +109,19 @@ def _drawn(field_map: "FieldMap", frame: _Frame) -> "FieldMap":
     return field_map.thinned(math.ceil(rows / _DOTS), math.ceil(columns / _DOTS)).window(*edges)
 
 
-def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, run: int, chosen: list[int]) -> None:
+def _overview(
+    panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, run: int, chosen: list[int]
+) -> None:
     latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
     part = _drawn(field_map, frame)
     scale = style.field_scale(part)
     values = scale(part.values)
     # the map may count its longitudes from another turn than the route
-    turn = 2.0 * math.pi * round((0.5 * (frame.west + frame.east) - float(part.longitude.mean())) / (2.0 * math.pi))
+    turn = (
+        2.0
+        * math.pi
+        * round((0.5 * (frame.west + frame.east) - float(part.longitude.mean())) / (2.0 * math.pi))
+    )
     south, north = _edges(np.degrees(part.latitude))
     west, east = _edges(np.degrees(part.longitude + turn))
     low, high = np.nanpercentile(values, [1.0, 99.0])
@@ -134,10 +151,14 @@ def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, r
         **style.UNAIDED.options(),
         label="unaided INS",
     )
-    truth_at_fix = np.interp(runs.fix_time, runs.time, latitude), np.interp(runs.fix_time, runs.time, longitude)
+    truth_at_fix = (
+        np.interp(runs.fix_time, runs.time, latitude),
+        np.interp(runs.fix_time, runs.time, longitude),
+    )
     metres = metres_per_radian(np.radians(truth_at_fix[0]))
     fix_latitude, fix_longitude = (
-        truth_at_fix[axis] + np.degrees(runs.fix_error[run, :, axis] / metres[axis]) for axis in range(2)
+        truth_at_fix[axis] + np.degrees(runs.fix_error[run, :, axis] / metres[axis])
+        for axis in range(2)
     )
     panel.plot(
         *(fix_longitude, fix_latitude, "o"),
@@ -154,7 +175,12 @@ def _overview(panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, r
             xytext=(5, -11),
             textcoords="offset points",
             fontweight="bold",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+            bbox={
+                "boxstyle": "round,pad=0.15",
+                "facecolor": "white",
+                "edgecolor": "none",
+                "alpha": 0.85,
+            },
         )
     panel.set_xlabel("longitude (deg)")
     panel.set_ylabel("latitude (deg)")
@@ -166,7 +192,9 @@ def _edges(nodes: Array) -> tuple[float, float]:
     return float(nodes[0]) - half, float(nodes[-1]) + half
 
 
-def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch: int, name_axes: bool) -> None:
+def _close_up(
+    panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch: int, name_axes: bool
+) -> None:
     """One batch end in kilometres from the truth there."""
     time = float(runs.fix_time[batch])
     latitude = float(np.interp(time, runs.time, runs.latitude))
@@ -176,7 +204,9 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
     half = _half_width(runs, run, batch, candidates)
     lattice = np.linspace(-half, half, _LATTICE)
     north, east = np.meshgrid(lattice, lattice, indexing="ij")
-    values = style.field_scale(field_map)(field_map.value(latitude + north / metres[0], longitude + east / metres[1]))
+    values = style.field_scale(field_map)(
+        field_map.value(latitude + north / metres[0], longitude + east / metres[1])
+    )
     km = half / 1e3
     edges = _edges(lattice / 1e3)
     panel.imshow(
@@ -188,7 +218,9 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
         alpha=0.55,
     )
     if np.isfinite(values).sum() > 4:
-        panel.contour(lattice / 1e3, lattice / 1e3, values, levels=10, colors="0.45", linewidths=0.4)
+        panel.contour(
+            lattice / 1e3, lattice / 1e3, values, levels=10, colors="0.45", linewidths=0.4
+        )
     if candidates.size:
         panel.scatter(
             candidates[:, 1] / 1e3,
@@ -199,17 +231,31 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
             linewidths=0.8,
             label="candidates",
         )
-    _line(panel, _relative_track(runs, time, np.zeros_like(runs.error[run]), latitude, longitude, metres), style.TRUTH)
+    _line(
+        panel,
+        _relative_track(runs, time, np.zeros_like(runs.error[run]), latitude, longitude, metres),
+        style.TRUTH,
+    )
     unaided = _relative_track(runs, time, runs.unaided_error[run], latitude, longitude, metres)
     _line(panel, unaided, style.UNAIDED)
     aided = _relative_track(runs, time, runs.error[run], latitude, longitude, metres)
     _line(panel, aided, style.Line(style.AIDED.colour, "-", 0.8))
     navigator = runs.posterior_error[run, batch]
-    _ellipse(panel, navigator, runs.posterior_covariance[run, batch], style.AIDED, r"navigator, $3\sigma$")
+    _ellipse(
+        panel,
+        navigator,
+        runs.posterior_covariance[run, batch],
+        style.AIDED,
+        r"navigator, $3\sigma$",
+    )
     if runs.fix_reason[run][batch] is None:
         error = runs.fix_error[run, batch]
         _ellipse(
-            panel, error, runs.fix_covariance[run, batch], style.Line("black", (0, (3, 1.5)), 1.0), r"fix, $3\sigma$"
+            panel,
+            error,
+            runs.fix_covariance[run, batch],
+            style.Line("black", (0, (3, 1.5)), 1.0),
+            r"fix, $3\sigma$",
         )
         panel.plot(
             *(error[1] / 1e3, error[0] / 1e3, "o"),
@@ -231,30 +277,37 @@ def _close_up(panel: "Axes", runs: Runs, field_map: "FieldMap", run: int, batch:
         panel.set_ylabel("north (km)")
 
 
-def _candidates(runs: Runs, run: int, batch: int, centre: Array, metres: Array) -> tuple[Array, Array]:
+def _candidates(
+    runs: Runs, run: int, batch: int, centre: Array, metres: Array
+) -> tuple[Array, Array]:
     """Return (N, 2) north and east of the centre (m) and (N,) weights of a batch's candidates.
 
-    Those of the last scan alone where the matcher gives them for it: they belong to the place that the close-up shows.
-    """
+    Those of the last scan alone where the matcher gives them for it: they belong to the place that
+    the close-up shows."""
     detail = runs.detail
     if detail is None or run != 0:
         return np.empty((0, 2)), np.empty(0)
     mine = detail.candidate_batch == batch
     last = mine & (detail.candidate_scan == detail.candidate_scan.max(initial=-1))
     mine = last if last.any() else mine
-    position = np.stack([detail.candidate_latitude[mine], detail.candidate_longitude[mine]], axis=1)
+    position = np.stack(
+        [detail.candidate_latitude[mine], detail.candidate_longitude[mine]], axis=1
+    )
     offset = position - centre
     offset[:, 1] = np.remainder(offset[:, 1] + math.pi, 2.0 * math.pi) - math.pi
     return offset * metres, detail.candidate_weight[mine]
 
 
 def _half_width(runs: Runs, run: int, batch: int, candidates: Array) -> float:
-    """m from the centre to the close-up's edge: what the batch and the navigator claim, and where they err to, fits in."""
+    """m from the centre to the close-up's edge: what the batch and the navigator claim, and where
+    they err to, fits in."""
     covariances = [runs.posterior_covariance[run, batch], runs.fix_covariance[run, batch]]
     errors = [runs.posterior_error[run, batch], runs.fix_error[run, batch]]
     reaches = [200.0]
     for error, covariance in zip(errors, covariances, strict=True):
-        reach = float(np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1])))
+        reach = float(
+            np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
+        )
         if math.isfinite(reach):
             reaches.append(reach)
     near = np.abs(candidates).max(axis=1, initial=0.0)
@@ -276,7 +329,9 @@ def _line(panel: "Axes", track: tuple[Array, Array], line: style.Line) -> None:
     panel.plot(track[1] / 1e3, track[0] / 1e3, **line.options())
 
 
-def _ellipse(panel: "Axes", centre: Array, covariance: Array, line: style.Line, label: str) -> None:
+def _ellipse(
+    panel: "Axes", centre: Array, covariance: Array, line: style.Line, label: str
+) -> None:
     """Draw the 3-sigma ellipse of a north-east covariance (m²)."""
     if not (np.isfinite(centre).all() and np.isfinite(covariance).all()):
         return

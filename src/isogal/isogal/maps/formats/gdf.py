@@ -1,4 +1,5 @@
-"""ICGEM grids (.gdf) as the calculation service of icgem.gfz-potsdam.de writes them: a header of names and values, then points."""
+"""ICGEM grids (.gdf) as the calculation service of icgem.gfz-potsdam.de writes them: a header of
+names and values, then points."""
 
 from itertools import islice
 from pathlib import Path
@@ -29,7 +30,8 @@ _FUNCTIONALS = {
     "topography_shm": "height",
     "etopo1_shm": "height",
 }
-"""What ICGEM's functionals are; a gravity disturbance in spherical approximation (_sa) differs by under 0.1 %."""
+"""What ICGEM's functionals are; a gravity disturbance in spherical approximation (_sa) differs by
+under 0.1 %."""
 
 
 def read_gdf(
@@ -56,7 +58,8 @@ def read_gdf(
     Raises
     ------
     InputError
-        No header, an unknown functional, a table that is not a grid or not the one the header describes, impossible numbers.
+        No header, an unknown functional, a table that is not a grid or not the one the header
+        describes, impossible numbers.
     """
     where = str(path)
     try:
@@ -71,7 +74,9 @@ def read_gdf(
         raise InputError(f"{where}: holds '{functional}', not '{variable}'")
     expected = header.get("number_of_gridpoints")
     if expected is not None and expected.isdecimal() and int(expected) != table.shape[0]:
-        raise InputError(f"{where}: has {table.shape[0]} points, the header says {expected}; cut short?")
+        raise InputError(
+            f"{where}: has {table.shape[0]} points, the header says {expected}; cut short?"
+        )
     latitude, longitude, values = grid_of_points(table[:, 1], table[:, 0], table[:, -1], where)
     _check_limits(header, np.degrees(latitude), np.degrees(longitude), where)
     values = drop_gaps(values, _number(header, "gapvalue", where))
@@ -98,11 +103,17 @@ def _header(file: object, where: str) -> dict[str, str]:
             return header
         if words[0].casefold() in ("longitude", "latitude"):
             if [word.casefold() for word in words[:2]] != ["longitude", "latitude"]:
-                raise InputError(f"{where}: the columns must begin with longitude, latitude, not {' '.join(words[:2])}")
+                raise InputError(
+                    f"{where}: the columns must begin with longitude, latitude, not"
+                    f" {' '.join(words[:2])}"
+                )
             if len(words) > 3:
                 header["height_in_file"] = words[2]
         header.setdefault(words[0].casefold(), " ".join(words[1:]))
-    raise InputError(f"{where}: has no line 'end_of_head' in its first {_MOST_HEADER_LINES} lines; not an ICGEM grid")
+    raise InputError(
+        f"{where}: has no line 'end_of_head' in its first {_MOST_HEADER_LINES} lines; not an ICGEM"
+        " grid"
+    )
 
 
 def _number(header: dict[str, str], key: str, where: str) -> float | None:
@@ -114,7 +125,9 @@ def _number(header: dict[str, str], key: str, where: str) -> float | None:
         raise InputError(f"{where}: header {key} is not a number: '{header[key][:40]}'") from None
 
 
-def _check_limits(header: dict[str, str], latitude: np.ndarray, longitude: np.ndarray, where: str) -> None:
+def _check_limits(
+    header: dict[str, str], latitude: np.ndarray, longitude: np.ndarray, where: str
+) -> None:
     """Compare the points with the limits in the header: a file cut short lacks its last rows."""
     for key, found in (
         ("latlimit_north", latitude[-1]),
@@ -126,5 +139,6 @@ def _check_limits(header: dict[str, str], latitude: np.ndarray, longitude: np.nd
         step = _number(header, "gridstep", where)
         if limit is not None and abs(limit - found) > 0.5 * (step or latitude[1] - latitude[0]):
             raise InputError(
-                f"{where}: points end at {found:.6g} deg, the header says {key} {limit:.6g}; cut short, or swapped?"
+                f"{where}: points end at {found:.6g} deg, the header says {key} {limit:.6g}; cut"
+                " short, or swapped?"
             )

@@ -28,7 +28,8 @@ def read_geotiff(
 ) -> FieldMap:
     """Read one band of a GeoTIFF as a map.
 
-    A grid in a projected, rotated or shifted system is resampled to latitude and longitude by cubic convolution.
+    A grid in a projected, rotated or shifted system is resampled to latitude and longitude by
+    cubic convolution.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ def read_geotiff(
     Raises
     ------
     InputError
-        Not a GeoTIFF, no such band, CRS, unit or quantity not said, impossible numbers, broken data.
+        Not a GeoTIFF, no such band, CRS, unit or quantity not said, impossible numbers, broken
+        data.
     """
     import rasterio
 
@@ -61,7 +63,8 @@ def read_geotiff(
         raise
     except Exception as error:  # GDAL's own errors share no public base class with rasterio's
         raise InputError(
-            f"{where}: cannot be read as GeoTIFF: {str(error).splitlines()[0] if str(error) else error!r}"
+            f"{where}: cannot be read as GeoTIFF:"
+            f" {str(error).splitlines()[0] if str(error) else error!r}"
         ) from None
 
 
@@ -80,7 +83,9 @@ def _read(
     if np.dtype(source.dtypes[band - 1]).kind not in "iuf":
         raise InputError(f"{where}: band {band} holds {source.dtypes[band - 1]}, not numbers")
     name = source.descriptions[band - 1]
-    quantity = quantity or next((q for q in (quantity_of(t) for t in (name, variable) if t) if q), None)
+    quantity = quantity or next(
+        (q for q in (quantity_of(t) for t in (name, variable) if t) if q), None
+    )
     unit = unit or source.units[band - 1] or None
     if crs is not None:
         try:
@@ -91,7 +96,8 @@ def _read(
         system = source.crs
     if not system:
         raise InputError(
-            f"{where}: does not say its coordinate reference system; give crs= (--crs of 'isogal map convert'), for example EPSG:4326"
+            f"{where}: does not say its coordinate reference system; give crs= (--crs of 'isogal"
+            " map convert'), for example EPSG:4326"
         )
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     turn = source.transform
@@ -107,7 +113,11 @@ def _read(
         dtype="float64",
     ) as warped:
         return _assemble(
-            warped, band, window, (quantity, unit, scale, offset), f"{where} (from {system.to_string()[:60]})"
+            warped,
+            band,
+            window,
+            (quantity, unit, scale, offset),
+            f"{where} (from {system.to_string()[:60]})",
         )
 
 
@@ -115,7 +125,8 @@ def _band(source: Any, variable: str | None, where: str) -> int:
     if variable is None:
         if source.count != 1:
             raise InputError(
-                f"{where}: has {source.count} bands ({source.descriptions}); give variable= (--variable) a number or description"
+                f"{where}: has {source.count} bands ({source.descriptions}); give variable="
+                " (--variable) a number or description"
             )
         return 1
     if variable.isdecimal() and 1 <= int(variable) <= source.count:
@@ -124,7 +135,9 @@ def _band(source: Any, variable: str | None, where: str) -> int:
         return int(source.descriptions.index(variable)) + 1
     if source.count == 1 and source.descriptions[0] is None and quantity_of(variable):
         return 1
-    raise InputError(f"{where}: has no band '{variable}'; bands 1 to {source.count}: {source.descriptions}")
+    raise InputError(
+        f"{where}: has no band '{variable}'; bands 1 to {source.count}: {source.descriptions}"
+    )
 
 
 def _is_plain_geographic(system: Any, source: Any, where: str) -> bool:
@@ -136,16 +149,26 @@ def _is_plain_geographic(system: Any, source: Any, where: str) -> bool:
     bounds = source.bounds
     if bounds.top > 90.0 + 1e-6 or bounds.bottom < -90.0 - 1e-6:
         raise InputError(
-            f"{where}: latitudes {bounds.bottom:.6g} to {bounds.top:.6g} deg; axes swapped, or a projected CRS?"
+            f"{where}: latitudes {bounds.bottom:.6g} to {bounds.top:.6g} deg; axes swapped, or a"
+            " projected CRS?"
         )
     middle = 0.5 * (bounds.left + bounds.right), 0.5 * (bounds.top + bounds.bottom)
-    to_wgs84 = pyproj.Transformer.from_crs(pyproj.CRS.from_wkt(system.to_wkt()), "EPSG:4326", always_xy=True)
+    to_wgs84 = pyproj.Transformer.from_crs(
+        pyproj.CRS.from_wkt(system.to_wkt()), "EPSG:4326", always_xy=True
+    )
     there = to_wgs84.transform(*middle)
-    return all(abs((b - a + 180.0) % 360.0 - 180.0) < SHIFT_DEG for a, b in zip(middle, there, strict=True))
+    return all(
+        abs((b - a + 180.0) % 360.0 - 180.0) < SHIFT_DEG
+        for a, b in zip(middle, there, strict=True)
+    )
 
 
 def _assemble(
-    source: Any, band: int, window: Window | None, meaning: tuple[str | None, str | None, float, float], where: str
+    source: Any,
+    band: int,
+    window: Window | None,
+    meaning: tuple[str | None, str | None, float, float],
+    where: str,
 ) -> FieldMap:
     import rasterio.windows
 
@@ -162,12 +185,18 @@ def _assemble(
     count = sum(part.stop - part.start for part in parts)
     if up.stop - up.start < 4 or count < 4:
         extent = Window(south, south + dlat * (rows - 1), west, west + dlon * (columns - 1)).text()
-        raise InputError(f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}")
+        raise InputError(
+            f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}"
+        )
     check_size((up.stop - up.start) * count, where)
     blocks = []
     for part in parts:
-        where_in_file = rasterio.windows.Window.from_slices((rows - up.stop, rows - up.start), (part.start, part.stop))
-        blocks.append(_unpacked(source.read(band, window=where_in_file, masked=True), scale, offset))
+        where_in_file = rasterio.windows.Window.from_slices(
+            (rows - up.stop, rows - up.start), (part.start, part.stop)
+        )
+        blocks.append(
+            _unpacked(source.read(band, window=where_in_file, masked=True), scale, offset)
+        )
     values = np.concatenate(blocks, axis=1)[::-1]
     whole = np.dtype(source.dtypes[band - 1]).kind in "iu"
     return assemble(
@@ -183,7 +212,9 @@ def _assemble(
 
 def _unpacked(raw: Any, scale: float, offset: float) -> NDArray[Any]:
     packed = scale != 1.0 or offset != 0.0
-    values: NDArray[Any] = raw.data.astype(np.float32 if raw.dtype == np.float32 and not packed else np.float64)
+    values: NDArray[Any] = raw.data.astype(
+        np.float32 if raw.dtype == np.float32 and not packed else np.float64
+    )
     if packed:
         values = values * scale + offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan

@@ -1,8 +1,7 @@
 """NetCDF maps: CF and GMT (COARDS) conventions in, CF out.
 
-Latitude and longitude may come in any order and direction, in degrees or radians, 0 to 360 or -180 to 180; values packed or
-not. What the file does not say (quantity, unit) is asked for.
-"""
+Latitude and longitude may come in any order and direction, in degrees or radians, 0 to 360 or -180
+to 180; values packed or not. What the file does not say (quantity, unit) is asked for."""
 
 import math
 from pathlib import Path
@@ -39,7 +38,8 @@ def read_netcdf(
     path : path
         File.
     variable : str, optional
-        Which variable; None = the one whose quantity is ``quantity``, or the only one whose quantity is known.
+        Which variable; None = the one whose quantity is ``quantity``, or the only one whose
+        quantity is known.
     window : Window, optional
         Only this part is read, with the nodes around it that interpolation needs.
     quantity, unit : str, optional
@@ -48,7 +48,8 @@ def read_netcdf(
     Raises
     ------
     InputError
-        Not a NetCDF file, no such variable, axes or unit or quantity not said, impossible numbers, broken data.
+        Not a NetCDF file, no such variable, axes or unit or quantity not said, impossible numbers,
+        broken data.
     """
     import netCDF4
 
@@ -62,14 +63,29 @@ def read_netcdf(
             return _read(dataset, variable, window, quantity, unit, where)
     except InputError:
         raise
-    except (OSError, RuntimeError, ValueError, KeyError, IndexError, AttributeError, TypeError, MemoryError) as error:
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        TypeError,
+        MemoryError,
+    ) as error:
         raise InputError(
-            f"{where}: cannot be read as NetCDF: {str(error).splitlines()[0] if str(error) else error!r}"
+            f"{where}: cannot be read as NetCDF:"
+            f" {str(error).splitlines()[0] if str(error) else error!r}"
         ) from None
 
 
 def _read(
-    dataset: Any, name: str | None, window: Window | None, quantity: str | None, unit: str | None, where: str
+    dataset: Any,
+    name: str | None,
+    window: Window | None,
+    quantity: str | None,
+    unit: str | None,
+    where: str,
 ) -> FieldMap:
     name = _choose(dataset, name, quantity, where)
     data = dataset.variables[name]
@@ -79,21 +95,29 @@ def _read(
     lon, lon_flipped = _axis(dataset, dims[1], "longitude", where)
     if np.abs(lat).max() > math.pi / 2 + 1e-9:
         raise InputError(
-            f"{where}: latitudes reach {math.degrees(np.abs(lat).max()):.6g} deg; axes swapped, or not degrees?"
+            f"{where}: latitudes reach {math.degrees(np.abs(lat).max()):.6g} deg; axes swapped, or"
+            " not degrees?"
         )
     rows, columns, first = slice(0, lat.size), [slice(0, lon.size)], lon[0]
     dlon = (lon[-1] - lon[0]) / (lon.size - 1)
     if window is not None:
-        rows = latitude_slice(lat[0], (lat[-1] - lat[0]) / (lat.size - 1), lat.size, window.south, window.north)
+        rows = latitude_slice(
+            lat[0], (lat[-1] - lat[0]) / (lat.size - 1), lat.size, window.south, window.north
+        )
         columns, first = longitude_slices(lon[0], dlon, lon.size, window.west, window.east)
     count = sum(part.stop - part.start for part in columns)
     if rows.stop - rows.start < 4 or count < 4:
         extent = Window(lat[0], lat[-1], lon[0], lon[-1]).text()
-        raise InputError(f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}")
+        raise InputError(
+            f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}"
+        )
     check_size((rows.stop - rows.start) * count, where)
 
     def cut(source: Any) -> Any:
-        parts = [_block(source, dims, rows, part, (lat.size, lat_flipped), (lon.size, lon_flipped)) for part in columns]
+        parts = [
+            _block(source, dims, rows, part, (lat.size, lat_flipped), (lon.size, lon_flipped))
+            for part in columns
+        ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     said = quantity or _text(data, "isogal_quantity") or _quantity(data)
@@ -106,7 +130,9 @@ def _read(
     if beside is not None:
         sigma = cut(beside)
         if unit is not None:
-            sigma = sigma * (unit_factor(_text(beside, "units") or unit, where)[1] / unit_factor(unit, where)[1])
+            sigma = sigma * (
+                unit_factor(_text(beside, "units") or unit, where)[1] / unit_factor(unit, where)[1]
+            )
     return assemble(
         lat[rows],
         first + dlon * np.arange(count),
@@ -120,17 +146,26 @@ def _read(
 
 
 def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) -> str:
-    grids = [key for key, item in dataset.variables.items() if item.ndim >= 2 and np.dtype(item.dtype).kind in "iuf"]
+    grids = [
+        key
+        for key, item in dataset.variables.items()
+        if item.ndim >= 2 and np.dtype(item.dtype).kind in "iuf"
+    ]
     if name is not None:
         if name not in dataset.variables:
-            raise InputError(f"{where}: has no variable '{name}'; it has {', '.join(dataset.variables) or 'none'}")
+            raise InputError(
+                f"{where}: has no variable '{name}'; it has"
+                f" {', '.join(dataset.variables) or 'none'}"
+            )
         if name not in grids:
             raise InputError(
-                f"{where}: variable '{name}' is not a grid of numbers; grids: {', '.join(grids) or 'none'}"
+                f"{where}: variable '{name}' is not a grid of numbers; grids:"
+                f" {', '.join(grids) or 'none'}"
             )
         return name
     known = {
-        key: _text(dataset.variables[key], "isogal_quantity") or _quantity(dataset.variables[key]) for key in grids
+        key: _text(dataset.variables[key], "isogal_quantity") or _quantity(dataset.variables[key])
+        for key in grids
     }
     fitting = [key for key in grids if known[key] is not None and quantity in (None, known[key])]
     if len(fitting) == 1:
@@ -139,11 +174,13 @@ def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) ->
         return grids[0]
     if not grids and "x_range" in dataset.variables:
         raise InputError(
-            f"{where}: is a grid of GMT 3 (values in one dimension); convert it with 'gmt grdconvert' first"
+            f"{where}: is a grid of GMT 3 (values in one dimension); convert it with 'gmt"
+            " grdconvert' first"
         )
     asked = f"for {quantity}" if quantity else "to use"
     raise InputError(
-        f"{where}: does not say which variable {asked}; give variable= (--variable) one of {', '.join(grids) or '(it has no grid)'}"
+        f"{where}: does not say which variable {asked}; give variable= (--variable) one of"
+        f" {', '.join(grids) or '(it has no grid)'}"
     )
 
 
@@ -161,20 +198,33 @@ def _text(data: Any, attribute: str) -> str | None:
 
 def _number(data: Any, attribute: str) -> float | None:
     value = getattr(data, attribute, None)
-    return float(value) if isinstance(value, int | float | np.number) and math.isfinite(value) else None
+    return (
+        float(value)
+        if isinstance(value, int | float | np.number) and math.isfinite(value)
+        else None
+    )
 
 
 def _kind(data: Any) -> str | None:
-    """Tell whether a coordinate variable is latitude or longitude, by what CF and COARDS let it say."""
+    """Tell whether a coordinate variable is latitude or longitude, by what CF and COARDS let it
+    say."""
     units = (_text(data, "units") or "").casefold()
     standard = (_text(data, "standard_name") or "").casefold()
-    for kind, directions in (("latitude", ("north", "_n", "degreen")), ("longitude", ("east", "_e", "degreee"))):
-        if standard == kind or (units.startswith("degree") and units.rstrip("s").endswith(directions)):
+    for kind, directions in (
+        ("latitude", ("north", "_n", "degreen")),
+        ("longitude", ("east", "_e", "degreee")),
+    ):
+        if standard == kind or (
+            units.startswith("degree") and units.rstrip("s").endswith(directions)
+        ):
             return kind
     name = data.name.casefold()
     if name in ("lat", "latitude") or (_text(data, "long_name") or "").casefold() == "latitude":
         return "latitude"
-    if name in ("lon", "long", "longitude") or (_text(data, "long_name") or "").casefold() == "longitude":
+    if (
+        name in ("lon", "long", "longitude")
+        or (_text(data, "long_name") or "").casefold() == "longitude"
+    ):
         return "longitude"
     return None
 
@@ -189,11 +239,14 @@ def _horizontal(dataset: Any, data: Any, where: str) -> tuple[str, str]:
             kinds[kind] = dim
         elif len(dataset.dimensions[dim]) != 1:
             raise InputError(
-                f"{where}: dimension '{dim}' is not said to be latitude or longitude (units degrees_north, degrees_east);"
-                " a projected grid must come as GeoTIFF"
+                f"{where}: dimension '{dim}' is not said to be latitude or longitude (units"
+                " degrees_north, degrees_east); a projected grid must come as GeoTIFF"
             )
     if len(kinds) != 2:
-        raise InputError(f"{where}: needs one latitude and one longitude dimension, has ({', '.join(data.dimensions)})")
+        raise InputError(
+            f"{where}: needs one latitude and one longitude dimension, has"
+            f" ({', '.join(data.dimensions)})"
+        )
     return kinds["latitude"], kinds["longitude"]
 
 
@@ -201,10 +254,14 @@ def _axis(dataset: Any, name: str, kind: str, where: str) -> tuple[Array, bool]:
     """Return the axis in rad, increasing and exact, and whether it had to be turned round."""
     data = dataset.variables[name]
     if data.size > _LONGEST_AXIS:
-        raise InputError(f"{where}: {name} has {data.size:,} nodes, at most {_LONGEST_AXIS:,} make sense")
+        raise InputError(
+            f"{where}: {name} has {data.size:,} nodes, at most {_LONGEST_AXIS:,} make sense"
+        )
     axis = _unpacked(data, data[:])
     units = (_text(data, "units") or "").casefold()
-    if units.startswith("deg") or (not units and axis.size and np.nanmax(np.abs(axis)) > 2.0 * math.pi):
+    if units.startswith("deg") or (
+        not units and axis.size and np.nanmax(np.abs(axis)) > 2.0 * math.pi
+    ):
         axis = np.radians(axis)
     elif not units.startswith("rad"):
         raise InputError(f"{where}: {name} has the unit '{units}'; it must say degrees or radians")
@@ -215,7 +272,12 @@ def _axis(dataset: Any, name: str, kind: str, where: str) -> tuple[Array, bool]:
 
 
 def _block(
-    data: Any, dims: tuple[str, str], rows: slice, columns: slice, lat: tuple[int, bool], lon: tuple[int, bool]
+    data: Any,
+    dims: tuple[str, str],
+    rows: slice,
+    columns: slice,
+    lat: tuple[int, bool],
+    lon: tuple[int, bool],
 ) -> NDArray[Any]:
     """Read rows and columns (of the increasing axes) as (latitude, longitude), unpacked."""
 
@@ -231,7 +293,8 @@ def _block(
 
 
 def _unpacked(data: Any, raw: NDArray[Any]) -> NDArray[Any]:
-    """Apply missing values, valid range, scale and offset (CF 8.1); float32 stays float32, all else becomes float64."""
+    """Apply missing values, valid range, scale and offset (CF 8.1); float32 stays float32, all
+    else becomes float64."""
     import netCDF4
 
     raw = np.asarray(raw)
@@ -242,14 +305,21 @@ def _unpacked(data: Any, raw: NDArray[Any]) -> NDArray[Any]:
     for fill in fills:
         for value in np.atleast_1d(fill):
             missing |= raw == value
-    low, high = getattr(data, "valid_range", (getattr(data, "valid_min", None), getattr(data, "valid_max", None)))
+    low, high = getattr(
+        data, "valid_range", (getattr(data, "valid_min", None), getattr(data, "valid_max", None))
+    )
     if low is not None:
         missing |= raw < low
     if high is not None:
         missing |= raw > high
-    scale, offset = float(getattr(data, "scale_factor", 1.0)), float(getattr(data, "add_offset", 0.0))
+    scale, offset = (
+        float(getattr(data, "scale_factor", 1.0)),
+        float(getattr(data, "add_offset", 0.0)),
+    )
     packed = scale != 1.0 or offset != 0.0
-    values: NDArray[Any] = raw.astype(np.float32 if raw.dtype == np.float32 and not packed else np.float64)
+    values: NDArray[Any] = raw.astype(
+        np.float32 if raw.dtype == np.float32 and not packed else np.float64
+    )
     if packed:
         values *= scale
         values += offset
@@ -259,16 +329,28 @@ def _unpacked(data: Any, raw: NDArray[Any]) -> NDArray[Any]:
 
 def _step(data: Any) -> float:
     """Return the step of values packed as whole numbers."""
-    return abs(float(getattr(data, "scale_factor", 1.0))) if np.dtype(data.dtype).kind in "iu" else 0.0
+    return (
+        abs(float(getattr(data, "scale_factor", 1.0)))
+        if np.dtype(data.dtype).kind in "iu"
+        else 0.0
+    )
 
 
 def _sigma_variable(dataset: Any, data: Any) -> Any:
     """Return the variable that holds the 1-sigma of ``data``, if the file has one."""
     named = (_text(data, "ancillary_variables") or "").split()
-    names = [n for n in named if "standard_error" in (_text(dataset.variables.get(n), "standard_name") or "")]
+    names = [
+        n
+        for n in named
+        if "standard_error" in (_text(dataset.variables.get(n), "standard_name") or "")
+    ]
     for name in (*names, f"{data.name}_sigma", "map_sigma"):
         beside = dataset.variables.get(name)
-        if beside is not None and name != data.name and set(data.dimensions) == set(beside.dimensions):
+        if (
+            beside is not None
+            and name != data.name
+            and set(data.dimensions) == set(beside.dimensions)
+        ):
             return beside
     return None
 
@@ -305,14 +387,24 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
         dataset.Conventions = "CF-1.8"
         dataset.title = f"{field_map.quantity} map"
         dataset.source = field_map.provenance
-        for key, axis, text in (("lat", field_map.latitude, "latitude"), ("lon", field_map.longitude, "longitude")):
+        for key, axis, text in (
+            ("lat", field_map.latitude, "latitude"),
+            ("lon", field_map.longitude, "longitude"),
+        ):
             dataset.createDimension(key, axis.size)
             coordinate = dataset.createVariable(key, "f8", (key,))
             coordinate.standard_name = coordinate.long_name = text
             coordinate.units = "degrees_north" if key == "lat" else "degrees_east"
             coordinate[:] = np.degrees(axis)
-        kwargs: dict[str, Any] = {"zlib": True, "complevel": 4, "fletcher32": True, "fill_value": np.nan}
-        data = dataset.createVariable(name, field_map.values.dtype.str[1:], ("lat", "lon"), **kwargs)
+        kwargs: dict[str, Any] = {
+            "zlib": True,
+            "complevel": 4,
+            "fletcher32": True,
+            "fill_value": np.nan,
+        }
+        data = dataset.createVariable(
+            name, field_map.values.dtype.str[1:], ("lat", "lon"), **kwargs
+        )
         data.units = unit
         data.long_name = field_map.quantity.replace("_", " ")
         data.isogal_quantity = field_map.quantity

@@ -1,8 +1,8 @@
 """A look at the header of a classic NetCDF file (CDF-1, -2, -5) before the C library reads it.
 
-The library trusts the counts in a header: a damaged one costs minutes and gigabytes, and data missing at the end of a file read as
-zeros. Layout: NetCDF Classic Format Specification (Unidata), sec. "Format".
-"""
+The library trusts the counts in a header: a damaged one costs minutes and gigabytes, and data
+missing at the end of a file read as zeros. Layout: NetCDF Classic Format Specification (Unidata),
+sec. "Format"."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,8 @@ _MOST = 1 << 16
 
 
 def check_classic(path: Path, where: str) -> None:
-    """Refuse a classic file whose header does not fit its size; pass whatever is not a classic file.
+    """Refuse a classic file whose header does not fit its size; pass whatever is not a classic
+    file.
 
     Raises
     ------
@@ -32,9 +33,13 @@ def check_classic(path: Path, where: str) -> None:
         try:
             end = _Header(file, path.stat().st_size, magic[3]).end_of_data()
         except _DamagedError as error:
-            raise InputError(f"{where}: cannot be read as NetCDF: damaged header ({error})") from None
+            raise InputError(
+                f"{where}: cannot be read as NetCDF: damaged header ({error})"
+            ) from None
     if end > path.stat().st_size:
-        raise InputError(f"{where}: has {path.stat().st_size} bytes, its header describes {end}; cut short?")
+        raise InputError(
+            f"{where}: has {path.stat().st_size} bytes, its header describes {end}; cut short?"
+        )
 
 
 class _DamagedError(Exception):

@@ -10,8 +10,11 @@ from isogal.errors import InputError
 from isogal.maps.assemble import check_size
 
 
-def grid_of_points(latitude: Array, longitude: Array, value: Array, where: str) -> tuple[Array, Array, Array]:
-    """Arrange points (deg) that lie on a regular grid, in any order; nodes without a point are NaN.
+def grid_of_points(
+    latitude: Array, longitude: Array, value: Array, where: str
+) -> tuple[Array, Array, Array]:
+    """Arrange points (deg) that lie on a regular grid, in any order; nodes without a point are
+    NaN.
 
     Returns
     -------
@@ -27,15 +30,20 @@ def grid_of_points(latitude: Array, longitude: Array, value: Array, where: str) 
     if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
         raise InputError(f"{where}: a point has no coordinates")
     if np.abs(latitude).max() > 90.0:
-        raise InputError(f"{where}: latitudes reach {np.abs(latitude).max():.6g} deg; are the columns swapped?")
+        raise InputError(
+            f"{where}: latitudes reach {np.abs(latitude).max():.6g} deg; are the columns swapped?"
+        )
     if np.abs(longitude).max() > 720.0:
-        raise InputError(f"{where}: longitudes reach {np.abs(longitude).max():.6g} deg; is it a projected grid?")
+        raise InputError(
+            f"{where}: longitudes reach {np.abs(longitude).max():.6g} deg; is it a projected grid?"
+        )
     rows, lat_axis = _axis(latitude, "latitude", where)
     columns, lon_axis = _axis(longitude, "longitude", where)
     check_size(lat_axis.size * lon_axis.size, where)
     if lat_axis.size * lon_axis.size > 50 * value.size + 1000:
         raise InputError(
-            f"{where}: {value.size} points would fill under 2 % of a {lat_axis.size} x {lon_axis.size} grid; not a grid"
+            f"{where}: {value.size} points would fill under 2 % of a {lat_axis.size} x"
+            f" {lon_axis.size} grid; not a grid"
         )
     node = rows * lon_axis.size + columns
     if np.unique(node).size != node.size:
@@ -49,7 +57,9 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
     """Return the index of each point along a regular axis, and the axis."""
     low, high = float(coordinate.min()), float(coordinate.max())
     steps = np.diff(np.unique(coordinate))
-    steps = steps[steps > 1e-7]  # coordinates printed with few digits differ a little from row to row
+    steps = steps[
+        steps > 1e-7
+    ]  # coordinates printed with few digits differ a little from row to row
     if not steps.size:
         raise InputError(f"{where}: all points have the same {name}")
     nodes = round((high - low) / float(np.median(steps)))
@@ -60,7 +70,8 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
     worst = float(np.abs(coordinate - low - index * step).max())
     if worst > 0.02 * step:
         raise InputError(
-            f"{where}: the points do not lie on a regular grid: {name} is off by up to {worst:.3g} of {step:.6g} deg"
+            f"{where}: the points do not lie on a regular grid: {name} is off by up to {worst:.3g}"
+            f" of {step:.6g} deg"
         )
     axis: Array = low + step * np.arange(nodes + 1, dtype=np.float64)
     return index, axis
@@ -75,7 +86,9 @@ def numbers(lines: Any, columns: int, where: str, delimiter: str | None = None) 
         Something is not a number, or lines differ in length; names the line where NumPy does.
     """
     try:
-        table = np.loadtxt(lines, dtype=np.float64, delimiter=delimiter, ndmin=2, comments=("#", ">"))
+        table = np.loadtxt(
+            lines, dtype=np.float64, delimiter=delimiter, ndmin=2, comments=("#", ">")
+        )
     except (ValueError, UnicodeDecodeError, OverflowError) as error:
         reason = str(error).splitlines()[0].partition("; use")[0][:200]
         raise InputError(f"{where}: not a table of numbers, or cut short: {reason}") from None

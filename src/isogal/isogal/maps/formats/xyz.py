@@ -24,16 +24,17 @@ def read_xyz(
 ) -> FieldMap:
     """Read a text table as a map.
 
-    The columns are those that the first line names (``lon lat dg``; a leading # is allowed), separated by blanks, tabs, commas
-    or semicolons; a unit may follow a name in brackets (``dg[mGal]``). A file without such a line needs its columns named in
-    ``variable``.
+    The columns are those that the first line names (``lon lat dg``; a leading # is allowed),
+    separated by blanks, tabs, commas or semicolons; a unit may follow a name in brackets
+    (``dg[mGal]``). A file without such a line needs its columns named in ``variable``.
 
     Parameters
     ----------
     path : path
         File.
     variable : str, optional
-        The column that holds the values; or all columns in order, ``lon,lat,dg``, where the file does not name them.
+        The column that holds the values; or all columns in order, ``lon,lat,dg``, where the file
+        does not name them.
     window : Window, optional
         Only this part is kept.
     quantity, unit : str, optional
@@ -42,7 +43,8 @@ def read_xyz(
     Raises
     ------
     InputError
-        Columns not named, a line that is not numbers, points off a regular grid, unit or quantity not said, impossible numbers.
+        Columns not named, a line that is not numbers, points off a regular grid, unit or quantity
+        not said, impossible numbers.
     """
     where = str(path)
     try:
@@ -52,7 +54,8 @@ def read_xyz(
             if names is None:
                 if variable is None or variable.count(",") < 2:
                     raise InputError(
-                        f"{where}: does not name its columns; give variable= (--variable) their order, for example lon,lat,dg"
+                        f"{where}: does not name its columns; give variable= (--variable) their"
+                        " order, for example lon,lat,dg"
                     )
                 names, variable = _split(variable), None
                 file.seek(0)
@@ -62,7 +65,9 @@ def read_xyz(
         raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
     plain = [re.sub(r"[\[(].*", "", name).casefold() for name in names]
     lat, lon, value = _columns(plain, variable, where)
-    latitude, longitude, values = grid_of_points(table[:, lat], table[:, lon], drop_gaps(table[:, value], None), where)
+    latitude, longitude, values = grid_of_points(
+        table[:, lat], table[:, lon], drop_gaps(table[:, value], None), where
+    )
     bracket = re.search(r"[\[(](.+?)[\])]", names[value])
     field_map = assemble(
         latitude,
@@ -88,12 +93,15 @@ def _names(line: str) -> list[str] | None:
 
 def _columns(names: list[str], variable: str | None, where: str) -> tuple[int, int, int]:
     """Return the columns of latitude, longitude and value."""
-    lats, lons = ([i for i, name in enumerate(names) if name in wanted] for wanted in (_LATITUDE, _LONGITUDE))
+    lats, lons = (
+        [i for i, name in enumerate(names) if name in wanted] for wanted in (_LATITUDE, _LONGITUDE)
+    )
     others = [i for i in range(len(names)) if i not in lats + lons]
     if variable is not None:
         others = [i for i in others if names[i] == variable.casefold()]
     if len(lats) != 1 or len(lons) != 1 or len(others) != 1:
         raise InputError(
-            f"{where}: needs one latitude, one longitude and one value column; has {', '.join(names)}; give variable= (--variable)"
+            f"{where}: needs one latitude, one longitude and one value column; has"
+            f" {', '.join(names)}; give variable= (--variable)"
         )
     return lats[0], lons[0], others[0]

@@ -1,4 +1,5 @@
-"""One file by HTTP: resumed where it broke off, tried again, of the size that it must have, whole or absent."""
+"""One file by HTTP: resumed where it broke off, tried again, of the size that it must have, whole
+or absent."""
 
 import contextlib
 import hashlib
@@ -39,14 +40,19 @@ class _TryAgainError(Exception):
 
 
 def check_base_url(url: str) -> str:
-    """Return the URL without a trailing slash, or raise InputError unless it is an HTTP address."""
+    """Return the URL without a trailing slash, or raise InputError unless it is an HTTP
+    address."""
     parts = urllib.parse.urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise InputError(f"--base-url {url}: must begin with http:// or https:// and name a server")
+        raise InputError(
+            f"--base-url {url}: must begin with http:// or https:// and name a server"
+        )
     return url.rstrip("/")
 
 
-def download(url: str, target: Path, size: int, patience: Patience, progress: Progress | None = None) -> str:
+def download(
+    url: str, target: Path, size: int, patience: Patience, progress: Progress | None = None
+) -> str:
     """Fetch a file of known size and return its SHA-256.
 
     What arrived is kept in ``<target>.part``, from which a later call goes on.
@@ -106,13 +112,16 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
     if there:
         headers["Range"] = f"bytes={there}-"
     try:
-        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=timeout) as answer:
+        with urllib.request.urlopen(
+            urllib.request.Request(url, headers=headers), timeout=timeout
+        ) as answer:
             there = _starts_at(answer, there)
             length = answer.headers.get("Content-Length", "")
             if length.isdecimal() and there + int(length) != size:
                 part.unlink(missing_ok=True)
                 raise InputError(
-                    f"{url}: the server's file has {there + int(length)} bytes, a tile has {size}; wrong address?"
+                    f"{url}: the server's file has {there + int(length)} bytes, a tile has {size};"
+                    " wrong address?"
                 )
             with part.open("r+b" if there else "wb") as file:
                 file.truncate(there)
@@ -126,29 +135,40 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
                         progress(there, size)
     except urllib.error.HTTPError as error:
         _refuse(url, part, error)
-    except (urllib.error.URLError, http.client.HTTPException, ConnectionError, TimeoutError) as error:
+    except (
+        urllib.error.URLError,
+        http.client.HTTPException,
+        ConnectionError,
+        TimeoutError,
+    ) as error:
         reason = getattr(error, "reason", None) or error
         if isinstance(reason, TimeoutError):
             raise _TryAgainError(f"no answer within {timeout:g} s") from None
         raise _TryAgainError(
-            f"cannot be reached ({' '.join(str(reason).split()) or type(reason).__name__}); offline?"
+            f"cannot be reached ({' '.join(str(reason).split()) or type(reason).__name__});"
+            " offline?"
         ) from None
     except OSError as error:
         raise InputError(f"{part}: cannot be written: {error.strerror or error}") from None
     if there > size:
         part.unlink(missing_ok=True)
-        raise InputError(f"{url}: the server sends more than the {size} bytes of a tile; wrong address?")
+        raise InputError(
+            f"{url}: the server sends more than the {size} bytes of a tile; wrong address?"
+        )
     if there < size:
         raise _TryAgainError(f"the connection broke off at {there} of {size} bytes")
 
 
 def _starts_at(answer: http.client.HTTPResponse, asked: int) -> int:
-    """Return where the bytes of an answer belong: at what was asked for, or at 0 from a server that does not resume."""
+    """Return where the bytes of an answer belong: at what was asked for, or at 0 from a server
+    that does not resume."""
     if answer.status != 206:
         return 0
     span = answer.headers.get("Content-Range", "")
     if not span.startswith(f"bytes {asked}-"):
-        raise _TryAgainError(f"the server resumes elsewhere than asked ({span[:60] or 'no Content-Range'})")
+        raise _TryAgainError(
+            f"the server resumes elsewhere than asked ({span[:60] or 'no Content-Range'})"
+        )
     return asked
 
 

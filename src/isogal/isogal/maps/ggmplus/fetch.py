@@ -1,8 +1,8 @@
 """GGMplus tiles from a mirror into a folder that `isogal.maps.ggmplus.folder` reads.
 
-The mirrors publish no checksums. So a tile is trusted when it is fetched for the first time: its SHA-256 goes into
-``checksums.txt`` beside it, and from then on a tile that differs from it is refused or fetched again.
-"""
+The mirrors publish no checksums. So a tile is trusted when it is fetched for the first time: its
+SHA-256 goes into ``checksums.txt`` beside it, and from then on a tile that differs from it is
+refused or fetched again."""
 
 import contextlib
 import re
@@ -22,7 +22,10 @@ from isogal.maps.ggmplus.folder import CELLS, KINDS, tile_name, tiles_of
 
 REGISTRY = "checksums.txt"
 _LINE = re.compile(r"(\S+)  ([0-9a-f]{64}|absent)")
-MIRRORS = ("ddfe.curtin.edu.au/gravitymodels/GGMplus/data", "ddfe.blazejbucha.com/models/GGMplus/data")
+MIRRORS = (
+    "ddfe.curtin.edu.au/gravitymodels/GGMplus/data",
+    "ddfe.blazejbucha.com/models/GGMplus/data",
+)
 """Public mirrors (SCIENCE 2), for help texts; none is used unless the user gives it."""
 
 
@@ -80,8 +83,8 @@ def fetch_tiles(
     Raises
     ------
     InputError
-        The server cannot be reached or has other files than tiles, a tile differs from its checksum, the folder cannot be written,
-        or the server has none of the tiles.
+        The server cannot be reached or has other files than tiles, a tile differs from its
+        checksum, the folder cannot be written, or the server has none of the tiles.
     """
     base_url, folder = check_base_url(base_url), Path(folder)
     try:
@@ -94,7 +97,10 @@ def fetch_tiles(
         for name in names:
             _one(name, base_url, folder, known, result, patience or Patience(), progress)
     if names and not (result.downloaded or result.present):
-        raise InputError(f"{base_url}: the server has none of the {len(names)} tiles ({names[0]}, ...); wrong address?")
+        raise InputError(
+            f"{base_url}: the server has none of the {len(names)} tiles ({names[0]}, ...); wrong"
+            " address?"
+        )
     return result
 
 
@@ -131,15 +137,17 @@ def _one(
         result.absent.append(name)
         if expected not in (None, "absent"):
             raise InputError(
-                f"{base_url}/{extension}/{name}: the server has it no more; it had when checksums.txt was written"
+                f"{base_url}/{extension}/{name}: the server has it no more; it had when"
+                " checksums.txt was written"
             ) from None
     else:
         new = folder / f".{name}.new"
         if expected not in (None, "absent", digest):
             new.unlink()
             raise InputError(
-                f"{base_url}/{extension}/{name}: differs from the checksum of its first download in {folder / REGISTRY};"
-                " damaged on the way, or a new edition: remove its line there to trust it"
+                f"{base_url}/{extension}/{name}: differs from the checksum of its first download"
+                f" in {folder / REGISTRY}; damaged on the way, or a new edition: remove its line"
+                " there to trust it"
             )
         new.replace(path)
         result.downloaded.append(name)
@@ -173,19 +181,27 @@ def read_registry(folder: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     known = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(
+        path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1
+    ):
         if not line.strip() or line.startswith("#"):
             continue
         match = _LINE.fullmatch(line.strip())
         if not match:
-            raise InputError(f"{path} (line {number}): must be a file name, two blanks and a SHA-256 (or 'absent')")
+            raise InputError(
+                f"{path} (line {number}): must be a file name, two blanks and a SHA-256 (or"
+                " 'absent')"
+            )
         known[match.group(1)] = match.group(2)
     return known
 
 
 def write_registry(folder: Path, known: dict[str, str]) -> None:
     """Write the registry; it appears whole."""
-    head = "# SHA-256 of each tile when it was first fetched (trusted then); absent = the server had none\n"
+    head = (
+        "# SHA-256 of each tile when it was first fetched (trusted then); absent = the server had"
+        " none\n"
+    )
     lines = "".join(f"{name}  {digest}\n" for name, digest in sorted(known.items()))
     with atomic_path(folder / REGISTRY) as temporary:
         temporary.write_text(head + lines, encoding="utf-8")

@@ -1,8 +1,9 @@
-"""GGMplus folders: tiles of 5° x 5° with 2500 x 2500 cells (Hirt et al. 2013, doi:10.1002/grl.50838; layout: SCIENCE 2).
+"""GGMplus folders: tiles of 5° x 5° with 2500 x 2500 cells (Hirt et al. 2013,
+doi:10.1002/grl.50838; layout: SCIENCE 2).
 
-A tile is named by its south-west corner (``S40E145.ga``), has no header, big-endian whole numbers, latitude running fastest
-(south to north), then longitude (west to east); cell centres at corner + 0.001 + 0.002 i degrees, GRS80.
-"""
+A tile is named by its south-west corner (``S40E145.ga``), has no header, big-endian whole numbers,
+latitude running fastest (south to north), then longitude (west to east); cell centres at corner +
+0.001 + 0.002 i degrees, GRS80."""
 
 import math
 import re
@@ -61,7 +62,8 @@ def tile_name(south: int, west: int, extension: str) -> str:
 
 
 def tiles_of(window: Window) -> list[tuple[int, int]]:
-    """Return the south-west corners (deg) of all tiles that a window, or the track in it, touches; west may exceed 180."""
+    """Return the south-west corners (deg) of all tiles that a window, or the track in it, touches;
+    west may exceed 180."""
     if window.track is not None:
         track = window.track
         points = thinned(track, _METRES)
@@ -97,7 +99,8 @@ def read_ggmplus(
     path : path
         Folder, or one tile.
     variable : str, optional
-        ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the folder.
+        ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the
+        folder.
     window : Window, optional
         None = all tiles there. With a track, a large window is read along the track only.
     quantity : str, optional
@@ -129,11 +132,19 @@ def read_ggmplus(
     kind = KINDS[extension]
     if window is None:
         window = _extent(
-            [item.name for item in path.iterdir() if _NAME.fullmatch(item.name) and item.suffix == f".{extension}"]
+            [
+                item.name
+                for item in path.iterdir()
+                if _NAME.fullmatch(item.name) and item.suffix == f".{extension}"
+            ]
         )
     rows, columns = _cells(window)
     corners = tiles_of(window)
-    missing = [name for name in (tile_name(*corner, extension) for corner in corners) if not (path / name).is_file()]
+    missing = [
+        name
+        for name in (tile_name(*corner, extension) for corner in corners)
+        if not (path / name).is_file()
+    ]
     if len(missing) == len(corners):
         raise InputError(f"{path}: has none of the tiles needed: {', '.join(missing)}")
     latitude = np.radians(-90.0 + STEP_DEG * (np.arange(rows.start, rows.stop) + 0.5))
@@ -165,24 +176,47 @@ def read_ggmplus(
 
 
 def _cells(window: Window) -> tuple[range, range]:
-    """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and its margin."""
-    east = window.east if window.east >= window.west else window.west + (window.east - window.west) % TWO_PI
-    south, north, west, east = (math.degrees(x) / STEP_DEG for x in (window.south, window.north, window.west, east))
+    """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
+    its margin."""
+    east = (
+        window.east
+        if window.east >= window.west
+        else window.west + (window.east - window.west) % TWO_PI
+    )
+    south, north, west, east = (
+        math.degrees(x) / STEP_DEG for x in (window.south, window.north, window.west, east)
+    )
     low, high = math.floor(south) + _UP // 2 - MARGIN, math.floor(north) + _UP // 2 + MARGIN + 1
-    left, right = math.floor(west) - MARGIN, min(math.floor(east) + MARGIN + 1, math.floor(west) - MARGIN + _ACROSS)
+    left, right = (
+        math.floor(west) - MARGIN,
+        min(math.floor(east) + MARGIN + 1, math.floor(west) - MARGIN + _ACROSS),
+    )
     return range(max(low, 0), min(high, _UP)), range(left, right)
 
 
 def _extension(path: Path, variable: str | None, quantity: str | None) -> str:
-    there = sorted({match.group(5) for match in (_NAME.fullmatch(item.name) for item in path.iterdir()) if match})
+    there = sorted(
+        {
+            match.group(5)
+            for match in (_NAME.fullmatch(item.name) for item in path.iterdir())
+            if match
+        }
+    )
     if variable is not None and variable not in KINDS:
-        raise InputError(f"{path}: GGMplus has no variable '{variable}'; it has {', '.join(KINDS)}")
+        raise InputError(
+            f"{path}: GGMplus has no variable '{variable}'; it has {', '.join(KINDS)}"
+        )
     if variable is None:
-        fitting = [e for e in (there if quantity is None else KINDS) if quantity in (None, KINDS[e].quantity)]
+        fitting = [
+            e
+            for e in (there if quantity is None else KINDS)
+            if quantity in (None, KINDS[e].quantity)
+        ]
         if len(fitting) != 1:
             asked = f"a {quantity} map" if quantity else "the variable to use"
             raise InputError(
-                f"{path}: cannot tell {asked}; give variable= (--variable) one of {', '.join(there) or ', '.join(KINDS)}"
+                f"{path}: cannot tell {asked}; give variable= (--variable) one of"
+                f" {', '.join(there) or ', '.join(KINDS)}"
             )
         variable = fitting[0]
     if quantity is not None and quantity != KINDS[variable].quantity:
@@ -211,19 +245,25 @@ def _extent(names: list[str]) -> Window:
 def _read_tile(
     path: Path, kind: Kind, place: tuple[int, int], values: Array, spans: Spans | None
 ) -> None:
-    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column ``place``."""
+    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
+    ``place``."""
     dtype = np.dtype(kind.dtype)
     expected = CELLS * CELLS * dtype.itemsize
     try:
         size = path.stat().st_size
         if size != expected:
-            raise InputError(f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut short?")
+            raise InputError(
+                f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
+                " short?"
+            )
         low, high = math.inf, -math.inf
         for first, last in _blocks(place[1], values.shape[1]):
             rows = _rows_needed(place, (first, last), values.shape[0], spans)
             if rows.stop <= rows.start:
                 continue
-            raw = np.memmap(path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS))[:, rows].T
+            raw = np.memmap(
+                path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS)
+            )[:, rows].T
             block = raw * kind.step
             block[raw == kind.no_data] = np.nan
             if not np.isnan(block).all():
@@ -236,18 +276,23 @@ def _read_tile(
 
 
 def _blocks(left: int, columns: int) -> Iterator[tuple[int, int]]:
-    """Give runs of columns of a tile that lie in the grid when the tile's first column is the grid's ``left``."""
+    """Give runs of columns of a tile that lie in the grid when the tile's first column is the
+    grid's ``left``."""
     start, stop = max(-left, 0), min(columns - left, CELLS)
     for first in range(start, stop, _BLOCK):
         yield first, min(first + _BLOCK, stop)
 
 
-def _rows_needed(place: tuple[int, int], columns: tuple[int, int], rows: int, spans: Spans | None) -> slice:
+def _rows_needed(
+    place: tuple[int, int], columns: tuple[int, int], rows: int, spans: Spans | None
+) -> slice:
     """Return the tile's rows that these of its columns are needed for."""
     low, high = max(place[0], 0), min(place[0] + CELLS, rows)
     if spans is not None:
         part = spans[low:high]
-        meets = np.flatnonzero((part[:, 0] < columns[1] + place[1]) & (part[:, 1] > columns[0] + place[1]))
+        meets = np.flatnonzero(
+            (part[:, 0] < columns[1] + place[1]) & (part[:, 1] > columns[0] + place[1])
+        )
         if not meets.size:
             return slice(0, 0)
         low, high = low + int(meets[0]), low + int(meets[-1]) + 1
@@ -260,12 +305,17 @@ def _put(block: Array, at: tuple[int, int], values: Array, spans: Spans | None) 
         values[at[0] : at[0] + block.shape[0], at[1] : at[1] + block.shape[1]] = block
         return
     for row, line in enumerate(block, start=at[0]):
-        first, last = max(int(spans[row, 0]), at[1]), min(int(spans[row, 1]), at[1] + block.shape[1])
+        first, last = (
+            max(int(spans[row, 0]), at[1]),
+            min(int(spans[row, 1]), at[1] + block.shape[1]),
+        )
         if first < last:
             values[row, first:last] = line[first - at[1] : last - at[1]]
 
 
-def write_ggmplus(field_map: FieldMap, folder: str | Path, variable: str | None = None) -> list[Path]:
+def write_ggmplus(
+    field_map: FieldMap, folder: str | Path, variable: str | None = None
+) -> list[Path]:
     """Write a map as GGMplus tiles; cells that it has no value at are no-data.
 
     Parameters
@@ -287,9 +337,15 @@ def write_ggmplus(field_map: FieldMap, folder: str | Path, variable: str | None 
     InputError
         GGMplus has no such quantity, a number does not fit, or the folder cannot be written.
     """
-    fitting = [e for e, kind in KINDS.items() if kind.quantity == field_map.quantity and variable in (None, e)]
+    fitting = [
+        e
+        for e, kind in KINDS.items()
+        if kind.quantity == field_map.quantity and variable in (None, e)
+    ]
     if not fitting:
-        raise InputError(f"{folder}: GGMplus has no {field_map.quantity} files; it has {', '.join(KINDS)}")
+        raise InputError(
+            f"{folder}: GGMplus has no {field_map.quantity} files; it has {', '.join(KINDS)}"
+        )
     kind, folder = KINDS[fitting[0]], Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -304,7 +360,9 @@ def write_ggmplus(field_map: FieldMap, folder: str | Path, variable: str | None 
             numbers = np.rint(field_map.value(latitude, longitude) / kind.step)
             known = np.isfinite(numbers)
             if (np.abs(numbers[known]) > np.iinfo(kind.dtype).max).any():
-                raise InputError(f"{folder}: a value does not fit into {kind.dtype} steps of {kind.step:g}")
+                raise InputError(
+                    f"{folder}: a value does not fit into {kind.dtype} steps of {kind.step:g}"
+                )
             raw[column, known] = numbers[known]
         if (raw != kind.no_data).any():
             paths.append(folder / tile_name(south, west, fitting[0]))

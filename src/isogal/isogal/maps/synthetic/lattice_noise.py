@@ -1,9 +1,10 @@
-"""Gradient noise on the sphere: a smooth random field whose value at a place depends on that place alone.
+"""Gradient noise on the sphere: a smooth random field whose value at a place depends on that place
+alone.
 
-Perlin's lattice noise (Perlin 2002, "Improving noise", SIGGRAPH) in three dimensions, evaluated on the unit sphere: isotropic
-everywhere, without seams at the date line or the poles. The gradient at a lattice point comes from an integer hash of the
-point (the finaliser of SplitMix64, Steele et al. 2014), so nothing needs to be stored or generated in order.
-"""
+Perlin's lattice noise (Perlin 2002, "Improving noise", SIGGRAPH) in three dimensions, evaluated on
+the unit sphere: isotropic everywhere, without seams at the date line or the poles. The gradient at
+a lattice point comes from an integer hash of the point (the finaliser of SplitMix64, Steele et al.
+2014), so nothing needs to be stored or generated in order."""
 
 import math
 
@@ -18,7 +19,8 @@ RMS = 0.270
 
 @kernel(error_model="numpy")
 def _corner(i: int, j: int, k: int, seed: np.uint64, x: float, y: float, z: float) -> float:
-    """Return gradient · offset at a lattice point; the gradient is one of the twelve edge directions of a cube."""
+    """Return gradient · offset at a lattice point; the gradient is one of the twelve edge
+    directions of a cube."""
     h = (
         seed
         ^ (np.uint64(i) * np.uint64(0x9E3779B97F4A7C15))
@@ -41,15 +43,20 @@ def _corner(i: int, j: int, k: int, seed: np.uint64, x: float, y: float, z: floa
 
 @kernel(error_model="numpy")
 def gradient_noise(x: float, y: float, z: float, seed: np.uint64) -> float:
-    """Return the noise at a point in units of the lattice; zero mean, RMS `RMS`, twice continuously differentiable."""
+    """Return the noise at a point in units of the lattice; zero mean, RMS `RMS`, twice
+    continuously differentiable."""
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
     x, y, z = x - i, y - j, z - k
     u = x * x * x * (x * (x * 6.0 - 15.0) + 10.0)
     v = y * y * y * (y * (y * 6.0 - 15.0) + 10.0)
     w = z * z * z * (z * (z * 6.0 - 15.0) + 10.0)
     a = (1.0 - u) * _corner(i, j, k, seed, x, y, z) + u * _corner(i + 1, j, k, seed, x - 1.0, y, z)
-    b = (1.0 - u) * _corner(i, j + 1, k, seed, x, y - 1.0, z) + u * _corner(i + 1, j + 1, k, seed, x - 1.0, y - 1.0, z)
-    c = (1.0 - u) * _corner(i, j, k + 1, seed, x, y, z - 1.0) + u * _corner(i + 1, j, k + 1, seed, x - 1.0, y, z - 1.0)
+    b = (1.0 - u) * _corner(i, j + 1, k, seed, x, y - 1.0, z) + u * _corner(
+        i + 1, j + 1, k, seed, x - 1.0, y - 1.0, z
+    )
+    c = (1.0 - u) * _corner(i, j, k + 1, seed, x, y, z - 1.0) + u * _corner(
+        i + 1, j, k + 1, seed, x - 1.0, y, z - 1.0
+    )
     d = (1.0 - u) * _corner(i, j + 1, k + 1, seed, x, y - 1.0, z - 1.0) + u * _corner(
         i + 1, j + 1, k + 1, seed, x - 1.0, y - 1.0, z - 1.0
     )
@@ -57,7 +64,9 @@ def gradient_noise(x: float, y: float, z: float, seed: np.uint64) -> float:
 
 
 @kernel(error_model="numpy")
-def sum_of_octaves(latitude: Array, longitude: Array, spacing: Array, amplitude: Array, seed: int, out: Array) -> None:
+def sum_of_octaves(
+    latitude: Array, longitude: Array, spacing: Array, amplitude: Array, seed: int, out: Array
+) -> None:
     """Fill a grid with a sum of octaves.
 
     Parameters

@@ -1,16 +1,20 @@
-"""A synthetic map like GGMplus: fractal terrain, the gravity of that terrain, and long waves like a geopotential model.
+"""A synthetic map like GGMplus: fractal terrain, the gravity of that terrain, and long waves like
+a geopotential model.
 
 Every number is a function of the place alone, wherever and whenever it is asked for:
 
 terrain     h = h0 + s·b + s·Σ octaves: noise from 120 km down to 1.1 km lattice spacing, amplitude ~ spacing^0.55, times a
-            slowly varying relief s (log-normal), so that there are plains and mountains; mountains stand high (b).
+            slowly varying relief s (log-normal), so that there are plains and mountains; mountains
+            stand high (b).
 gravity     2πGρ·Σ w_o·octaves - c at 2670 kg/m³. w_o = 1 - exp(-k_o D) compensates long waves isostatically (Airy, depth D; Watts
-            2001, Isostasy and Flexure of the Lithosphere, sec. 5.3). c is the terrain correction, half Gρ times the integral of
-            (h - h_P)²/r³ (Forsberg 1985, Bull. Geod. 59:342-360; the first order of Parker's series at the ground), by FFT.
+            2001, Isostasy and Flexure of the Lithosphere, sec. 5.3). c is the terrain correction,
+            half Gρ times the integral of (h - h_P)²/r³ (Forsberg 1985, Bull. Geod. 59:342-360; the
+            first order of Parker's series at the ground), by FFT.
 long waves  noise from 1200 to 20 km lattice spacing, not correlated with the terrain.
 
-disturbance ``dg`` = gravity of the terrain + long waves; gravity ``ga`` = normal gravity at the ground + dg. Cells of 0.002°, at
-the centres of GGMplus, rounded to 0.1 mGal as GGMplus is. Tiles of 1° are made once and kept in the cache folder.
+disturbance ``dg`` = gravity of the terrain + long waves; gravity ``ga`` = normal gravity at the
+ground + dg. Cells of 0.002°, at the centres of GGMplus, rounded to 0.1 mGal as GGMplus is. Tiles
+of 1° are made once and kept in the cache folder.
 
 Along the default route, beside the real terrain of SE Australia with modelled gravity (SCIENCE 5):
 
@@ -67,7 +71,9 @@ _REACH = 10e3  # of the terrain correction, m
 _MOST_COLUMNS = 600  # its reach near the poles, where meridians are close
 
 
-def synthetic_map(quantity: str, window: Window, progress: Callable[[int, int], None] | None = None) -> FieldMap:
+def synthetic_map(
+    quantity: str, window: Window, progress: Callable[[int, int], None] | None = None
+) -> FieldMap:
     """Return the synthetic map of a window.
 
     Parameters
@@ -95,9 +101,14 @@ def synthetic_map(quantity: str, window: Window, progress: Callable[[int, int], 
     west = math.degrees(window.west)
     east = west + math.degrees(window.east - window.west) % 360.0
     low, high = _cell(south + 90.0) - MARGIN, _cell(north + 90.0) + MARGIN + 1
-    left, right = _cell(west) - MARGIN, min(_cell(east) + MARGIN + 1, _cell(west) - MARGIN + ACROSS)
+    left, right = (
+        _cell(west) - MARGIN,
+        min(_cell(east) + MARGIN + 1, _cell(west) - MARGIN + ACROSS),
+    )
     if low < CELLS or high > 179 * CELLS:
-        raise InputError(f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}")
+        raise InputError(
+            f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}"
+        )
     check_size((high - low) * (right - left), "synthetic map")
     values = np.empty((high - low, right - left))
     makers: dict[Path, Callable[[], Sequence[bytes]]] = {}
@@ -116,7 +127,10 @@ def synthetic_map(quantity: str, window: Window, progress: Callable[[int, int], 
     for path, body in read_or_make(makers, index):
         tile = np.frombuffer(body, dtype="<i4").reshape(CELLS, CELLS)
         for top, side in places.pop(path):
-            rows, columns = slice(max(-top, 0), high - low - top), slice(max(-side, 0), right - left - side)
+            rows, columns = (
+                slice(max(-top, 0), high - low - top),
+                slice(max(-side, 0), right - left - side),
+            )
             values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = tile[rows, columns]
     return assemble(
         np.radians(-90.0 + STEP_DEG * (np.arange(low, high) + 0.5)),
@@ -140,14 +154,17 @@ def _tile_path(south: int, west: int) -> Path:
 
 def _corner(name: str) -> tuple[int, int]:
     """Return south and west (deg) of a tile's file name."""
-    return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (-1 if name[3] == "W" else 1)
+    return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (
+        -1 if name[3] == "W" else 1
+    )
 
 
 def _made_in_child(paths: list[Path]) -> Iterator[int]:
-    """Make tiles in another process, so that this one never takes the memory that it needs (70 MB, most of it never given back).
+    """Make tiles in another process, so that this one never takes the memory that it needs (70 MB,
+    most of it never given back).
 
-    Gives the number of tiles made. What the other process did not make, for whatever reason, `read_or_make` makes here.
-    """
+    Gives the number of tiles made. What the other process did not make, for whatever reason,
+    `read_or_make` makes here."""
     if not paths:
         return
     command = [sys.executable, "-m", __spec__.name, *(path.name for path in paths)]
@@ -174,19 +191,33 @@ def _make_here(names: list[str]) -> None:
 
 
 def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
-    """Compute the tile with this south-west corner (deg): disturbance, gravity, height as little-endian int32, in `QUANTA`."""
+    """Compute the tile with this south-west corner (deg): disturbance, gravity, height as
+    little-endian int32, in `QUANTA`."""
     height, attraction = terrain(south, west)
     long_waves = _octaves((south, west), (0, 0), _LONG, _LONG_RMS[None], _SEED + 2000)[0]
     disturbance = np.rint((attraction + long_waves) / QUANTA["disturbance"])
-    ground = normal_gravity(_axis(south, 0, CELLS)[:, None], height) + disturbance * QUANTA["disturbance"]
-    numbers = (disturbance, np.rint(ground / QUANTA["gravity"]), np.rint(height / QUANTA["height"]))
+    ground = (
+        normal_gravity(_axis(south, 0, CELLS)[:, None], height)
+        + disturbance * QUANTA["disturbance"]
+    )
+    numbers = (
+        disturbance,
+        np.rint(ground / QUANTA["gravity"]),
+        np.rint(height / QUANTA["height"]),
+    )
     return tuple(number.astype("<i4").tobytes() for number in numbers)  # type: ignore[return-value]
 
 
 def terrain(south: int, west: int) -> tuple[Array, Array]:
-    """Return height (m) and the attraction of the terrain (m/s²) on the cells of a tile, (500, 500) each."""
-    metres_north, metres_east = (STEP_DEG * math.radians(1.0) * m for m in metres_per_radian(math.radians(south + 0.5)))
-    rows, columns = math.ceil(_REACH / metres_north), min(math.ceil(_REACH / metres_east), _MOST_COLUMNS)
+    """Return height (m) and the attraction of the terrain (m/s²) on the cells of a tile, (500,
+    500) each."""
+    metres_north, metres_east = (
+        STEP_DEG * math.radians(1.0) * m for m in metres_per_radian(math.radians(south + 0.5))
+    )
+    rows, columns = (
+        math.ceil(_REACH / metres_north),
+        min(math.ceil(_REACH / metres_east), _MOST_COLUMNS),
+    )
     compensation = 1.0 - np.exp(-2.0 * math.pi / (_WAVELENGTH * _TERRAIN) * _COMPENSATION_DEPTH)
     weights = np.stack([_TERRAIN_RMS, _TERRAIN_RMS * compensation * _PLATE])
     rough, plate = _octaves((south, west), (rows, columns), _TERRAIN, weights, _SEED)
@@ -203,20 +234,25 @@ def terrain(south: int, west: int) -> tuple[Array, Array]:
 
 
 def _axis(corner: int, low: int, high: int, stride: int = 1) -> Array:
-    """Return every ``stride``-th cell centre, rad, from cell ``low`` to before ``high`` of the tile at ``corner`` deg."""
+    """Return every ``stride``-th cell centre, rad, from cell ``low`` to before ``high`` of the
+    tile at ``corner`` deg."""
     return np.radians(corner + STEP_DEG * (np.arange(low, high, stride) + 0.5))
 
 
-def _octaves(corner: tuple[int, int], margin: tuple[int, int], spacing: Array, rms: Array, seed: int) -> Array:
-    """Return sums of octaves (P, rows, columns) on a tile (south, west deg) with a margin of so many cells.
+def _octaves(
+    corner: tuple[int, int], margin: tuple[int, int], spacing: Array, rms: Array, seed: int
+) -> Array:
+    """Return sums of octaves (P, rows, columns) on a tile (south, west deg) with a margin of so
+    many cells.
 
-    Octaves of more than `_SMOOTH` are computed on every `_STRIDE`-th cell, counted from the tile's corner so that tiles agree
-    where they meet, and interpolated.
-    """
+    Octaves of more than `_SMOOTH` are computed on every `_STRIDE`-th cell, counted from the tile's
+    corner so that tiles agree where they meet, and interpolated."""
     fine = [_axis(c, -m, CELLS + m) for c, m in zip(corner, margin, strict=True)]
     smooth = spacing >= _SMOOTH
     low = [-_STRIDE * (m // _STRIDE + 3) for m in margin]
-    coarse = [_axis(c, start, CELLS - start, _STRIDE) for c, start in zip(corner, low, strict=True)]
+    coarse = [
+        _axis(c, start, CELLS - start, _STRIDE) for c, start in zip(corner, low, strict=True)
+    ]
     nodes = np.empty((rms.shape[0], coarse[0].size, coarse[1].size))
     out = np.empty((rms.shape[0], fine[0].size, fine[1].size))
     sum_of_octaves(*coarse, spacing[smooth] / _EARTH, rms[:, smooth], seed, nodes)
@@ -224,14 +260,15 @@ def _octaves(corner: tuple[int, int], margin: tuple[int, int], spacing: Array, r
     latitude, longitude = (axis.reshape(-1) for axis in np.meshgrid(*fine, indexing="ij"))
     step = math.radians(STEP_DEG * _STRIDE)
     for index, part in enumerate(nodes):
-        out[index] += values_at(part, coarse[0][0], step, coarse[1][0], step, latitude, longitude).reshape(
-            out.shape[1:]
-        )
+        out[index] += values_at(
+            part, coarse[0][0], step, coarse[1][0], step, latitude, longitude
+        ).reshape(out.shape[1:])
     return out
 
 
 def _terrain_correction(height: Array, reach: tuple[int, int], cell: tuple[float, float]) -> Array:
-    """Return G rho / 2 times the integral of (h - h_P)² / r³ (m/s²) over ``reach`` cells of size ``cell`` (m) around each P.
+    """Return G rho / 2 times the integral of (h - h_P)² / r³ (m/s²) over ``reach`` cells of size
+    ``cell`` (m) around each P.
 
     The square multiplies out to two convolutions with 1/r³ and a constant, so that FFTs do it.
     """

@@ -1,4 +1,5 @@
-"""What the baseline matchers have in common as classes: settings in, readings prepared, nothing carried from batch to batch."""
+"""What the baseline matchers have in common as classes: settings in, readings prepared, nothing
+carried from batch to batch."""
 
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
@@ -15,13 +16,15 @@ Options = TypeVar("Options", bound=BaseModel)
 
 
 class Baseline(Generic[Options]):
-    """A matcher of single batches (see `interfaces.Matcher`); a subclass says how readings become a fix."""
+    """A matcher of single batches (see `interfaces.Matcher`); a subclass says how readings become
+    a fix."""
 
     name: ClassVar[str]
     options_model: ClassVar[type[BaseModel]]
     context: ClassVar[int] = 0
     whole: ClassVar[bool] = False
-    """Whether it takes the whole batch each time; False = only readings that no earlier batch has used."""
+    """Whether it takes the whole batch each time; False = only readings that no earlier batch has
+    used."""
 
     def __init__(self, noise: WhiteNoise | None = None, options: Options | None = None) -> None:
         self.noise = noise or WhiteNoise()
@@ -30,7 +33,10 @@ class Baseline(Generic[Options]):
     @classmethod
     def from_settings(cls, settings: MatcherSettings) -> Self:
         """Build it from the scenario; raises InputError on unknown or impossible options."""
-        return cls(WhiteNoise.from_settings(settings), check_options(cls.name, settings.options, cls.options_model))
+        return cls(
+            WhiteNoise.from_settings(settings),
+            check_options(cls.name, settings.options, cls.options_model),
+        )
 
     @property
     def fewest(self) -> int:

@@ -1,16 +1,20 @@
 """`iccp`: iterated closest contour points.
 
-Sources: Kamgar-Parsi & Kamgar-Parsi (1999), "Vehicle localization on gravity maps", Proc. SPIE 3693:182-191; Besl & McKay (1992), "A
-method for registration of 3-D shapes", IEEE Trans. PAMI 14(2):239-256, for the iteration. Each scan's reading is a contour of the map; each
-scan's position is pulled to the closest point of its contour; the track is moved rigidly to fit these points best; repeat.
+Sources: Kamgar-Parsi & Kamgar-Parsi (1999), "Vehicle localization on gravity maps", Proc. SPIE
+3693:182-191; Besl & McKay (1992), "A method for registration of 3-D shapes", IEEE Trans. PAMI
+14(2):239-256, for the iteration. Each scan's reading is a contour of the map; each scan's position
+is pulled to the closest point of its contour; the track is moved rigidly to fit these points best;
+repeat.
 
-Chosen here: contours are found once, as crossings of a lattice over the search window; the closest point lies on the contour's
-tangent at the nearest crossing; a rigid move is a translation, or with `rotation` also a turn about the track's centre; points are
-weighted by the inverse variance (sigma / gradient)² of their contour; contours that noise may have moved by the window's width
-are left out. The iteration finds the nearest minimum, so it starts from several shifts and the end with the least residuals counts.
-The source gives no covariance: it is the curvature of the residuals there (`scans.shift_covariance`) plus the spread of the ends by
-their likelihood, times `covariance_factor`, since the nearest contour is not always the right one and pulls towards the start.
-"""
+Chosen here: contours are found once, as crossings of a lattice over the search window; the closest
+point lies on the contour's tangent at the nearest crossing; a rigid move is a translation, or with
+`rotation` also a turn about the track's centre; points are weighted by the inverse variance (sigma
+/ gradient)² of their contour; contours that noise may have moved by the window's width are left
+out. The iteration finds the nearest minimum, so it starts from several shifts and the end with the
+least residuals counts. The source gives no covariance: it is the curvature of the residuals there
+(`scans.shift_covariance`) plus the spread of the ends by their likelihood, times
+`covariance_factor`, since the nearest contour is not always the right one and pulls towards the
+start."""
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -31,24 +35,37 @@ class IccpOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     window: float = Field(
-        3.5, gt=0.0, description="half-width of the search window in 1-sigma of the navigator's position"
+        3.5,
+        gt=0.0,
+        description="half-width of the search window in 1-sigma of the navigator's position",
     )
     min_half_width: float = Field(600.0, gt=0.0, description="least half-width, m")
     lattice: int = Field(20, ge=4, le=200, description="cells of the lattice along the window")
     sharpness: float = Field(
-        0.5, gt=0.0, description="largest sigma / gradient of a contour, in half-widths of the window"
+        0.5,
+        gt=0.0,
+        description="largest sigma / gradient of a contour, in half-widths of the window",
     )
     starts: int = Field(
-        5, ge=1, le=21, description="starting shifts along a side, over 2 sigma either way; 1 = one start"
+        5,
+        ge=1,
+        le=21,
+        description="starting shifts along a side, over 2 sigma either way; 1 = one start",
     )
     rotation: bool = Field(False, description="turn the track as well")
     iterations: int = Field(50, ge=1, le=1000, description="most iterations")
     tolerance: float = Field(0.1, gt=0.0, description="m; a smaller move ends the iteration")
     covariance_factor: float = Field(
-        12.0, ge=1.0, description="on the covariance: nearest contours are not always the right ones"
+        12.0,
+        ge=1.0,
+        description="on the covariance: nearest contours are not always the right ones",
     )
-    largest_misfit: float = Field(25.0, gt=1.0, description="misfit per degree of freedom above which there is no fix")
-    min_scans: int = Field(8, ge=3, description="readings with a contour in the window that a fix needs")
+    largest_misfit: float = Field(
+        25.0, gt=1.0, description="misfit per degree of freedom above which there is no fix"
+    )
+    min_scans: int = Field(
+        8, ge=3, description="readings with a contour in the window that a fix needs"
+    )
 
 
 class Iccp(Baseline[IccpOptions]):
@@ -66,9 +83,13 @@ class Iccp(Baseline[IccpOptions]):
     def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         options = self.options
-        half = max(options.window * float(np.sqrt(np.diag(batch.prior)[:2].max())), options.min_half_width)
+        half = max(
+            options.window * float(np.sqrt(np.diag(batch.prior)[:2].max())), options.min_half_width
+        )
         # a wrong velocity moves all contours by its Eötvös term
-        wrong = np.einsum("ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:])
+        wrong = np.einsum(
+            "ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:]
+        )
         sigma = np.sqrt(scans.sigma**2 + wrong)
         point, tangent, variance, scan = _crossings(
             *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.jacobian, sigma,
@@ -77,15 +98,27 @@ class Iccp(Baseline[IccpOptions]):
         first = np.searchsorted(scan, np.arange(len(scans) + 1))
         if (found := int((np.diff(first) > 0).sum())) < options.min_scans:
             return declined(
-                batch, f"only {found} readings have a contour in the search window ({options.min_scans} needed)"
+                batch,
+                f"only {found} readings have a contour in the search window ({options.min_scans}"
+                " needed)",
             )
         track = LocalPlane.of(batch).metres(scans.latitude, scans.longitude)
         side = np.linspace(-2.0, 2.0, options.starts) if options.starts > 1 else np.zeros(1)
         reach = np.sqrt(np.diag(batch.prior)[:2])
         ends, turns, misfits, nearests = [], [], [], []
-        for start in np.stack(np.meshgrid(side * reach[0], side * reach[1], indexing="ij"), axis=-1).reshape(-1, 2):
+        for start in np.stack(
+            np.meshgrid(side * reach[0], side * reach[1], indexing="ij"), axis=-1
+        ).reshape(-1, 2):
             shift, turn, nearest = _iterate(
-                track, point, tangent, variance, first, start, options.rotation, options.iterations, options.tolerance
+                track,
+                point,
+                tangent,
+                variance,
+                first,
+                start,
+                options.rotation,
+                options.iterations,
+                options.tolerance,
             )
             # shift and turn move the estimate; xi is the error, the opposite, at the batch end
             end = -(shift + turn * np.array([-1.0, 1.0]) * (track[-1] - track.mean(axis=0))[::-1])
@@ -100,7 +133,9 @@ class Iccp(Baseline[IccpOptions]):
             return declined(batch, "the best track leaves the map")
         excess = max(misfit[best] / (len(scans) - 2), 1.0)
         _, slope = scans.linearise(field_map, np.concatenate([ends[best], [0.0, 0.0]]))
-        covariance = shift_covariance(slope, scans.sigma * np.sqrt(excess), batch.prior[2:, 2:], 10.0 * half)
+        covariance = shift_covariance(
+            slope, scans.sigma * np.sqrt(excess), batch.prior[2:, 2:], 10.0 * half
+        )
         weight = np.exp(-0.5 * (misfit - misfit[best]) / excess)
         apart = np.array(ends) - ends[best]
         covariance = covariance + np.einsum("i,ij,ik->jk", weight / weight.sum(), apart, apart)
@@ -110,7 +145,9 @@ class Iccp(Baseline[IccpOptions]):
             return declined(batch, "no track in the search window fits its contours", **figures)
         if np.linalg.eigvalsh(covariance)[1] > half**2:
             return declined(batch, "the contours leave the track free to move", **figures)
-        return publish_measured(batch, ends[best], covariance, figures, _listed(scans, point, nearests[best]))
+        return publish_measured(
+            batch, ends[best], covariance, figures, _listed(scans, point, nearests[best])
+        )
 
 
 def _listed(scans: Scans, point: Array, nearest: Integers) -> Candidates:
@@ -144,9 +181,8 @@ def _crossings(
 ) -> tuple[Array, Array, Array, Integers]:
     """Find where the contour of each reading crosses a lattice round the navigator's position.
 
-    Returns offsets (K, 2) from the scan's position m, unit tangents of the contour (K, 2), variances across it (K,) m², scan index (K,)
-    increasing.
-    """
+    Returns offsets (K, 2) from the scan's position m, unit tangents of the contour (K, 2),
+    variances across it (K,) m², scan index (K,) increasing."""
     nodes = cells + 1
     step = 2.0 * half / cells
     most = level.shape[0] * 2 * nodes * nodes
@@ -171,7 +207,9 @@ def _crossings(
                     longitude[t] + east * radian[t, 1],
                 )
                 # at this point the navigator's error would be (-north, -east)
-                difference[i, j] = level[t] - value + jacobian[t, 0] * north + jacobian[t, 1] * east
+                difference[i, j] = (
+                    level[t] - value + jacobian[t, 0] * north + jacobian[t, 1] * east
+                )
                 slope[i, j, 0] = by_lat * radian[t, 0] - jacobian[t, 0]
                 slope[i, j, 1] = by_lon * radian[t, 1] - jacobian[t, 1]
         for i in range(nodes):
@@ -187,7 +225,8 @@ def _crossings(
                     north_slope = (1.0 - share) * slope[i, j, 0] + share * slope[k, m, 0]
                     east_slope = (1.0 - share) * slope[i, j, 1] + share * slope[k, m, 1]
                     steep = np.sqrt(north_slope * north_slope + east_slope * east_slope)
-                    # a contour that noise may have moved by as much as the window is wide can be any contour
+                    # a contour that noise may have moved by as much as the window is wide can be
+                    # any contour
                     if not steep * sharpness * half > sigma[t]:
                         continue
                     point[count, 0] = (i + share * (k - i)) * step - half
@@ -196,7 +235,12 @@ def _crossings(
                     variance[count] = (sigma[t] / steep) ** 2 + (0.1 * step) ** 2
                     scan[count] = t
                     count += 1
-    return point[:count].copy(), tangent[:count].copy(), variance[:count].copy(), scan[:count].copy()
+    return (
+        point[:count].copy(),
+        tangent[:count].copy(),
+        variance[:count].copy(),
+        scan[:count].copy(),
+    )
 
 
 @kernel
@@ -211,7 +255,8 @@ def _iterate(
     most: int,
     tolerance: float,
 ) -> tuple[Array, float, Integers]:
-    """Iterate from a shift (2,) m: shift and turn (rad) of the track, index of each scan's contour point (-1 = none)."""
+    """Iterate from a shift (2,) m: shift and turn (rad) of the track, index of each scan's contour
+    point (-1 = none)."""
     count = track.shape[0]
     centre_north = centre_east = 0.0
     for t in range(count):
@@ -235,7 +280,10 @@ def _iterate(
             k = nearest[t]
             gap_north, gap_east = point[k, 0] - north, point[k, 1] - east
             along = gap_north * tangent[k, 0] + gap_east * tangent[k, 1]
-            gap_north, gap_east = gap_north - along * tangent[k, 0], gap_east - along * tangent[k, 1]
+            gap_north, gap_east = (
+                gap_north - along * tangent[k, 0],
+                gap_east - along * tangent[k, 1],
+            )
             w = 1.0 / variance[k]
             weight += w
             pull_north += w * gap_north
@@ -255,6 +303,9 @@ def _iterate(
         shift[1] += move_east
         turn += more
         reach = np.sqrt(inertia / weight)
-        if np.sqrt(move_north * move_north + move_east * move_east) + abs(more) * reach < tolerance:
+        if (
+            np.sqrt(move_north * move_north + move_east * move_east) + abs(more) * reach
+            < tolerance
+        ):
             break
     return shift, turn, nearest

@@ -1,13 +1,16 @@
-"""`particle`: a bootstrap particle filter over the position, Rao-Blackwellised over velocity and bias.
+"""`particle`: a bootstrap particle filter over the position, Rao-Blackwellised over velocity and
+bias.
 
-Sources: Gordon, Salmond & Smith (1993), "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", IEE Proc. F 140(2):107-113;
-Schön, Gustafsson & Nordlund (2005), "Marginalized particle filters for mixed linear/nonlinear state-space models", IEEE Trans.
-Signal Processing 53(7):2279-2289, which treats terrain navigation this way; systematic resampling after Kitagawa (1996).
+Sources: Gordon, Salmond & Smith (1993), "Novel approach to nonlinear/non-Gaussian Bayesian state
+estimation", IEE Proc. F 140(2):107-113; Schön, Gustafsson & Nordlund (2005), "Marginalized
+particle filters for mixed linear/nonlinear state-space models", IEEE Trans. Signal Processing
+53(7):2279-2289, which treats terrain navigation this way; systematic resampling after Kitagawa
+(1996).
 
-Each particle is a position error at the scan. Velocity error and the readings' bias enter linearly, so each particle carries their
-Gaussian, whose covariance is the same for all. The prior is the navigator's, so nothing is carried from batch to batch. All random
-numbers are one fixed quasi-random set: the same batch gives the same fix.
-"""
+Each particle is a position error at the scan. Velocity error and the readings' bias enter
+linearly, so each particle carries their Gaussian, whose covariance is the same for all. The prior
+is the navigator's, so nothing is carried from batch to batch. All random numbers are one fixed
+quasi-random set: the same batch gives the same fix."""
 
 from functools import lru_cache
 
@@ -31,15 +34,24 @@ class ParticleOptions(BaseModel):
 
     particles: int = Field(3000, ge=50, le=1_000_000, description="how many")
     resample: float = Field(
-        0.5, gt=0.0, le=1.0, description="effective share of the particles below which they are resampled"
+        0.5,
+        gt=0.0,
+        le=1.0,
+        description="effective share of the particles below which they are resampled",
     )
     roughening: float = Field(
-        0.2, ge=0.0, description="spread added at a resampling, in 1-sigma of the particles over N^(1/4)"
+        0.2,
+        ge=0.0,
+        description="spread added at a resampling, in 1-sigma of the particles over N^(1/4)",
     )
     least: float = Field(
-        4.0, ge=0.0, description="effective particles below which, at any scan, the batch gives no fix"
+        4.0,
+        ge=0.0,
+        description="effective particles below which, at any scan, the batch gives no fix",
     )
-    noise: float = Field(1.0, gt=0.0, description="random walk of the position from scan to scan, m")
+    noise: float = Field(
+        1.0, gt=0.0, description="random walk of the position from scan to scan, m"
+    )
 
 
 class Particle(Baseline[ParticleOptions]):
@@ -51,10 +63,13 @@ class Particle(Baseline[ParticleOptions]):
     def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         move, drive = _dynamics(scans.transition, batch.transition[-1])
-        # readings by position error at the scan and by velocity error: xi = (A_p^-1 (p - A_v v), v)
+        # readings by position error at the scan and by velocity error: xi = (A_p^-1 (p - A_v v),
+        # v)
         inverse = np.linalg.inv(scans.transition[:, :, :2])
         by_position = np.einsum("ti,tij->tj", scans.jacobian[:, :2], inverse)
-        by_velocity = scans.jacobian[:, 2:] - np.einsum("ti,tij->tj", by_position, scans.transition[:, :, 2:])
+        by_velocity = scans.jacobian[:, 2:] - np.einsum(
+            "ti,tij->tj", by_position, scans.transition[:, :, 2:]
+        )
         start, velocity_gain, rest = _start(scans.transition[0], batch.prior)
         linear = np.zeros((3, 3))
         linear[:2, :2] = rest
@@ -81,7 +96,8 @@ class Particle(Baseline[ParticleOptions]):
 
 
 def _dynamics(transition: Array, last: Array) -> tuple[Array, Array]:
-    """Matrices (N, 2, 2) with p_next = move p + drive v from each scan to the next, from the last to the batch end."""
+    """Matrices (N, 2, 2) with p_next = move p + drive v from each scan to the next, from the last
+    to the batch end."""
     inverse = np.linalg.inv(transition[:, :, :2])
     following = np.concatenate([transition[1:], last[None]])
     move = following[:, :, :2] @ inverse
@@ -89,7 +105,8 @@ def _dynamics(transition: Array, last: Array) -> tuple[Array, Array]:
 
 
 def _start(transition: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Root (2, 2) of the position covariance at the first scan, gain (2, 2) of velocity on it, covariance of the rest of velocity."""
+    """Root (2, 2) of the position covariance at the first scan, gain (2, 2) of velocity on it,
+    covariance of the rest of velocity."""
     covariance = transition @ prior @ transition.T
     cross = prior[2:] @ transition.T
     gain = np.linalg.solve(covariance, cross.T).T
@@ -100,7 +117,8 @@ def _start(transition: Array, prior: Array) -> tuple[Array, Array, Array]:
 
 @lru_cache(maxsize=8)
 def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
-    """Fixed standard normal (scans, particles, 2) and uniform (scans,) numbers; the first normal row is quasi-random."""
+    """Fixed standard normal (scans, particles, 2) and uniform (scans,) numbers; the first normal
+    row is quasi-random."""
     random = np.random.default_rng(20240607)
     normal = random.standard_normal((scans, particles, 2))
     normal[0] = quasi_random.normal(quasi_random.sobol(particles, 2, 20240607))
@@ -137,8 +155,8 @@ def _run(
 ) -> tuple[Array, Array, Array, Array, float]:
     """Run all scans and predict to the batch end.
 
-    Returns positions (K, 2), velocities (K, 2), their common covariance (2, 2), weights (K,) and the least effective share on the way.
-    """
+    Returns positions (K, 2), velocities (K, 2), their common covariance (2, 2), weights (K,) and
+    the least effective share on the way."""
     count, scans = position.shape[0], level.shape[0]
     p = position.copy()
     u = np.zeros((count, 3))  # velocity north, east, bias
@@ -209,10 +227,16 @@ def _run(
             step_north = root_a * normal[t, s, 0]
             step_east = root_b * normal[t, s, 0] + root_d * normal[t, s, 1]
             mean_north = (
-                move[t, 0, 0] * p[s, 0] + move[t, 0, 1] * p[s, 1] + drive[t, 0, 0] * u[s, 0] + drive[t, 0, 1] * u[s, 1]
+                move[t, 0, 0] * p[s, 0]
+                + move[t, 0, 1] * p[s, 1]
+                + drive[t, 0, 0] * u[s, 0]
+                + drive[t, 0, 1] * u[s, 1]
             )
             mean_east = (
-                move[t, 1, 0] * p[s, 0] + move[t, 1, 1] * p[s, 1] + drive[t, 1, 0] * u[s, 0] + drive[t, 1, 1] * u[s, 1]
+                move[t, 1, 0] * p[s, 0]
+                + move[t, 1, 1] * p[s, 1]
+                + drive[t, 1, 0] * u[s, 0]
+                + drive[t, 1, 1] * u[s, 1]
             )
             p[s, 0] = mean_north + step_north + rough_north * normal[t, count - 1 - s, 1]
             p[s, 1] = mean_east + step_east + rough_east * normal[t, count - 1 - s, 0]
@@ -229,8 +253,11 @@ def _run(
 
 
 @kernel
-def _resample(p: Array, u: Array, weight: Array, log: Array, uniform: float, roughening: float) -> tuple[float, float]:
-    """Resample in place systematically; return the 1-sigma north and east (m) that roughening adds."""
+def _resample(
+    p: Array, u: Array, weight: Array, log: Array, uniform: float, roughening: float
+) -> tuple[float, float]:
+    """Resample in place systematically; return the 1-sigma north and east (m) that roughening
+    adds."""
     count = p.shape[0]
     old_p, old_u = p.copy(), u.copy()
     north = east = north_square = east_square = 0.0

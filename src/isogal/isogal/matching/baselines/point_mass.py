@@ -1,13 +1,15 @@
 """`point-mass`: Bayes' rule on a grid of position errors.
 
-Sources: Bucy & Senne (1971), "Digital synthesis of non-linear filters", Automatica 7(3):287-298; Bergman (1999), "Recursive Bayesian
-estimation: navigation and tracking applications", thesis, Linköping University, chapter 5, for terrain navigation and the adaptive grid.
+Sources: Bucy & Senne (1971), "Digital synthesis of non-linear filters", Automatica 7(3):287-298;
+Bergman (1999), "Recursive Bayesian estimation: navigation and tracking applications", thesis,
+Linköping University, chapter 5, for terrain navigation and the adaptive grid.
 
-The grid is over the position error at the batch end. Velocity error and the readings' bias move the residuals linearly (metres within a
-batch), so at each node they are integrated out exactly, linearised at their mean given the node's position. The grid starts over the
-whole prior with a tempered likelihood (raised to a power beta so small that many nodes carry weight), is laid anew over what carries
-weight, and so on until beta is 1; so a posterior that fits between the nodes of the first grid is found.
-"""
+The grid is over the position error at the batch end. Velocity error and the readings' bias move
+the residuals linearly (metres within a batch), so at each node they are integrated out exactly,
+linearised at their mean given the node's position. The grid starts over the whole prior with a
+tempered likelihood (raised to a power beta so small that many nodes carry weight), is laid anew
+over what carries weight, and so on until beta is 1; so a posterior that fits between the nodes of
+the first grid is found."""
 
 import math
 
@@ -29,10 +31,17 @@ class PointMassOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     nodes: int = Field(25, ge=9, le=501, description="nodes along a side")
-    extent: float = Field(4.5, gt=1.0, description="half-width of the first grid in 1-sigma of the prior")
-    support: float = Field(20.0, gt=1.0, description="effective nodes that a tempered likelihood must leave")
+    extent: float = Field(
+        4.5, gt=1.0, description="half-width of the first grid in 1-sigma of the prior"
+    )
+    support: float = Field(
+        20.0, gt=1.0, description="effective nodes that a tempered likelihood must leave"
+    )
     cut: float = Field(
-        1e-5, gt=0.0, lt=1.0, description="nodes below this share of the heaviest are left out of the next grid"
+        1e-5,
+        gt=0.0,
+        lt=1.0,
+        description="nodes below this share of the heaviest are left out of the next grid",
     )
     levels: int = Field(10, ge=1, le=50, description="most grids")
 
@@ -53,7 +62,10 @@ class PointMass(Baseline[PointMassOptions]):
         linear[2, 2] = self.noise.bias_sigma**2
         information = np.linalg.inv(prior)
         # the grid lies along the axes of what carries weight; at first, of the prior
-        centre, axes = np.zeros(2), np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent
+        centre, axes = (
+            np.zeros(2),
+            np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent,
+        )
         side = np.linspace(-1.0, 1.0, options.nodes)
         unit = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
         for level in range(1, options.levels + 1):
@@ -64,13 +76,21 @@ class PointMass(Baseline[PointMassOptions]):
             )  # fmt: skip
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
             if not np.isfinite(likelihood).any():
-                return declined(batch, "no node of the search grid lies on the map", levels=float(level))
+                return declined(
+                    batch, "no node of the search grid lies on the map", levels=float(level)
+                )
             beta, weight = _temper(likelihood, base, options.support)
             # nodes as far apart as their weights are wide would miss what lies between them
             if beta == 1.0:
                 break
-            centre, axes = _next_grid(unit, weight, options.cut, centre, axes, 2.0 / (options.nodes - 1))
-        figures = {"levels": float(level), "temper": beta, "effective_nodes": 1.0 / float((weight**2).sum())}
+            centre, axes = _next_grid(
+                unit, weight, options.cut, centre, axes, 2.0 / (options.nodes - 1)
+            )
+        figures = {
+            "levels": float(level),
+            "temper": beta,
+            "effective_nodes": 1.0 / float((weight**2).sum()),
+        }
         if beta < 1.0:
             return declined(batch, "the posterior is narrower than the finest grid", **figures)
         sample = np.concatenate([position, velocity], axis=1)
@@ -81,7 +101,8 @@ class PointMass(Baseline[PointMassOptions]):
 
 
 def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Array]:
-    """Return the largest power beta <= 1 of the likelihood that leaves so many effective nodes, and the weights there."""
+    """Return the largest power beta <= 1 of the likelihood that leaves so many effective nodes,
+    and the weights there."""
 
     def weigh(beta: float) -> Array:
         log = base + beta * np.where(np.isfinite(likelihood), likelihood, -np.inf)
@@ -102,8 +123,11 @@ def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Arra
     return low, weigh(low)
 
 
-def _next_grid(unit: Array, weight: Array, cut: float, centre: Array, axes: Array, step: float) -> tuple[Array, Array]:
-    """Centre (2,) and half axes (2, 2) of the smallest grid over the nodes that carry weight, along that weight's own axes."""
+def _next_grid(
+    unit: Array, weight: Array, cut: float, centre: Array, axes: Array, step: float
+) -> tuple[Array, Array]:
+    """Centre (2,) and half axes (2, 2) of the smallest grid over the nodes that carry weight,
+    along that weight's own axes."""
     kept = weight > cut * weight.max()
     place, share = unit[kept], weight[kept] / weight[kept].sum()
     mean = share @ place
@@ -135,11 +159,11 @@ def _nodes(
 ) -> tuple[Array, Array, Array]:
     """Integrate velocity and bias out at each node.
 
-    Returns the marginal log-likelihood (K,), the mean velocity error (K, 2) and its covariance (K, 2, 2) there. -inf off the map.
+    Returns the marginal log-likelihood (K,), the mean velocity error (K, 2) and its covariance (K,
+    2, 2) there. -inf off the map.
 
-    With u = (velocity, bias) about its mean given the node, r(u) = r - D u: the likelihood of r alone is that of N(0, W^-1 + D P D'),
-    by the 3 x 3 system (1 + P D'WD).
-    """
+    With u = (velocity, bias) about its mean given the node, r(u) = r - D u: the likelihood of r
+    alone is that of N(0, W^-1 + D P D'), by the 3 x 3 system (1 + P D'WD)."""
     count = position.shape[0]
     out = np.empty(count)
     velocity = np.empty((count, 2))
@@ -160,7 +184,13 @@ def _nodes(
             north = f[0, 0] * x0 + f[0, 1] * x1 + f[0, 2] * x2 + f[0, 3] * x3
             east = f[1, 0] * x0 + f[1, 1] * x1 + f[1, 2] * x2 + f[1, 3] * x3
             value, by_lat, by_lon = value_and_gradient(
-                values, lat0, dlat, lon0, dlon, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+                values,
+                lat0,
+                dlat,
+                lon0,
+                dlon,
+                latitude[t] - north * radian[t, 0],
+                longitude[t] - east * radian[t, 1],
             )
             r = level[t] - value - (g[0] * x0 + g[1] * x1 + g[2] * x2 + g[3] * x3)
             slope_north, slope_east = by_lat * radian[t, 0], by_lon * radian[t, 1]

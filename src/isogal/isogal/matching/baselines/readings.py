@@ -1,7 +1,9 @@
-"""What the baseline matchers share: the readings of a batch as arrays, and how a posterior or a measured position becomes a fix.
+"""What the baseline matchers share: the readings of a batch as arrays, and how a posterior or a
+measured position becomes a fix.
 
-The baselines follow their sources, which know no correlated map error: the map's error is white noise added to the sensor's. With xi the
-navigator's error at the batch end (`interfaces`), the residual of a reading is
+The baselines follow their sources, which know no correlated map error: the map's error is white
+noise added to the sensor's. With xi the navigator's error at the batch end (`interfaces`), the
+residual of a reading is
 
     r_t(xi) = level_t - jacobian_t xi - map(p_t - transition_t xi).
 """
@@ -29,8 +31,11 @@ class WhiteNoise:
 
     @classmethod
     def from_settings(cls, settings: MatcherSettings) -> "WhiteNoise":
-        """Take what the scenario's matcher section says; `map_sigma: auto` is what the map says about itself."""
-        return cls(0.0 if settings.map_sigma == "auto" else float(settings.map_sigma), settings.bias_sigma)
+        """Take what the scenario's matcher section says; `map_sigma: auto` is what the map says
+        about itself."""
+        return cls(
+            0.0 if settings.map_sigma == "auto" else float(settings.map_sigma), settings.bias_sigma
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +52,8 @@ class Scans:
     level: Array
     """(N,) reading less its known offset."""
     sigma: Array
-    """(N,) 1-sigma of sensor, map, quantisation and of what tilt and heading put into the reduction, all as white noise."""
+    """(N,) 1-sigma of sensor, map, quantisation and of what tilt and heading put into the
+    reduction, all as white noise."""
     transition: Array
     """(N, 2, 4)."""
     jacobian: Array
@@ -63,7 +69,9 @@ class Scans:
             usable[: len(batch) - batch.new] = False
         row = np.flatnonzero(usable)
         latitude, longitude = batch.latitude[row], batch.longitude[row]
-        map_sigma = np.maximum(noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude)))
+        map_sigma = np.maximum(
+            noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude))
+        )
         variance = batch.sigma[row] ** 2 + map_sigma**2 + field_map.quantisation**2 / 12.0
         variance = variance + (batch.drift_reading[row] ** 2).sum(axis=1)
         north, east = metres_per_radian(latitude)
@@ -83,17 +91,23 @@ class Scans:
         return self.level.shape[0]
 
     def linearise(self, field_map: FieldMap, xi: Array) -> tuple[Array, Array]:
-        """Return residuals (N,) at an error xi (4,) and their derivative by xi (N, 4); NaN off the map."""
+        """Return residuals (N,) at an error xi (4,) and their derivative by xi (N, 4); NaN off the
+        map."""
         moved = self.transition @ xi
         latitude = self.latitude - moved[:, 0] * self.radian[:, 0]
         longitude = self.longitude - moved[:, 1] * self.radian[:, 1]
         value, north, east = field_map.value_and_gradient(latitude, longitude)
-        slope = north[:, None] * self.transition[:, 0] + east[:, None] * self.transition[:, 1] - self.jacobian
+        slope = (
+            north[:, None] * self.transition[:, 0]
+            + east[:, None] * self.transition[:, 1]
+            - self.jacobian
+        )
         return self.level - value - self.jacobian @ xi, slope
 
 
 def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) -> Array:
-    """Covariance of the position shift that least squares on one batch gives, from the curvature of the residuals.
+    """Covariance of the position shift that least squares on one batch gives, from the curvature
+    of the residuals.
 
     Parameters
     ----------
@@ -102,7 +116,8 @@ def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) 
     sigma : (N,) array
         1-sigma of each residual.
     velocity : (2, 2) array
-        Covariance of the navigator's velocity error, which the shift leaves out and which moves the readings meanwhile.
+        Covariance of the navigator's velocity error, which the shift leaves out and which moves
+        the readings meanwhile.
     limit : float
         Largest 1-sigma, m: of a direction that the readings say nothing about.
 
@@ -129,13 +144,15 @@ def publish_posterior(
 ) -> Fix:
     """Turn the posterior N(mean, covariance) of xi into a fix of the measurements alone.
 
-    Declines where no direction's variance has fallen by the share `least_gain`, which is for posteriors that are not exact.
-    """
+    Declines where no direction's variance has fallen by the share `least_gain`, which is for
+    posteriors that are not exact."""
     prior = batch.prior
     information = likelihood_information(mean, covariance, prior)
     whitener = np.linalg.inv(np.linalg.cholesky(prior[:2, :2]))
     if np.linalg.eigvalsh(whitener @ covariance[:2, :2] @ whitener.T)[0] > 1.0 - least_gain:
-        return declined(batch, "the readings tell nothing that the navigator does not know", **diagnostics)
+        return declined(
+            batch, "the readings tell nothing that the navigator does not know", **diagnostics
+        )
     position, uncertainty = measurement_only(mean, covariance, prior)
     known = None if position_only else information
     return _fix(batch, position, uncertainty, mean, batch.new, diagnostics, candidates, known)
@@ -150,8 +167,8 @@ def publish_measured(
 ) -> Fix:
     """Turn a measured position error (2,) of the navigator at the batch end into a fix.
 
-    Where batches overlap each reading serves in len(batch) / new of them, so the covariance grows by that.
-    """
+    Where batches overlap each reading serves in len(batch) / new of them, so the covariance grows
+    by that."""
     xi = np.concatenate([position, [0.0, 0.0]])
     out = covariance * (len(batch) / max(batch.new, 1))
     return _fix(batch, position, out, xi, batch.new, diagnostics, candidates, None)
@@ -170,7 +187,9 @@ def _fix(
     north, east = metres_per_radian(batch.latitude)
     moved = batch.transition @ xi
     scan_covariance = np.full((len(batch), 2, 2), np.nan)
-    scan_covariance[len(batch) - new :] = new * covariance  # so many fixes hold the information once
+    scan_covariance[len(batch) - new :] = (
+        new * covariance
+    )  # so many fixes hold the information once
     return Fix(
         time=float(batch.time[-1]),
         latitude=float(batch.latitude[-1] - position[0] / north[-1]),
@@ -179,6 +198,8 @@ def _fix(
         candidates=candidates,
         diagnostics=diagnostics,
         information=information,
-        scan_position=np.stack([batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east], axis=-1),
+        scan_position=np.stack(
+            [batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east], axis=-1
+        ),
         scan_covariance=scan_covariance,
     )

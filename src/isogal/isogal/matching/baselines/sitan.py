@@ -1,13 +1,14 @@
 """`sitan`: an extended Kalman filter on the map's gradient, one update a scan.
 
-Sources: Hostetler & Andreas (1983), "Nonlinear Kalman filtering techniques for terrain-aided navigation", IEEE Trans. Automatic Control
-28(3):315-323, sections on SITAN's local linearisation: the slope is that of a plane fitted to the map over the region where the
-vehicle may be, and what the plane leaves is noise of the measurement.
+Sources: Hostetler & Andreas (1983), "Nonlinear Kalman filtering techniques for terrain-aided
+navigation", IEEE Trans. Automatic Control 28(3):315-323, sections on SITAN's local linearisation:
+the slope is that of a plane fitted to the map over the region where the vehicle may be, and what
+the plane leaves is noise of the measurement.
 
-State: the navigator's error at the batch end (position and velocity; `interfaces`) and the unknown bias of the readings; scans are
-taken in their order, each slope at the estimate that the scans before it have left. A posterior from a wrong slope is wrong without
-knowing it: beyond a map feature or so of initial error this filter diverges, as its source says of single-filter SITAN.
-"""
+State: the navigator's error at the batch end (position and velocity; `interfaces`) and the unknown
+bias of the readings; scans are taken in their order, each slope at the estimate that the scans
+before it have left. A posterior from a wrong slope is wrong without knowing it: beyond a map
+feature or so of initial error this filter diverges, as its source says of single-filter SITAN."""
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -27,13 +28,18 @@ class SitanOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     region: float = Field(
-        1.5, ge=0.0, description="half-width of the fitted plane in 1-sigma of the position; 0 = gradient"
+        1.5,
+        ge=0.0,
+        description="half-width of the fitted plane in 1-sigma of the position; 0 = gradient",
     )
-    gate: float | None = Field(None, gt=0.0, description="innovations beyond so many 1-sigma are left out; null = none")
+    gate: float | None = Field(
+        None, gt=0.0, description="innovations beyond so many 1-sigma are left out; null = none"
+    )
 
 
 class Sitan(Baseline[SitanOptions]):
-    """Settings of the matcher; it carries nothing from batch to batch, since the navigator carries the estimate."""
+    """Settings of the matcher; it carries nothing from batch to batch, since the navigator carries
+    the estimate."""
 
     name = "sitan"
     options_model = SitanOptions
@@ -59,10 +65,11 @@ def plane(
     values: Values, lat0: float, dlat: float, lon0: float, dlon: float, latitude: float, longitude: float,
     half_north: float, half_east: float, metres_north: float, metres_east: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """Fit a plane to the map over a box: value and slopes (unit/m) at its centre, and variance of what the plane leaves.
+    """Fit a plane to the map over a box: value and slopes (unit/m) at its centre, and variance of
+    what the plane leaves.
 
-    Least squares on a lattice of 5 x 5 points. Half-widths in m, ``metres`` per radian. All NaN where the map is missing.
-    """
+    Least squares on a lattice of 5 x 5 points. Half-widths in m, ``metres`` per radian. All NaN
+    where the map is missing."""
     total = by_north = by_east = square = 0.0
     for i in range(-2, 3):
         for j in range(-2, 3):
@@ -77,7 +84,9 @@ def plane(
     mean = total / 25.0
     # sum of (i/2)² over the lattice: 5 (1 + 1/4 + 0 + 1/4 + 1)
     slope_north, slope_east = by_north / 12.5, by_east / 12.5
-    left = (square - 25.0 * mean * mean - 12.5 * (slope_north * slope_north + slope_east * slope_east)) / 25.0
+    left = (
+        square - 25.0 * mean * mean - 12.5 * (slope_north * slope_north + slope_east * slope_east)
+    ) / 25.0
     return mean, slope_north / half_north, slope_east / half_east, max(left, 0.0)
 
 
@@ -99,7 +108,8 @@ def _filter(
     region: float,
     gate: float,
 ) -> tuple[Array, Array, int, float]:
-    """Run all scans: mean (5,) and covariance (5, 5) of (xi, bias), readings used, sum of their squared normalised innovations."""
+    """Run all scans: mean (5,) and covariance (5, 5) of (xi, bias), readings used, sum of their
+    squared normalised innovations."""
     mean = np.zeros(5)
     P = start.copy()
     h = np.zeros(5)
@@ -124,12 +134,22 @@ def _filter(
                 half_north, half_east, 1.0 / radian[t, 0], 1.0 / radian[t, 1],
             )  # fmt: skip
         else:
-            value, slope_north, slope_east = value_and_gradient(values, lat0, dlat, lon0, dlon, here_lat, here_lon)
-            slope_north, slope_east, left = slope_north * radian[t, 0], slope_east * radian[t, 1], 0.0
+            value, slope_north, slope_east = value_and_gradient(
+                values, lat0, dlat, lon0, dlon, here_lat, here_lon
+            )
+            slope_north, slope_east, left = (
+                slope_north * radian[t, 0],
+                slope_east * radian[t, 1],
+                0.0,
+            )
         if np.isnan(value):
             continue
         for i in range(4):
-            h[i] = jacobian[t, i] - slope_north * transition[t, 0, i] - slope_east * transition[t, 1, i]
+            h[i] = (
+                jacobian[t, i]
+                - slope_north * transition[t, 0, i]
+                - slope_east * transition[t, 1, i]
+            )
         h[4] = 1.0
         S = variance[t] + left
         for i in range(5):

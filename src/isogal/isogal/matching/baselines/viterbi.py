@@ -1,14 +1,16 @@
 """`viterbi`: the most probable path through cells of position error, a hidden Markov model.
 
-Sources: Enns & Morrell (1995), "Terrain-aided navigation using the Viterbi algorithm", J. Guidance, Control, and Dynamics 18(6):1444-1449;
-Forney (1973), "The Viterbi algorithm", Proc. IEEE 61(3):268-278.
+Sources: Enns & Morrell (1995), "Terrain-aided navigation using the Viterbi algorithm", J.
+Guidance, Control, and Dynamics 18(6):1444-1449; Forney (1973), "The Viterbi algorithm", Proc. IEEE
+61(3):268-278.
 
-Hidden state: the cell of a square grid in which the navigator's position error lies; it may step to any of the eight cells around it
-at each scan, a random walk that widens the prior over the batch as the navigator's own covariance does. Emission: the reading, with what
-the map changes within a cell added to its noise. The fix is the last cell of the most probable path; a path that ends at the grid's
-edge gives none. The covariance comes from the same trellis, summed over paths instead of maximised (the forward algorithm; Rabiner
-1989, Proc. IEEE 77(2):257-286), about that cell.
-"""
+Hidden state: the cell of a square grid in which the navigator's position error lies; it may step
+to any of the eight cells around it at each scan, a random walk that widens the prior over the
+batch as the navigator's own covariance does. Emission: the reading, with what the map changes
+within a cell added to its noise. The fix is the last cell of the most probable path; a path that
+ends at the grid's edge gives none. The covariance comes from the same trellis, summed over paths
+instead of maximised (the forward algorithm; Rabiner 1989, Proc. IEEE 77(2):257-286), about that
+cell."""
 
 import math
 
@@ -30,7 +32,9 @@ class ViterbiOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     cells: int = Field(31, ge=5, le=501, description="cells along a side")
-    extent: float = Field(3.5, gt=0.0, description="half-width of the grid in 1-sigma of the navigator's position")
+    extent: float = Field(
+        3.5, gt=0.0, description="half-width of the grid in 1-sigma of the navigator's position"
+    )
 
 
 class Viterbi(Baseline[ViterbiOptions]):
@@ -47,11 +51,15 @@ class Viterbi(Baseline[ViterbiOptions]):
         side = cell * (np.arange(self.options.cells) - 0.5 * (self.options.cells - 1))
         place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
         start = -0.5 * np.einsum("ijk,kl,ijl->ij", place, np.linalg.inv(first), place)
-        # steps that widen the first scan's prior to the batch end's: the error drifts along with its velocity error, not at random
+        # steps that widen the first scan's prior to the batch end's: the error drifts along with
+        # its velocity error, not at random
         grown = np.maximum(np.diag(batch.prior)[:2] - np.diag(first), 0.0)
         drift = np.minimum(grown / max(len(scans) - 1, 1) / cell**2, 1.0)
-        # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of T times the variance they weigh as much
-        by_velocity = np.einsum("ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:])
+        # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of T
+        # times the variance they weigh as much
+        by_velocity = np.einsum(
+            "ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:]
+        )
         variance = scans.sigma**2 + len(batch) * (by_velocity + self.noise.bias_sigma**2)
         path, marginal = _trellis(
             *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, variance, scans.jacobian,
@@ -60,7 +68,9 @@ class Viterbi(Baseline[ViterbiOptions]):
         if path[-1, 0] < 0:
             return declined(batch, "no cell of the search grid lies on the map")
         if path[-1].min() == 0 or path[-1].max() == self.options.cells - 1:
-            return declined(batch, "the most probable path ends at the edge of the search grid", cell=cell)
+            return declined(
+                batch, "the most probable path ends at the edge of the search grid", cell=cell
+            )
         last = place[path[-1, 0], path[-1, 1]]
         away = place - last
         covariance = np.einsum("ij,ijk,ijl->kl", marginal, away, away) + cell**2 / 12.0 * np.eye(2)
@@ -73,11 +83,14 @@ class Viterbi(Baseline[ViterbiOptions]):
             scan=scans.row,
         )
         figures = {"cell": cell, "probability": float(marginal[path[-1, 0], path[-1, 1]])}
-        return publish_posterior(batch, *full, figures, candidates, position_only=True, least_gain=0.02)
+        return publish_posterior(
+            batch, *full, figures, candidates, position_only=True, least_gain=0.02
+        )
 
 
 def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Array, Array]:
-    """Posterior of xi where only its position has been measured: the velocity follows by regression."""
+    """Posterior of xi where only its position has been measured: the velocity follows by
+    regression."""
     gain = np.linalg.solve(prior[:2, :2], prior[:2, :]).T
     return gain @ position, prior + gain @ (covariance - prior[:2, :2]) @ gain.T
 
@@ -98,18 +111,32 @@ def _emissions(
     side: Array,
     emission: Array,
 ) -> float:
-    """Write the log-likelihood (n, n) of one reading in each cell, -inf off the map; return the largest."""
+    """Write the log-likelihood (n, n) of one reading in each cell, -inf off the map; return the
+    largest."""
     cell = side[1] - side[0]
     largest = -np.inf
     for i in range(side.shape[0]):
         for j in range(side.shape[0]):
             value, by_lat, by_lon = value_and_gradient(
-                values, lat0, dlat, lon0, dlon, latitude - side[i] * radian[0], longitude - side[j] * radian[1]
+                values,
+                lat0,
+                dlat,
+                lon0,
+                dlon,
+                latitude - side[i] * radian[0],
+                longitude - side[j] * radian[1],
             )
-            slope_north, slope_east = by_lat * radian[0] - jacobian[0], by_lon * radian[1] - jacobian[1]
-            total = variance + cell * cell / 12.0 * (slope_north * slope_north + slope_east * slope_east)
+            slope_north, slope_east = (
+                by_lat * radian[0] - jacobian[0],
+                by_lon * radian[1] - jacobian[1],
+            )
+            total = variance + cell * cell / 12.0 * (
+                slope_north * slope_north + slope_east * slope_east
+            )
             r = level - value - jacobian[0] * side[i] - jacobian[1] * side[j]
-            emission[i, j] = -np.inf if math.isnan(r) else -0.5 * r * r / total - 0.5 * math.log(total)
+            emission[i, j] = (
+                -np.inf if math.isnan(r) else -0.5 * r * r / total - 0.5 * math.log(total)
+            )
             largest = max(largest, emission[i, j])
     return largest
 
@@ -132,10 +159,11 @@ def _trellis(
     drift_north: float,
     drift_east: float,
 ) -> tuple[Integers, Array]:
-    """Run both algorithms: the best path (N, 2) in cells (-1 = none) and the marginal probability (n, n) at the last scan.
+    """Run both algorithms: the best path (N, 2) in cells (-1 = none) and the marginal probability
+    (n, n) at the last scan.
 
-    drift is the variance of a step, in cells²; a step of one cell either way has half of that as probability.
-    """
+    drift is the variance of a step, in cells²; a step of one cell either way has half of that as
+    probability."""
     scans, n = level.shape[0], side.shape[0]
     move = np.empty((3, 3))
     log_move = np.full((3, 3), -np.inf)

@@ -1,8 +1,9 @@
-"""Linear Kalman filter and fixed-interval smoother of a short batch (paper eqs. forward, backward).
+"""Linear Kalman filter and fixed-interval smoother of a short batch (paper eqs. forward,
+backward).
 
-All functions are compiled and work on one batch: T scans, n states, m measured numbers a scan. Scan 0 carries the prior and is not
-updated, as in the paper, whose forward process starts at y_{1|1} = x_1. A measurement with a NaN is left out: the scan is only predicted.
-"""
+All functions are compiled and work on one batch: T scans, n states, m measured numbers a scan.
+Scan 0 carries the prior and is not updated, as in the paper, whose forward process starts at
+y_{1|1} = x_1. A measurement with a NaN is left out: the scan is only predicted."""
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 
 
-# Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the time.
+# Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the
+# time.
 @kernel
 def multiply(a: Array, b: Array) -> Array:
     """Return a b."""
@@ -35,7 +37,8 @@ def multiply_transposed(a: Array, b: Array) -> Array:
 
 @kernel
 def solve_positive(a: Array, b: Array) -> Array:
-    """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n), by its Cholesky factor; NaN where it is not definite."""
+    """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n), by its Cholesky
+    factor; NaN where it is not definite."""
     n = a.shape[0]
     factor = np.zeros((n, n))
     for i in range(n):
@@ -62,7 +65,8 @@ def solve_positive(a: Array, b: Array) -> Array:
 
 @kernel
 def constant_velocity(interval: Array, acceleration_density: float) -> tuple[Array, Array]:
-    """Transitions F and process noises Q of (north, east, velocity north, velocity east) (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
+    """Transitions F and process noises Q of (north, east, velocity north, velocity east)
+    (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
 
     Parameters
     ----------
@@ -121,9 +125,8 @@ def forward_filter(
     R : (T, m, m) array
         Their covariances.
 
-    Returns
-    -------
-    filtered_mean (T, n), filtered_covariance (T, n, n), predicted_mean (T, n), predicted_covariance (T, n, n)
+    Returns ------- filtered_mean (T, n), filtered_covariance (T, n, n), predicted_mean (T, n),
+    predicted_covariance (T, n, n)
         y_{t|t}, P_{t|t}, y_{t|t-1}, P_{t|t-1}; at scan 0 all are the prior.
     """
     scans, states = z.shape[0], mean.shape[0]
@@ -161,15 +164,22 @@ def forward_filter(
                 filtered_mean[t, i] += Kt[k, i] * innovation
                 for j in range(states):
                     # half from either side keeps it symmetric
-                    filtered_covariance[t, i, j] -= 0.5 * (Kt[k, i] * HP[k, j] + HP[k, i] * Kt[k, j])
+                    filtered_covariance[t, i, j] -= 0.5 * (
+                        Kt[k, i] * HP[k, j] + HP[k, i] * Kt[k, j]
+                    )
     return filtered_mean, filtered_covariance, predicted_mean, predicted_covariance
 
 
 @kernel
 def backward_smoother(
-    filtered_mean: Array, filtered_covariance: Array, predicted_mean: Array, predicted_covariance: Array, F: Array
+    filtered_mean: Array,
+    filtered_covariance: Array,
+    predicted_mean: Array,
+    predicted_covariance: Array,
+    F: Array,
 ) -> tuple[Array, Array]:
-    """Run the backward process of paper eq. backward, with the covariances that belong to it (Rauch, Tung & Striebel 1965).
+    """Run the backward process of paper eq. backward, with the covariances that belong to it
+    (Rauch, Tung & Striebel 1965).
 
     Parameters
     ----------
@@ -187,11 +197,15 @@ def backward_smoother(
     covariance = filtered_covariance.copy()
     states = mean.shape[1]
     for t in range(filtered_mean.shape[0] - 2, -1, -1):
-        gain_t = solve_positive(predicted_covariance[t + 1], multiply(F[t], filtered_covariance[t]))
+        gain_t = solve_positive(
+            predicted_covariance[t + 1], multiply(F[t], filtered_covariance[t])
+        )
         change = multiply(covariance[t + 1] - predicted_covariance[t + 1], gain_t)
         for i in range(states):
             for k in range(states):
                 mean[t, i] += gain_t[k, i] * (mean[t + 1, k] - predicted_mean[t + 1, k])
                 for j in range(states):
-                    covariance[t, i, j] += 0.5 * (gain_t[k, i] * change[k, j] + change[k, i] * gain_t[k, j])
+                    covariance[t, i, j] += 0.5 * (
+                        gain_t[k, i] * change[k, j] + change[k, i] * gain_t[k, j]
+                    )
     return mean, covariance

@@ -1,8 +1,9 @@
 """The map lookup function: which map points could have given a reading (paper eqs. s2-01, s2-02).
 
-A search window round the prior position, the map points in it, and of these the n whose predicted reading is nearest to the reading.
-Map points are the map's own cells, or a finer lattice interpolated between them where a finer spacing is asked for: the paper's
-map has a point every 220 m, and on a coarser map its 5 x 5 km window would hold no more cells than the candidates wanted.
+A search window round the prior position, the map points in it, and of these the n whose predicted
+reading is nearest to the reading. Map points are the map's own cells, or a finer lattice
+interpolated between them where a finer spacing is asked for: the paper's map has a point every 220
+m, and on a coarser map its 5 x 5 km window would hold no more cells than the candidates wanted.
 """
 
 import math
@@ -15,7 +16,9 @@ from isogal.maps.interpolation import Values, value_and_gradient
 
 
 @kernel
-def search_window(covariance: Array, gamma: float, minimum: float, rectangle: bool) -> tuple[Array, Array]:
+def search_window(
+    covariance: Array, gamma: float, minimum: float, rectangle: bool
+) -> tuple[Array, Array]:
     """Search window of paper eq. s2-02 about the prior position.
 
     Parameters
@@ -25,7 +28,8 @@ def search_window(covariance: Array, gamma: float, minimum: float, rectangle: bo
     gamma : float
         Threshold of the squared Mahalanobis distance.
     minimum : float
-        Least half-width in any direction, m: the principal semi-axes of the ellipse are raised to it.
+        Least half-width in any direction, m: the principal semi-axes of the ellipse are raised to
+        it.
     rectangle : bool
         The paper's cheaper window: the box round the ellipse, sides north and east.
 
@@ -59,13 +63,17 @@ def search_window(covariance: Array, gamma: float, minimum: float, rectangle: bo
 
 @kernel
 def subdivision(step: float, spacing: float) -> int:
-    """How many lattice steps a cell of width ``step`` (m) is cut into so that none is wider than ``spacing`` (m)."""
+    """How many lattice steps a cell of width ``step`` (m) is cut into so that none is wider than
+    ``spacing`` (m)."""
     return max(1, math.ceil(step / spacing - 1e-9))
 
 
 @kernel
-def lattice_spacing(dlat: float, dlon: float, metres: tuple[float, float], spacing: float) -> float:
-    """Mean distance, m, between the map points that `lookup` uses, of a grid with these steps (rad)."""
+def lattice_spacing(
+    dlat: float, dlon: float, metres: tuple[float, float], spacing: float
+) -> float:
+    """Mean distance, m, between the map points that `lookup` uses, of a grid with these steps
+    (rad)."""
     north, east = dlat * metres[0], dlon * metres[1]
     return 0.5 * (north / subdivision(north, spacing) + east / subdivision(east, spacing))
 
@@ -89,8 +97,9 @@ def lookup(
 ) -> tuple[Array, Array, Array]:
     """Find the map points whose predicted reading is nearest to the reading.
 
-    The reading predicted at a point at offset (n, e) from the window's centre is map - slope . (n, e): the reduction of the reading used
-    the centre's position, and a vehicle at the point would have been reduced otherwise (`Batch.reading_jacobian`).
+    The reading predicted at a point at offset (n, e) from the window's centre is map - slope . (n,
+    e): the reduction of the reading used the centre's position, and a vehicle at the point would
+    have been reduced otherwise (`Batch.reading_jacobian`).
 
     Parameters
     ----------
@@ -114,8 +123,8 @@ def lookup(
     Returns
     -------
     offset : (n, 2) array
-        North and east offset of each candidate from the centre, m; by increasing mismatch; n <= wanted. Empty where the window has no
-        map point with a value and a gradient.
+        North and east offset of each candidate from the centre, m; by increasing mismatch; n <=
+        wanted. Empty where the window has no map point with a value and a gradient.
     mismatch : (n,) array
         Reading less predicted reading, map's unit.
     gradient : (n, 2) array
@@ -138,7 +147,12 @@ def lookup(
         north = (i - row) * step_lat * metres[0]
         for j in range(math.ceil(column - columns), math.floor(column + columns) + 1):
             east = (j - column) * step_lon * metres[1]
-            if shape[0, 0] * north * north + 2.0 * shape[0, 1] * north * east + shape[1, 1] * east * east > 1.0:
+            if (
+                shape[0, 0] * north * north
+                + 2.0 * shape[0, 1] * north * east
+                + shape[1, 1] * east * east
+                > 1.0
+            ):
                 continue
             value, by_lat, by_lon = value_and_gradient(
                 values, lat0, dlat, lon0, dlon, lat0 + i * step_lat, lon0 + j * step_lon

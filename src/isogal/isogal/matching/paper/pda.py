@@ -1,12 +1,14 @@
-"""Probabilistic data association of one scan's map candidates (paper eqs. s3-01, s3-02, s3-021 and s32-1).
+"""Probabilistic data association of one scan's map candidates (paper eqs. s3-01, s3-02, s3-021 and
+s32-1).
 
-The paper leaves R_i(sigma), "the associated variance which is a function of the signal noise variance", open. Here it is isotropic: the
-distance over which the map changes by one sigma at the candidate, plus what a lattice of map points leaves unresolved,
+The paper leaves R_i(sigma), "the associated variance which is a function of the signal noise
+variance", open. Here it is isotropic: the distance over which the map changes by one sigma at the
+candidate, plus what a lattice of map points leaves unresolved,
 
     R_i = min(sigma² / |grad g_i|² + d² / 12, limit) I,
 
-d the spacing of the lattice: a point stands for a cell of that width, whose uniform distribution has the variance d² / 12 a side.
-"""
+d the spacing of the lattice: a point stands for a cell of that width, whose uniform distribution
+has the variance d² / 12 a side."""
 
 import math
 
@@ -29,7 +31,8 @@ def candidate_variance(sigma: float, gradient: Array, spacing: float, limit: flo
     spacing : float
         Distance between neighbouring map points, m.
     limit : float
-        Largest variance, m²: where the map is flat a candidate is as uncertain as the search window is wide.
+        Largest variance, m²: where the map is flat a candidate is as uncertain as the search
+        window is wide.
 
     Returns
     -------
@@ -51,7 +54,8 @@ def candidate_variance(sigma: float, gradient: Array, spacing: float, limit: flo
 def association_weights(candidates: Array, centre: Array, variance: Array) -> Array:
     """Weights of paper eq. s3-01 with p(z_i | x) = N(z_i; x, variance_i I).
 
-    With one variance for all candidates, R-bar of the scan, these are the weights of paper eq. s32-1.
+    With one variance for all candidates, R-bar of the scan, these are the weights of paper eq.
+    s32-1.
 
     Parameters
     ----------
@@ -65,7 +69,8 @@ def association_weights(candidates: Array, centre: Array, variance: Array) -> Ar
     Returns
     -------
     (n,) array
-        Sum 1. Far from all candidates it is the nearest (in sigmas) that takes the weight, not 0 / 0.
+        Sum 1. Far from all candidates it is the nearest (in sigmas) that takes the weight, not 0 /
+        0.
     """
     n = candidates.shape[0]
     weights = np.empty(n)

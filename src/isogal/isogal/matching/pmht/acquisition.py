@@ -1,10 +1,11 @@
 """Coarse-to-fine search for the navigator over tens of kilometres.
 
-The likelihood of a batch is evaluated on a grid of position errors over three 1-sigma of the prior, with the residual covariance widened by
-what the map changes within a cell; cells that could hold the navigator are divided and evaluated again, finer. What is left is described
-by tiles, a Gaussian each: where the readings follow a contour for long the posterior is a curved ridge that no single Gaussian fits, and
-the tiles are the hypotheses that the next batches decide between. The cost is bounded by the number of cells.
-"""
+The likelihood of a batch is evaluated on a grid of position errors over three 1-sigma of the
+prior, with the residual covariance widened by what the map changes within a cell; cells that could
+hold the navigator are divided and evaluated again, finer. What is left is described by tiles, a
+Gaussian each: where the readings follow a contour for long the posterior is a curved ridge that no
+single Gaussian fits, and the tiles are the hypotheses that the next batches decide between. The
+cost is bounded by the number of cells."""
 
 import math
 
@@ -23,7 +24,8 @@ _FINE = 60_000
 _FINEST = 100.0
 """m, smallest cells: the sampler takes over."""
 _FINE_ENOUGH = 0.5
-"""Cells within which the map changes by less than this share of the residuals' 1-sigma are not divided any more."""
+"""Cells within which the map changes by less than this share of the residuals' 1-sigma are not
+divided any more."""
 _TILE = 3
 """Cells to a tile, each way."""
 _DEPTH = 25.0
@@ -33,7 +35,8 @@ _DEPTH = 25.0
 def acquire(
     likelihood: BatchLikelihood, mean: Array, covariance: Array, most: int
 ) -> tuple[Mixture, float, float] | None:
-    """Return the posterior as a mixture of tiles, the log evidence and the best cell's misfit, or None where no cell lies on the map.
+    """Return the posterior as a mixture of tiles, the log evidence and the best cell's misfit, or
+    None where no cell lies on the map.
 
     Parameters
     ----------
@@ -49,8 +52,11 @@ def acquire(
     counts = np.ceil(reach / size).astype(int)
     rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
     cells = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
-    # velocity is not searched: it goes with position as the prior has it; what is left of it bends the track and offsets the reduction
-    follow = np.asarray(np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T, dtype=np.float64)
+    # velocity is not searched: it goes with position as the prior has it; what is left of it bends
+    # the track and offsets the reduction
+    follow = np.asarray(
+        np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T, dtype=np.float64
+    )
     precision = np.linalg.inv(covariance[:2, :2])
     span = float(np.abs(likelihood.transition[:, 0, 2]).max())  # s, age of the oldest scan
     rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
@@ -76,7 +82,8 @@ def acquire(
     weight = np.exp(value[keep] - top)
     normaliser = math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance[:2, :2])[1])
     evidence = top + math.log(float(weight.sum())) + 2.0 * math.log(size) - normaliser
-    # the widened likelihood leaves out a smaller constant than the given one, which others are compared by
+    # the widened likelihood leaves out a smaller constant than the given one, which others are
+    # compared by
     evidence += blurred.log_normaliser - likelihood.log_normaliser
     misfit = -2.0 * float(fitting[int(np.argmax(value))])
     return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence, misfit
@@ -87,7 +94,8 @@ def _with_velocity(place: Array, follow: Array) -> Array:
 
 
 def _typical_slope(likelihood: BatchLikelihood, xi: Array) -> float:
-    """RMS gradient of the map (unit per m) over the search area, from some two hundred of the errors xi (S, 4)."""
+    """RMS gradient of the map (unit per m) over the search area, from some two hundred of the
+    errors xi (S, 4)."""
     squares = []
     for place in xi[:: max(1, len(xi) // 200)]:
         _, slope = likelihood.linearise(place)
@@ -98,7 +106,13 @@ def _typical_slope(likelihood: BatchLikelihood, xi: Array) -> float:
 
 
 def _tiles(
-    cells: Array, weight: Array, size: float, mean: Array, covariance: Array, follow: Array, most: int
+    cells: Array,
+    weight: Array,
+    size: float,
+    mean: Array,
+    covariance: Array,
+    follow: Array,
+    most: int,
 ) -> Mixture:
     """Join cells to tiles and describe each by a Gaussian."""
     _, tile = np.unique(cells // _TILE, axis=0, return_inverse=True)

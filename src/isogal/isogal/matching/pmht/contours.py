@@ -7,15 +7,20 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Candidates
 
-_LATTICE = np.stack(np.meshgrid(np.linspace(-2.0, 2.0, 4), np.linspace(-2.0, 2.0, 4)), axis=-1).reshape(-1, 2)
+_LATTICE = np.stack(
+    np.meshgrid(np.linspace(-2.0, 2.0, 4), np.linspace(-2.0, 2.0, 4)), axis=-1
+).reshape(-1, 2)
 """(16, 2) seeds in posterior 1-sigmas."""
 
 
-def contour_candidates(batch: Batch, field_map: FieldMap, mean: Array, covariance: Array, steps: int = 3) -> Candidates:
+def contour_candidates(
+    batch: Batch, field_map: FieldMap, mean: Array, covariance: Array, steps: int = 3
+) -> Candidates:
     """Return where round each scan's estimated position the map has the reading's value.
 
-    From a lattice of seeds in the posterior's 2-sigma ellipse, Newton steps along the gradient lead onto the contour (SCIENCE 3); a
-    candidate's weight is the posterior density there, normalised within its scan.
+    From a lattice of seeds in the posterior's 2-sigma ellipse, Newton steps along the gradient
+    lead onto the contour (SCIENCE 3); a candidate's weight is the posterior density there,
+    normalised within its scan.
 
     Parameters
     ----------
@@ -29,7 +34,9 @@ def contour_candidates(batch: Batch, field_map: FieldMap, mean: Array, covarianc
     spread = transition @ covariance @ transition.transpose(0, 2, 1)
     root = np.linalg.cholesky(spread + 1e-6 * np.eye(2))
     north, east = metres_per_radian(batch.latitude[scans])
-    position = centre[:, None] + _LATTICE @ root.transpose(0, 2, 1)  # (scans, seeds, 2) navigator's error, m
+    position = centre[:, None] + _LATTICE @ root.transpose(
+        0, 2, 1
+    )  # (scans, seeds, 2) navigator's error, m
     level = (batch.reading - batch.offset - batch.reading_jacobian @ mean)[scans, None]
     limit = 2.0 * np.sqrt(np.trace(spread, axis1=1, axis2=2))[:, None, None]
     for _ in range(steps):

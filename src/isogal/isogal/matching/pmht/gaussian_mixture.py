@@ -1,4 +1,5 @@
-"""Gaussian mixtures over the navigator's error: the hypotheses a matcher keeps while a batch is ambiguous."""
+"""Gaussian mixtures over the navigator's error: the hypotheses a matcher keeps while a batch is
+ambiguous."""
 
 import math
 from collections.abc import Sequence
@@ -10,8 +11,9 @@ from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 
 SEPARATION = 4.0
-"""Two groups of samples are different hypotheses where sqrt(2) |m1 - m2| / sqrt(s1² + s2²) along an axis exceeds this (Ashman, Bird &
-Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians; the two halves of one cut Gaussian already reach 2.7)."""
+"""Two groups of samples are different hypotheses where sqrt(2) |m1 - m2| / sqrt(s1² + s2²) along
+an axis exceeds this (Ashman, Bird & Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians;
+the two halves of one cut Gaussian already reach 2.7)."""
 
 
 _FEWEST = 40.0
@@ -43,21 +45,30 @@ class Mixture:
         return _log_density(np.ascontiguousarray(x), np.log(self.weight), self.mean, factors)
 
     def draw(self, points: Array) -> Array:
-        """Turn (S, 1 + n) points, the first coordinate uniform, the others standard normal, into samples (S, n)."""
+        """Turn (S, 1 + n) points, the first coordinate uniform, the others standard normal, into
+        samples (S, n)."""
         factors = np.linalg.cholesky(self.covariance)
         edges = np.cumsum(self.weight)
-        which = np.minimum(np.searchsorted(edges, points[:, 0] * edges[-1], side="right"), len(self) - 1)
+        which = np.minimum(
+            np.searchsorted(edges, points[:, 0] * edges[-1], side="right"), len(self) - 1
+        )
         return _place(points, which, self.mean, factors)
 
     def moments(self) -> tuple[Array, Array]:
         """Return mean (n,) and covariance (n, n) of the whole."""
         mean = self.weight @ self.mean
         apart = self.mean - mean
-        return mean, np.einsum("k,kij->ij", self.weight, self.covariance + apart[:, :, None] * apart[:, None, :])
+        return mean, np.einsum(
+            "k,kij->ij", self.weight, self.covariance + apart[:, :, None] * apart[:, None, :]
+        )
 
     def moved(self, transition: Array, noise: Array) -> "Mixture":
         """Return the mixture after x -> transition x + N(0, noise)."""
-        return Mixture(self.weight, self.mean @ transition.T, transition @ self.covariance @ transition.T + noise)
+        return Mixture(
+            self.weight,
+            self.mean @ transition.T,
+            transition @ self.covariance @ transition.T + noise,
+        )
 
     def component(self, k: int) -> "Mixture":
         """Return one of its Gaussians alone."""
@@ -68,8 +79,11 @@ class Mixture:
         return Mixture(self.weight[which], self.mean[which], self.covariance[which])
 
     def levelled(self) -> "Mixture":
-        """Return the mixture with weights half-way to equal ones: a proposal that does not overlook a light Gaussian."""
-        return Mixture(0.5 * self.weight + 0.5 * self.weight.sum() / len(self), self.mean, self.covariance)
+        """Return the mixture with weights half-way to equal ones: a proposal that does not
+        overlook a light Gaussian."""
+        return Mixture(
+            0.5 * self.weight + 0.5 * self.weight.sum() / len(self), self.mean, self.covariance
+        )
 
     @classmethod
     def join(cls, parts: Sequence["Mixture"], weight: Array) -> "Mixture":
@@ -81,7 +95,8 @@ class Mixture:
         )
 
     def pruned(self, negligible: float, most: int) -> "Mixture":
-        """Join components whose means are within one 1-sigma of each other, drop negligible ones, sort heaviest first."""
+        """Join components whose means are within one 1-sigma of each other, drop negligible ones,
+        sort heaviest first."""
         order = np.argsort(-self.weight, kind="stable")
         order = order[self.weight[order] > negligible]
         weights: list[float] = []
@@ -93,14 +108,18 @@ class Mixture:
             near = np.einsum("ki,ij,kj->k", apart, inverse, apart) < 1.0
             near[0] = True
             same, order = order[near], order[~near]
-            part = Mixture(self.weight[same] / self.weight[same].sum(), self.mean[same], self.covariance[same])
+            part = Mixture(
+                self.weight[same] / self.weight[same].sum(), self.mean[same], self.covariance[same]
+            )
             mean, covariance = part.moments()
             weights.append(float(self.weight[same].sum()))
             means.append(mean)
             covariances.append(covariance)
         total = np.array(weights)
         rank = np.argsort(-total, kind="stable")
-        return Mixture(total[rank] / total.sum(), np.array(means)[rank], np.array(covariances)[rank])
+        return Mixture(
+            total[rank] / total.sum(), np.array(means)[rank], np.array(covariances)[rank]
+        )
 
     def agrees(self, other: "Mixture") -> bool:
         """Whether another mixture's mean position is within half a 1-sigma of this one's."""
@@ -114,7 +133,8 @@ class Mixture:
 
 
 def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, Integers]:
-    """Split weighted samples into well separated groups and return a Gaussian for each, heaviest first, and the samples' groups.
+    """Split weighted samples into well separated groups and return a Gaussian for each, heaviest
+    first, and the samples' groups.
 
     Parameters
     ----------
@@ -145,18 +165,22 @@ def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, Inte
     order = np.argsort(-np.array(weights), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    mixture = Mixture(np.array(weights)[order], np.array(means)[order], np.array(covariances)[order])
+    mixture = Mixture(
+        np.array(weights)[order], np.array(means)[order], np.array(covariances)[order]
+    )
     return mixture, rank[labels]
 
 
 def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
-    """Describe samples by up to 2**cuts Gaussians: cut in halves of equal weight across the longest axis, and these again.
+    """Describe samples by up to 2**cuts Gaussians: cut in halves of equal weight across the
+    longest axis, and these again.
 
     Parameters
     ----------
     x, weight : (S, n), (S,) arrays
     scale : (n,) array
-        Unit of each coordinate, in which axes are compared; a piece is at least a thousandth of it wide.
+        Unit of each coordinate, in which axes are compared; a piece is at least a thousandth of it
+        wide.
     cuts : int
         Times; a piece whose samples would be too few is not cut.
     """
@@ -164,7 +188,10 @@ def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
     for _ in range(cuts):
         parts = [half for part in parts for half in _halves(x[part] / scale, weight[part], part)]
     total = np.array([weight[part].sum() for part in parts])
-    mean, covariance = np.empty((len(parts), x.shape[1])), np.empty((len(parts), x.shape[1], x.shape[1]))
+    mean, covariance = (
+        np.empty((len(parts), x.shape[1])),
+        np.empty((len(parts), x.shape[1], x.shape[1])),
+    )
     for k, part in enumerate(parts):
         w = weight[part] / total[k]
         mean[k] = w @ x[part]
@@ -234,7 +261,8 @@ def _place(points, which, mean, factor):  # type: ignore[no-untyped-def]
 
 @kernel
 def _split(x, weight, most):  # type: ignore[no-untyped-def]
-    """Return the group of each sample: groups are cut in two, best separated cut first, until none is well separated."""
+    """Return the group of each sample: groups are cut in two, best separated cut first, until none
+    is well separated."""
     samples = x.shape[0]
     labels = np.zeros(samples, np.int64)
     groups = 1
@@ -261,11 +289,12 @@ def _split(x, weight, most):  # type: ignore[no-untyped-def]
 
 @kernel
 def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
-    """Return the separation of the best two-way cut of one group along its principal axes, and which samples it cuts off.
+    """Return the separation of the best two-way cut of one group along its principal axes, and
+    which samples it cuts off.
 
-    Along an axis the cut is Otsu's: the one with the largest variance between the sides. Where neither axis separates anything, the
-    diagonals between them are tried, by two-means: four places at the corners of a square overlap when seen along a diagonal.
-    """
+    Along an axis the cut is Otsu's: the one with the largest variance between the sides. Where
+    neither axis separates anything, the diagonals between them are tried, by two-means: four
+    places at the corners of a square overlap when seen along a diagonal."""
     members = np.flatnonzero((labels == group) & (weight > 0.0))
     side = np.zeros(labels.shape[0], np.bool_)
     total = 0.0
@@ -336,7 +365,8 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
 
 @kernel
 def _two_means(x, weight, members, cx, cy, threshold):  # type: ignore[no-untyped-def]
-    """Return separation and middle of the means on both sides of a threshold along an axis (Ridler & Calvard 1978, iterated)."""
+    """Return separation and middle of the means on both sides of a threshold along an axis (Ridler
+    & Calvard 1978, iterated)."""
     w1 = s1 = q1 = w2 = s2 = q2 = 0.0
     for s in members:
         value = x[s, 0] * cx + x[s, 1] * cy

@@ -1,9 +1,9 @@
 """Update of several hypotheses about the navigator's error by one batch.
 
-Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several pieces, and its evidence; weights go with
-evidence, negligible pieces are dropped, pieces that have come to the same place are joined. Hypotheses that overlap are one prior; those
-that do not are never sampled together, since a sampler does not come across a light one far from the others.
-"""
+Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several
+pieces, and its evidence; weights go with evidence, negligible pieces are dropped, pieces that have
+come to the same place are joined. Hypotheses that overlap are one prior; those that do not are
+never sampled together, since a sampler does not come across a light one far from the others."""
 
 import math
 from dataclasses import dataclass, replace
@@ -20,9 +20,11 @@ from isogal.matching.quasi_random import standard_normal
 WIDE = 600.0
 """m, 1-sigma of a prior beyond which it is given four times the points."""
 VERY_WIDE = 1500.0
-"""m, 1-sigma beyond which it is given four times as many again at first: fewer overlook a place of some tenths of a percent."""
+"""m, 1-sigma beyond which it is given four times as many again at first: fewer overlook a place of
+some tenths of a percent."""
 SEARCH = 3000.0
-"""m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has failed."""
+"""m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has
+failed."""
 NEGLIGIBLE = 1e-6
 """A hypothesis of less weight is dropped."""
 SAMPLED = 32
@@ -44,17 +46,21 @@ class Update:
     likelihood: BatchLikelihood
     """Linearised at the heaviest hypothesis."""
     misfit: float
-    """Chi-square of the new readings there; of a place known to a cell only, with what the map may change within it."""
+    """Chi-square of the new readings there; of a place known to a cell only, with what the map may
+    change within it."""
     resolved: bool
     """Whether the heaviest hypothesis was sampled at full likelihood with enough samples."""
     effective: float
     """Effective share of the samples of the heaviest hypothesis."""
     rounds: int
     drawn: tuple[Array, Array] | None = None
-    """(S, 4) samples of the posterior and (S,) their weights, where all hypotheses were sampled together."""
+    """(S, 4) samples of the posterior and (S,) their weights, where all hypotheses were sampled
+    together."""
 
 
-def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> Update | None:
+def update(
+    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int
+) -> Update | None:
     """Return the posterior of all hypotheses, or None where none of them lies on the map.
 
     Parameters
@@ -76,14 +82,19 @@ def update(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most
     return _joined(pieces, most) if pieces else None
 
 
-def _update_group(likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int) -> list["_Piece"]:
-    """Return what the batch makes of hypotheses that overlap, whose weights need not add up to 1."""
+def _update_group(
+    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int
+) -> list["_Piece"]:
+    """Return what the batch makes of hypotheses that overlap, whose weights need not add up to
+    1."""
     total = float(prior.weight.sum())
     if len(prior) > 1 and total > 0.0:
         own = replace(prior, weight=prior.weight / total)
         if _largest_sigma(own.moments()[1]) < VERY_WIDE:
             # as one prior, whose posterior is split again only where it has separate modes
-            posterior, linearised = sample(likelihood, own, replace(sampling, samples=4 * sampling.samples))
+            posterior, linearised = sample(
+                likelihood, own, replace(sampling, samples=4 * sampling.samples)
+            )
             if posterior is not None and _resolved(posterior):
                 joint = _piece(posterior, linearised)
                 return [replace(joint, log_weight=joint.log_weight + math.log(total))]
@@ -100,10 +111,11 @@ def _update_group(likelihood: BatchLikelihood, prior: Mixture, sampling: Samplin
 
 
 def _groups(prior: Mixture) -> list[Integers]:
-    """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge, pieces of one peak.
+    """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge,
+    pieces of one peak.
 
-    Two overlap where the sampler would not call them separate modes (`mixture.SEPARATION`) along the line between them.
-    """
+    Two overlap where the sampler would not call them separate modes (`mixture.SEPARATION`) along
+    the line between them."""
     groups = []
     left = np.arange(len(prior))
     while left.size:
@@ -119,7 +131,8 @@ def _groups(prior: Mixture) -> list[Integers]:
 
 
 def _merged(tiles: Mixture) -> Mixture:
-    """Return a Gaussian for each group: one about all would overlook places far away that are less likely."""
+    """Return a Gaussian for each group: one about all would overlook places far away that are less
+    likely."""
     weight, mean, covariance = [], [], []
     for group in _groups(tiles):
         part = tiles.part(group)
@@ -139,10 +152,11 @@ def _overlap(prior: Mixture, one: int, others: Integers) -> Booleans:
 
 
 def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
-    """Return the most likely of many hypotheses, by a few points of each, and what the points make of the others.
+    """Return the most likely of many hypotheses, by a few points of each, and what the points make
+    of the others.
 
-    A posterior of few points is taken to be as wide as their effective number can vouch for: with one, as wide as the prior.
-    """
+    A posterior of few points is taken to be as wide as their effective number can vouch for: with
+    one, as wide as the prior."""
     points = standard_normal(GLANCE, prior.mean.shape[1])
     x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
     value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
@@ -151,7 +165,9 @@ def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list[
     weight = np.exp(value[alive] - top[alive, None])
     log_weight = top[alive] + np.log(weight.mean(axis=1)) + np.log(prior.weight[alive])
     order = np.argsort(-log_weight, kind="stable")
-    possible = order[log_weight[order] > log_weight.max(initial=-np.inf) + math.log(NEGLIGIBLE) - _GLANCE_SLACK]
+    possible = order[
+        log_weight[order] > log_weight.max(initial=-np.inf) + math.log(NEGLIGIBLE) - _GLANCE_SLACK
+    ]
     likely, others = alive[possible[:SAMPLED]], possible[SAMPLED:]
     chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
     if not others.size:
@@ -160,12 +176,17 @@ def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list[
     mean = np.einsum("ks,ksi->ki", w, x[alive[others]])
     apart = x[alive[others]] - mean[:, None]
     few = np.minimum(1.0, 5.0 * (w**2).sum(axis=1))[:, None, None]
-    covariance = np.einsum("ks,ksi,ksj->kij", w, apart, apart) * (1.0 - few) + few * prior.covariance[alive[others]]
+    covariance = (
+        np.einsum("ks,ksi,ksj->kij", w, apart, apart) * (1.0 - few)
+        + few * prior.covariance[alive[others]]
+    )
     height = log_weight[others].max()
     shares = np.exp(log_weight[others] - height)
     belief = Mixture(shares / shares.sum(), mean, covariance)
     misfit = -2.0 * float(top[alive[others]].max())
-    return chosen, [_Piece(height + math.log(float(shares.sum())), belief, likelihood, misfit, 1.0, GLANCE, 0)]
+    return chosen, [
+        _Piece(height + math.log(float(shares.sum())), belief, likelihood, misfit, 1.0, GLANCE, 0)
+    ]
 
 
 def _joined(pieces: list["_Piece"], most: int) -> Update:
@@ -174,7 +195,9 @@ def _joined(pieces: list["_Piece"], most: int) -> Update:
     shares = np.exp(heights - top)
     best = max(pieces, key=lambda piece: (piece.samples > GLANCE, piece.log_weight))
     return Update(
-        belief=Mixture.join([piece.belief for piece in pieces], shares / shares.sum()).pruned(NEGLIGIBLE, most),
+        belief=Mixture.join([piece.belief for piece in pieces], shares / shares.sum()).pruned(
+            NEGLIGIBLE, most
+        ),
         log_evidence=top + math.log(float(shares.sum())),
         likelihood=best.likelihood,
         misfit=best.misfit,
@@ -218,7 +241,9 @@ def _update_one(
         posterior, linearised = sample(likelihood, prior, wide, _merged(tiles))
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
-    return _Piece(evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0)
+    return _Piece(
+        evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0
+    )
 
 
 def _resolved(posterior: Posterior) -> bool:

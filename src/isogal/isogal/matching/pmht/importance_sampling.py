@@ -1,11 +1,12 @@
 """Posterior of the navigator's error by annealed importance sampling with a mixture proposal.
 
-Each round draws a fixed set of quasi-random points from the proposal, weighs them with prior times likelihood^beta over proposal, and
-refits the proposal to them; beta is the largest that leaves a given effective sample size and reaches 1 within a few rounds (adaptive
-multiple importance sampling with tempering; Cappé et al. 2008, Stat. Comput. 18:447; Chopin & Papaspiliopoulos 2020, ch. 17). Moments come
-from the last round, at beta = 1, so they are those of the exact posterior up to sampling error, Gaussian or not.
-The points are the same at every call: the result is a deterministic function of prior and likelihood.
-"""
+Each round draws a fixed set of quasi-random points from the proposal, weighs them with prior times
+likelihood^beta over proposal, and refits the proposal to them; beta is the largest that leaves a
+given effective sample size and reaches 1 within a few rounds (adaptive multiple importance
+sampling with tempering; Cappé et al. 2008, Stat. Comput. 18:447; Chopin & Papaspiliopoulos 2020,
+ch. 17). Moments come from the last round, at beta = 1, so they are those of the exact posterior up
+to sampling error, Gaussian or not. The points are the same at every call: the result is a
+deterministic function of prior and likelihood."""
 
 import math
 from dataclasses import dataclass
@@ -63,7 +64,8 @@ class Posterior:
 
 @lru_cache(maxsize=8)
 def _points(count: int) -> Array:
-    """Return (count, 1 + 4) fixed quasi-random points: one uniform coordinate, four standard normal ones."""
+    """Return (count, 1 + 4) fixed quasi-random points: one uniform coordinate, four standard
+    normal ones."""
     points = sobol(count, 1 + DIMENSIONS, 20230101)
     points[:, 1:] = normal(points[:, 1:])
     points.setflags(write=False)
@@ -88,7 +90,8 @@ L = TypeVar("L", bound=Likelihood)
 def sample(
     likelihood: L, prior: Mixture, settings: Sampling, proposal: Mixture | None = None
 ) -> tuple[Posterior | None, L]:
-    """Return the posterior of x (4,) under a mixture prior, and the likelihood linearised at its mean.
+    """Return the posterior of x (4,) under a mixture prior, and the likelihood linearised at its
+    mean.
 
     None instead of a posterior where no sample has any likelihood.
 
@@ -98,14 +101,16 @@ def sample(
     prior : Mixture
     settings : Sampling
     proposal : Mixture, optional
-        Where to look; the evidence is then that of these places alone. Default: everywhere the prior allows.
+        Where to look; the evidence is then that of these places alone. Default: everywhere the
+        prior allows.
     """
     floor = 1e-4 * np.sqrt(np.diag(prior.moments()[1]))
     # a place of little weight may turn out to be the one
     start = current = (prior if proposal is None else proposal).levelled()
     result: Posterior | None = None
     for number in range(1, settings.rounds + 1):
-        # a share of the first proposal bounds the weights of what the refitted mixture may have lost
+        # a share of the first proposal bounds the weights of what the refitted mixture may have
+        # lost
         wide = current if number == 1 else _blend(current.widened(settings.inflation), start, 0.03)
         x = wide.draw(_points(settings.samples * (settings.first if number == 1 else 1)))
         values = likelihood.log(x)
@@ -132,7 +137,8 @@ def _blend(main: Mixture, other: Mixture, share: float) -> Mixture:
 
 @kernel
 def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
-    """Write normalised weights; return (effective share of the samples, log of the mean weight)."""
+    """Write normalised weights; return (effective share of the samples, log of the mean
+    weight)."""
     count = likelihood.shape[0]
     largest = -np.inf
     for s in range(count):
@@ -153,7 +159,8 @@ def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
 
 @kernel
 def _temper(likelihood, base, target):  # type: ignore[no-untyped-def]
-    """Return the largest beta <= 1 that leaves the target effective share, with weights, share and log mean weight there."""
+    """Return the largest beta <= 1 that leaves the target effective share, with weights, share and
+    log mean weight there."""
     weight = np.empty(likelihood.shape[0])
     effective, log_mean = _weigh(likelihood, base, 1.0, weight)
     if not effective < target:  # also NaN: no sample is possible

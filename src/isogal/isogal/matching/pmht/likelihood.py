@@ -1,22 +1,25 @@
-"""The exact likelihood of a batch given the navigator's error, with the map's error correlated along the track.
+"""The exact likelihood of a batch given the navigator's error, with the map's error correlated
+along the track.
 
 With xi the navigator's error at the batch end, the residual of scan t is
 
     r_t(xi) = reading_t - offset_t - reading_jacobian_t xi - map(p_t - transition_t xi)
 
-and r = e + G d: e ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) + sigma_bias² (SCIENCE 3), that is white
-noise of sensor and map quantisation q, map error with an exponential covariance, an unknown constant; and d ~ N(0, 1) the navigator's drift
-within the batch that xi does not explain, through the map's gradient and the reduction.
+and r = e + G d: e ~ N(0, R), R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) +
+sigma_bias² (SCIENCE 3), that is white noise of sensor and map quantisation q, map error with an
+exponential covariance, an unknown constant; and d ~ N(0, 1) the navigator's drift within the batch
+that xi does not explain, through the map's gradient and the reduction.
 
-Where a map says how wrong it is from place to place, R is taken with the mean of sigma_map² over where the readings may have been taken
-(the belief): the same R for every candidate. With an R of its own for each, the determinants would decide between candidates, and they
-know the map's error far less well than an exponential covariance of dense readings pretends.
+Where a map says how wrong it is from place to place, R is taken with the mean of sigma_map² over
+where the readings may have been taken (the belief): the same R for every candidate. With an R of
+its own for each, the determinants would decide between candidates, and they know the map's error
+far less well than an exponential covariance of dense readings pretends.
 
-Rows that an earlier batch has used come first (context). By the chain rule the new rows count given the old: with R = L L' and w = L⁻¹ r,
-the last components of w are the innovations of the new readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new what
-the drift does to them; the navigator's prior of d already knows the old readings. So log p = -½ (|w|² - |C⁻¹ D' w|²), C C' = 1 + D' D
-(Woodbury), and no reading counts twice.
-"""
+Rows that an earlier batch has used come first (context). By the chain rule the new rows count
+given the old: with R = L L' and w = L⁻¹ r, the last components of w are the innovations of the new
+readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new what the drift does
+to them; the navigator's prior of d already knows the old readings. So log p = -½ (|w|² - |C⁻¹ D'
+w|²), C C' = 1 + D' D (Woodbury), and no reading counts twice."""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,7 +34,12 @@ from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap, Grid
 from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.noise_model import NoiseModel, correlation_lengths, map_sigmas, residual_covariance
+from isogal.matching.pmht.noise_model import (
+    NoiseModel,
+    correlation_lengths,
+    map_sigmas,
+    residual_covariance,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,17 +90,23 @@ class BatchLikelihood:
         Parameters
         ----------
         extra_variance : (len(batch),) array, optional
-            Added to the white variance of each scan (inf = leave the scan out), for readings that are not trusted.
+            Added to the white variance of each scan (inf = leave the scan out), for readings that
+            are not trusted.
         belief : ((4,), (4, 4)) arrays, optional
-            Mean and covariance of xi over which a map error that differs from place to place is averaged; default: the batch's prior.
+            Mean and covariance of xi over which a map error that differs from place to place is
+            averaged; default: the batch's prior.
         """
         extra = np.zeros(len(batch)) if extra_variance is None else extra_variance
         rows = np.flatnonzero(np.isfinite(batch.reading) & np.isfinite(extra))
         latitude, longitude = batch.latitude[rows], batch.longitude[rows]
         maps = channels_of(field_map)
-        channel = np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
+        channel = (
+            np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
+        )
         belief = belief or (np.zeros(4), batch.prior)
-        own_sigma = map_sigmas(field_map, channel, latitude, longitude, batch.transition[rows], *belief)
+        own_sigma = map_sigmas(
+            field_map, channel, latitude, longitude, batch.transition[rows], *belief
+        )
         map_sigma = np.maximum(noise.map_sigma, own_sigma)
         rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
         sensor = batch.sigma[rows] ** 2
@@ -129,7 +143,8 @@ class BatchLikelihood:
         return likelihood.with_drift_at(np.zeros(4))
 
     def log(self, xi: Array) -> Array:
-        """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S, 4); -inf off the map."""
+        """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S,
+        4); -inf off the map."""
         return _log_likelihood(
             *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian,
             self.factor, self.projection, self.first_new, np.ascontiguousarray(xi),
@@ -146,7 +161,8 @@ class BatchLikelihood:
         )  # fmt: skip
 
     def drift_at(self, xi: Array) -> Array:
-        """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the map has no gradient."""
+        """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the
+        map has no gradient."""
         position = xi @ self.transition.transpose(0, 2, 1)
         by_lat, by_lon = _slopes(
             *self.grid,
@@ -158,18 +174,22 @@ class BatchLikelihood:
         return np.einsum("ti,tij->tj", gradient, self.drift_position) - self.drift_reading
 
     def with_drift_at(self, xi: Array) -> "BatchLikelihood":
-        """Return the likelihood with the map's gradient for the drift taken at the error xi (4,)."""
+        """Return the likelihood with the map's gradient for the drift taken at the error xi
+        (4,)."""
         drift = np.linalg.solve(self.factor, self.drift_at(xi))[self.first_new :]
         inner = np.linalg.cholesky(np.eye(drift.shape[1]) + drift.T @ drift)
         return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, drift.T).T))
 
     def drift_given(self, xi: Array) -> tuple[Array, Array, Array]:
-        """Return mean (M,), derivative by xi (M, 4) and covariance (M, M) of the drift d given the new readings and an error near xi (4,).
+        """Return mean (M,), derivative by xi (M, 4) and covariance (M, M) of the drift d given the
+        new readings and an error near xi (4,).
 
         The whitened new residuals are w = e - D d, with e and d ~ N(0, 1).
         """
         residual, slope = self.linearise(xi)
-        white = np.linalg.solve(self.factor, np.column_stack([residual, slope, self.drift_at(xi)]))[self.first_new :]
+        white = np.linalg.solve(
+            self.factor, np.column_stack([residual, slope, self.drift_at(xi)])
+        )[self.first_new :]
         drift = white[:, 5:]
         covariance = np.asarray(np.linalg.inv(np.eye(drift.shape[1]) + drift.T @ drift))
         by = -covariance @ drift.T @ white[:, :5]
@@ -177,7 +197,9 @@ class BatchLikelihood:
 
     def scaled(self, variance: float) -> "BatchLikelihood":
         """Return the likelihood with R times a factor."""
-        likelihood = replace(self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance))
+        likelihood = replace(
+            self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance)
+        )
         return likelihood.with_drift_at(np.zeros(4))
 
     def without(self, bad: Booleans) -> "BatchLikelihood":
@@ -198,7 +220,9 @@ class BatchLikelihood:
             "rows",
             "channel",
         )
-        kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[good]) for name in rows}
+        kept: dict[str, Any] = {
+            name: np.ascontiguousarray(getattr(self, name)[good]) for name in rows
+        }
         likelihood = replace(
             self,
             **kept,
@@ -209,7 +233,8 @@ class BatchLikelihood:
         return likelihood.with_drift_at(np.zeros(4))
 
     def blurred(self, sigma: float, velocity: Array) -> "BatchLikelihood":
-        """Return the likelihood for a position known to a cell only and a velocity error that is integrated out.
+        """Return the likelihood for a position known to a cell only and a velocity error that is
+        integrated out.
 
         Parameters
         ----------
@@ -219,9 +244,15 @@ class BatchLikelihood:
             Covariance of the velocity error, m²/s²; it enters by the reduction of the readings.
         """
         reduction = self.jacobian[:, 2:]
-        covariance = self.covariance + sigma**2 * np.eye(len(self.level)) + reduction @ velocity @ reduction.T
+        covariance = (
+            self.covariance
+            + sigma**2 * np.eye(len(self.level))
+            + reduction @ velocity @ reduction.T
+        )
         likelihood = replace(
-            self, covariance=covariance, factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+            self,
+            covariance=covariance,
+            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
         )
         return likelihood.with_drift_at(np.zeros(4))
 
@@ -239,7 +270,9 @@ class BatchLikelihood:
         """Log of the constant that `log` leaves out, for comparing noise models."""
         white = float(np.log(np.diag(self.factor)[self.first_new :]).sum())
         # det(1 + D D') = 1 / det(1 - projection' projection)
-        drift = np.linalg.slogdet(np.eye(self.projection.shape[1]) - self.projection.T @ self.projection)[1]
+        drift = np.linalg.slogdet(
+            np.eye(self.projection.shape[1]) - self.projection.T @ self.projection
+        )[1]
         return -white + 0.5 * float(drift) - 0.5 * math.log(2.0 * math.pi) * self.new_count
 
 
@@ -248,17 +281,22 @@ def _slopes(values, lat0, dlat, lon0, dlon, channel, latitude, longitude):  # ty
     """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
     by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
     for t in range(latitude.shape[0]):
-        _, by_lat[t], by_lon[t] = _at(values, lat0, dlat, lon0, dlon, channel, t, latitude[t], longitude[t])
+        _, by_lat[t], by_lon[t] = _at(
+            values, lat0, dlat, lon0, dlon, channel, t, latitude[t], longitude[t]
+        )
     return by_lat, by_lon
 
 
 @kernel
 def _at(values, lat0, dlat, lon0, dlon, channel, t, latitude, longitude):  # type: ignore[no-untyped-def]
-    """Return value and derivatives of a map (n, m), or of row t's among several (C, n, m); which it is is settled when compiling."""
+    """Return value and derivatives of a map (n, m), or of row t's among several (C, n, m); which
+    it is is settled when compiling."""
     if values.ndim == 2:
         result = value_and_gradient(values, lat0, dlat, lon0, dlon, latitude, longitude)
     else:
-        result = value_and_gradient(values[channel[t]], lat0, dlat, lon0, dlon, latitude, longitude)
+        result = value_and_gradient(
+            values[channel[t]], lat0, dlat, lon0, dlon, latitude, longitude
+        )
     return result
 
 
@@ -291,7 +329,9 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
         for u in range(t):
             if factor[t, u] != 0.0:
                 diagonal = False
-    start = first_new if diagonal else 0  # without correlation the older rows say nothing about the new
+    start = (
+        first_new if diagonal else 0
+    )  # without correlation the older rows say nothing about the new
     for s in range(samples):
         a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
         total = 0.0
@@ -303,7 +343,9 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
             if values.ndim == 2:  # known when compiling; not by `_at`, which would not be inlined
                 value, _, _ = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)
             else:
-                value, _, _ = value_and_gradient(values[channel[t]], lat0, dlat, lon0, dlon, lat, lon)
+                value, _, _ = value_and_gradient(
+                    values[channel[t]], lat0, dlat, lon0, dlon, lat, lon
+                )
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
             if not diagonal:
                 for u in range(t):
@@ -322,7 +364,21 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _linearise(values, lat0, dlat, lon0, dlon, channel, latitude, longitude, radian, level, transition, jacobian, xi):  # type: ignore[no-untyped-def]
+def _linearise(
+    values,
+    lat0,
+    dlat,
+    lon0,
+    dlon,
+    channel,
+    latitude,
+    longitude,
+    radian,
+    level,
+    transition,
+    jacobian,
+    xi,
+):  # type: ignore[no-untyped-def]
     rows = latitude.shape[0]
     residual = np.empty(rows)
     slope = np.empty((rows, 4))

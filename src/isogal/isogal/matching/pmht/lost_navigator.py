@@ -1,12 +1,15 @@
-"""A second opinion for `pmht`: where the map seems to be worse than was said, is it the map, or is the navigator somewhere else?
+"""A second opinion for `pmht`: where the map seems to be worse than was said, is it the map, or is
+the navigator somewhere else?
 
-A navigator that is 10 km off and does not know it meets residuals that look like those of a poor map, only larger and smoother: the
-matcher learns them as the map's error (`noise_estimation`), its fixes say next to nothing, and no single batch tells the difference.
-Many batches together do. So when the evidence is against the map's error as told (`NoiseEstimate.doubt`), a second matcher is asked that
-takes the map's error as told and the navigator as lost. It is given the batches of the last hour and those to come, as a navigator would
-have that took none of the fixes since, with the covariance that it would have had, started with LOST_SIGMA more. Once it is sure of a
-place, the two matchers' evidence for the same readings decides: either the navigator is told where it is, or its place stands.
-"""
+A navigator that is 10 km off and does not know it meets residuals that look like those of a poor
+map, only larger and smoother: the matcher learns them as the map's error (`noise_estimation`), its
+fixes say next to nothing, and no single batch tells the difference. Many batches together do. So
+when the evidence is against the map's error as told (`NoiseEstimate.doubt`), a second matcher is
+asked that takes the map's error as told and the navigator as lost. It is given the batches of the
+last hour and those to come, as a navigator would have that took none of the fixes since, with the
+covariance that it would have had, started with LOST_SIGMA more. Once it is sure of a place, the
+two matchers' evidence for the same readings decides: either the navigator is told where it is, or
+its place stands."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,26 +21,35 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.batching import condition, unconditioned
-from isogal.matching.information import joint_prior, likelihood_information, measurement_only, positive_part
+from isogal.matching.information import (
+    joint_prior,
+    likelihood_information,
+    measurement_only,
+    positive_part,
+)
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.memory import Memory
 from isogal.scenario import Matcher as MatcherSettings
 
 _DOUBTED = 4.0
-"""Log Bayes factor against the map's error as told that asks for a second opinion; that of right navigators stayed below 2.5."""
+"""Log Bayes factor against the map's error as told that asks for a second opinion; that of right
+navigators stayed below 2.5."""
 _AGAIN = 10.0
-"""Factor by which it must have grown for the next, after an opinion that the navigator's place stands."""
+"""Factor by which it must have grown for the next, after an opinion that the navigator's place
+stands."""
 _BETTER = 8.0
 """Log evidence by which the other place must be ahead."""
 _SAME = 0.95
-"""Probability that the second matcher gives the navigator's own place before it is heard no longer."""
+"""Probability that the second matcher gives the navigator's own place before it is heard no
+longer."""
 _NEAR = 500.0
 """m, on top of three of its 1-sigmas: within this of the navigator is its own place."""
 _HISTORY = 12
 """Batches remembered."""
 _AT_ONCE = 2
-"""Batches of the past that are matched along with a new one: the search is wide, and the new fix must not wait for long."""
+"""Batches of the past that are matched along with a new one: the search is wide, and the new fix
+must not wait for long."""
 _CONTEXT = 10
 """Older scans that the second matcher sees of a batch."""
 _PATIENCE = 36
@@ -56,7 +68,8 @@ class _Past:
 
     @property
     def posterior(self) -> tuple[Array, Array]:
-        """Mean (7,) and covariance (7, 7) of the navigator's error, as seen before the fix, once it was told."""
+        """Mean (7,) and covariance (7, 7) of the navigator's error, as seen before the fix, once
+        it was told."""
         return _posterior(joint_prior(self.batch), self.information)
 
 
@@ -92,14 +105,16 @@ class Doubts:
 
 @dataclass(frozen=True)
 class Doubting:
-    """`pmht` as scenarios have it: the matcher of batches with a second opinion. See the module."""
+    """`pmht` as scenarios have it: the matcher of batches with a second opinion. See the
+    module."""
 
     first: Pmht
     name: str = "pmht"
 
     @classmethod
     def from_settings(cls, matcher: MatcherSettings) -> "Doubting":
-        """Build it from a scenario's matcher section; raises InputError on an unknown or bad option."""
+        """Build it from a scenario's matcher section; raises InputError on an unknown or bad
+        option."""
         return cls(Pmht.from_settings(matcher))
 
     @property
@@ -107,12 +122,20 @@ class Doubting:
         """Scans before the batch."""
         return self.first.context
 
-    def match(self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Doubts | None) -> tuple[Fix, Doubts]:
+    def match(
+        self, batch: Batch, field_map: FieldMap | ChannelMap, memory: Doubts | None
+    ) -> tuple[Fix, Doubts]:
         """Match one batch; see `interfaces.Matcher`."""
         doubts = memory or Doubts(None)
         fix, after = self.first.match(batch, field_map, doubts.memory)
         doubt = after.noise.doubt if after is not None and after.noise is not None else 0.0
-        if batch.attitude is None or fix.reset or after is None or after.noise is None or after.noise.prior is None:
+        if (
+            batch.attitude is None
+            or fix.reset
+            or after is None
+            or after.noise is None
+            or after.noise.prior is None
+        ):
             return fix, Doubts(after, threshold=doubts.threshold)
         before = doubts.memory.evidence if doubts.memory else 0.0
         past = _Past(batch, fix.information if fix.published else None, after.evidence - before)
@@ -127,16 +150,29 @@ class Doubting:
         return self._ask(opinion, batch, field_map, fix, doubts, doubt)
 
     def _ask(
-        self, opinion: _Opinion, batch: Batch, field_map: FieldMap | ChannelMap, fix: Fix, doubts: Doubts, doubt: float
+        self,
+        opinion: _Opinion,
+        batch: Batch,
+        field_map: FieldMap | ChannelMap,
+        fix: Fix,
+        doubts: Doubts,
+        doubt: float,
     ) -> tuple[Fix, Doubts]:
         """Give the second matcher its next batches, and do what it says."""
-        fix = replace(fix, diagnostics={**fix.diagnostics, "second_opinion": float(opinion.batches)})
+        fix = replace(
+            fix, diagnostics={**fix.diagnostics, "second_opinion": float(opinion.batches)}
+        )
         settled = replace(doubts, opinion=None, threshold=max(_AGAIN * doubt, _DOUBTED))
         for _ in range(1 + _AT_ONCE):
             if not opinion.waiting:
                 break
             opinion, elsewhere = self._next(opinion, field_map)
-            if elsewhere.reset or opinion.memory is None or opinion.batches > _PATIENCE or _stands(opinion):
+            if (
+                elsewhere.reset
+                or opinion.memory is None
+                or opinion.batches > _PATIENCE
+                or _stands(opinion)
+            ):
                 return fix, settled
             if elsewhere.published and not opinion.waiting:
                 if opinion.memory.evidence - opinion.evidence < _BETTER:
@@ -145,7 +181,8 @@ class Doubting:
         return fix, replace(doubts, opinion=opinion)
 
     def _next(self, opinion: _Opinion, field_map: FieldMap | ChannelMap) -> tuple[_Opinion, Fix]:
-        """Match the next batch as the navigator would have it that has only taken this matcher's fixes."""
+        """Match the next batch as the navigator would have it that has only taken this matcher's
+        fixes."""
         past, last = opinion.waiting[0], opinion.last
         prior = joint_prior(past.batch)
         if last is None or opinion.covariance is None or opinion.shift is None:
@@ -154,7 +191,9 @@ class Doubting:
             forward = np.linalg.inv(_back(past.batch))
             shift = forward @ opinion.shift
             grown = prior - forward @ last.posterior[1] @ forward.T
-            covariance = forward @ opinion.covariance @ forward.T + positive_part(grown, np.sqrt(np.diag(prior)))
+            covariance = forward @ opinion.covariance @ forward.T + positive_part(
+                grown, np.sqrt(np.diag(prior))
+            )
         seen = _seen_by(past.batch, shift, covariance)
         fix, memory = self.first.match(seen, field_map, opinion.memory)
         mean, covariance = _posterior(covariance, fix.information if fix.published else None)
@@ -183,8 +222,13 @@ def _stands(opinion: _Opinion) -> bool:
 
 def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
     """Return the fix that tells the navigator where it is."""
-    assert opinion.last is not None and opinion.covariance is not None and opinion.shift is not None
-    mean, covariance = opinion.shift + opinion.last.posterior[0], opinion.covariance  # the batch's own fix is not taken
+    assert (
+        opinion.last is not None and opinion.covariance is not None and opinion.shift is not None
+    )
+    mean, covariance = (
+        opinion.shift + opinion.last.posterior[0],
+        opinion.covariance,
+    )  # the batch's own fix is not taken
     lost = joint_prior(batch) + LOST_COVARIANCE
     return replace(
         elsewhere,
@@ -198,7 +242,8 @@ def _moved(elsewhere: Fix, batch: Batch, opinion: _Opinion) -> Fix:
 
 
 def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
-    """Return the batch as a navigator would have it that stands elsewhere and knows its error otherwise.
+    """Return the batch as a navigator would have it that stands elsewhere and knows its error
+    otherwise.
 
     Parameters
     ----------
@@ -233,14 +278,16 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
 
 
 def _back(batch: Batch) -> Array:
-    """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a first batch has none."""
+    """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a
+    first batch has none."""
     if batch.back_transition is None or batch.back_drift is None:
         return np.eye(7)
     return unconditioned(batch, batch.back_transition, batch.back_drift)
 
 
 def _shortened(batch: Batch) -> Batch:
-    """Return the batch with only the last of its older scans: they tell most about the map's error, and the search takes less long."""
+    """Return the batch with only the last of its older scans: they tell most about the map's
+    error, and the search takes less long."""
     rows = slice(max(0, len(batch) - batch.new - _CONTEXT), None)
     names = (
         "time", "latitude", "longitude", "velocity", "reading", "sigma", "offset",

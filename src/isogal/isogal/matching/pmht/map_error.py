@@ -1,10 +1,10 @@
 """Map error estimated from the residuals.
 
-The marginal likelihood of each batch's new residuals given the ones before, linearised at the estimated position with the navigator's
-error integrated out, is added up over batches on a grid of (sigma, correlation length): a discrete posterior (type-II likelihood,
-Rasmussen & Williams 2006, section 5.4). The prior is log-uniform where nobody says how wrong the map is, and log-normal about what was
-said where somebody does.
-"""
+The marginal likelihood of each batch's new residuals given the ones before, linearised at the
+estimated position with the navigator's error integrated out, is added up over batches on a grid of
+(sigma, correlation length): a discrete posterior (type-II likelihood, Rasmussen & Williams 2006,
+section 5.4). The prior is log-uniform where nobody says how wrong the map is, and log-normal about
+what was said where somebody does."""
 
 import math
 from dataclasses import dataclass, replace
@@ -25,7 +25,8 @@ _LENGTHS = np.geomspace(500.0, 16000.0, 6)
 _SIGMA_STEPS, _LENGTH_STEPS = np.linspace(-2.0, 2.0, 9), np.linspace(-2.0, 2.0, 5)
 """Grids about what was said, in 1-sigma of the prior of log sigma and log length."""
 _BEFORE = 10
-"""Older residuals that new ones are conditioned on: what they say about the map's error here, still older ones say less well."""
+"""Older residuals that new ones are conditioned on: what they say about the map's error here,
+still older ones say less well."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,17 +41,20 @@ class NoiseEstimate:
     """(S, L) log of the prior plus the evidence of the batches, without a constant."""
     batches: int = 0
     prior: Array | None = None
-    """(S, L) log of the prior about what was said, which is in the middle of the grid; None = nothing was said."""
+    """(S, L) log of the prior about what was said, which is in the middle of the grid; None =
+    nothing was said."""
 
     @classmethod
     def unknown(cls, batch: Batch, field_map: FieldMap) -> "NoiseEstimate":
-        """Return the prior of somebody who knows nothing: every sigma and length equally likely."""
+        """Return the prior of somebody who knows nothing: every sigma and length equally
+        likely."""
         scale = max(field_scale(field_map), float(np.nanmedian(batch.sigma)))
         return cls(scale * _SHARES, _LENGTHS, np.zeros((len(_SHARES), len(_LENGTHS))))
 
     @classmethod
     def told(cls, noise: NoiseModel, factor: float) -> "NoiseEstimate":
-        """Return the prior of somebody who was told sigma and length, right within a factor (1-sigma)."""
+        """Return the prior of somebody who was told sigma and length, right within a factor
+        (1-sigma)."""
         prior = -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2)
         return cls(
             noise.map_sigma * factor**_SIGMA_STEPS,
@@ -61,7 +65,8 @@ class NoiseEstimate:
 
     @property
     def doubt(self) -> float:
-        """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing was said."""
+        """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing
+        was said."""
         if self.prior is None:
             return 0.0
         above = len(self.sigma) // 2 + 1
@@ -89,8 +94,11 @@ class NoiseEstimate:
             correlation_length=float(np.exp((p.sum(axis=0) * np.log(self.length)).sum())),
         )
 
-    def update(self, batch: Batch, likelihood: BatchLikelihood, field_map: FieldMap, mean: Array) -> "NoiseEstimate":
-        """Add the evidence of the new readings of a batch given the older ones, linearised at the error mean (4,).
+    def update(
+        self, batch: Batch, likelihood: BatchLikelihood, field_map: FieldMap, mean: Array
+    ) -> "NoiseEstimate":
+        """Add the evidence of the new readings of a batch given the older ones, linearised at the
+        error mean (4,).
 
         The navigator's prior knows the older readings already.
         """
@@ -101,11 +109,18 @@ class NoiseEstimate:
         rows = likelihood.rows[first:]
         slope = slope[first:]
         white = batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0
-        unknown = np.concatenate([slope @ np.linalg.cholesky(batch.prior), likelihood.drift_at(mean)[first:]], axis=1)
+        unknown = np.concatenate(
+            [slope @ np.linalg.cholesky(batch.prior), likelihood.drift_at(mean)[first:]], axis=1
+        )
         shapes = np.stack(
             [
                 residual_covariance(
-                    batch.latitude[rows], batch.longitude[rows], np.zeros(len(rows)), np.ones(len(rows)), length, 0.0
+                    batch.latitude[rows],
+                    batch.longitude[rows],
+                    np.zeros(len(rows)),
+                    np.ones(len(rows)),
+                    length,
+                    0.0,
                 )
                 for length in self.length
             ]
@@ -129,7 +144,8 @@ def _log_mean(log_weight: Array, log_prior: Array) -> float:
 
 
 def field_scale(field_map: FieldMap) -> float:
-    """Return the standard deviation of the map's values, by a sample of at most 200 x 200 nodes."""
+    """Return the standard deviation of the map's values, by a sample of at most 200 x 200
+    nodes."""
     steps = [max(1, count // 200) for count in field_map.values.shape]
     return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
 
@@ -142,11 +158,12 @@ def differs(a: NoiseModel, b: NoiseModel, factor: float = 1.2) -> bool:
 
 @kernel
 def _evidence(white, shapes, variances, residual, unknown, first):  # type: ignore[no-untyped-def]
-    """Return (S, L) log densities of the last residuals given the first ones, without the constant.
+    """Return (S, L) log densities of the last residuals given the first ones, without the
+    constant.
 
-    Residuals (n,) are N(0, diag(white) + variance shape + unknown unknown'), unknown (n, m); only the residuals from `first` on know the
-    unknowns. With the factor of diag(white) + variance shape the last whitened rows are N(0, 1 + A A') (Woodbury).
-    """
+    Residuals (n,) are N(0, diag(white) + variance shape + unknown unknown'), unknown (n, m); only
+    the residuals from `first` on know the unknowns. With the factor of diag(white) + variance
+    shape the last whitened rows are N(0, 1 + A A') (Woodbury)."""
     n, m = unknown.shape
     out = np.empty((variances.shape[0], shapes.shape[0]))
     factor = np.empty((n, n))

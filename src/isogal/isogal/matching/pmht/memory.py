@@ -1,4 +1,5 @@
-"""What `pmht` carries from batch to batch, and how a hypothesis about the navigator's error ages."""
+"""What `pmht` carries from batch to batch, and how a hypothesis about the navigator's error
+ages."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from isogal.matching.pmht.sensor_bias import BiasEstimate
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Variance of unit weight over the last batches, held at 1 by a prior until the residuals clearly say more."""
+    """Variance of unit weight over the last batches, held at 1 by a prior until the residuals
+    clearly say more."""
 
     misfit: float = 60.0
     freedom: float = 60.0
@@ -38,7 +40,8 @@ class Memory:
     prior: Array
     """(4, 4) the navigator's covariance at that time, after the fix if one was published."""
     belief: Mixture | None
-    """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all there is."""
+    """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all
+    there is."""
     suspicion: int = 0
     """Inconsistent batches in a row."""
     excluded: frozenset[float] = frozenset()
@@ -54,7 +57,8 @@ class Memory:
 
 
 def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
-    """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or the navigator's own prior."""
+    """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or
+    the navigator's own prior."""
     if memory is None or memory.belief is None:
         return Mixture.gaussian(np.zeros(4), batch.prior)
     gain, rest = _carry(batch, float(batch.time[-1]) - memory.time)
@@ -62,11 +66,12 @@ def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
 
 
 def _carry(batch: Batch, elapsed: float) -> tuple[Array, Array]:
-    """Return gain (4, 4) and covariance (4, 4): xi given the error x where the last batch ended is N(gain x, covariance).
+    """Return gain (4, 4) and covariance (4, 4): xi given the error x where the last batch ended is
+    N(gain x, covariance).
 
-    By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): whatever it knows about how its errors go together, over
-    priors of tens of km as well, a hypothesis about x knows, too.
-    """
+    By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): whatever it knows
+    about how its errors go together, over priors of tens of km as well, a hypothesis about x
+    knows, too."""
     back, drift = (array[:4] for array in batch.back(elapsed))
     then = back @ batch.prior @ back.T + drift @ drift.T
     gain = np.asarray(np.linalg.solve(then, back @ batch.prior).T, dtype=np.float64)

@@ -1,4 +1,5 @@
-"""What is assumed about residuals, and their covariance: white noise, map error correlated along the track, an unknown constant."""
+"""What is assumed about residuals, and their covariance: white noise, map error correlated along
+the track, an unknown constant."""
 
 from dataclasses import dataclass
 
@@ -30,24 +31,29 @@ def residual_covariance(
     bias_sigma: float,
     channel: Integers | None = None,
 ) -> Array:
-    """Return R (T, T) of the likelihood's equation (`isogal.matching.pmht.likelihood`); positions rad, the rest in the map's unit and m.
+    """Return R (T, T) of the likelihood's equation (`isogal.matching.pmht.likelihood`); positions
+    rad, the rest in the map's unit and m.
 
-    Map errors and biases of different channels (T,) are independent; a correlation length (T, 1) is the same for all rows of a channel.
-    """
+    Map errors and biases of different channels (T,) are independent; a correlation length (T, 1)
+    is the same for all rows of a channel."""
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
         apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         distance = 0.5 * (distance + distance.T)
-        covariance = covariance + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
+        covariance = (
+            covariance
+            + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
+        )
     return covariance + bias_sigma**2 * together
 
 
 def correlation_lengths(
     field_map: FieldMap | ChannelMap, channel: Integers, noise: NoiseModel
 ) -> float | Array:
-    """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is larger than what is assumed."""
+    """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is
+    larger than what is assumed."""
     if isinstance(field_map, FieldMap):
         return noise.correlation_length
     length = [
@@ -73,7 +79,8 @@ def map_sigmas(
     mean: Array,
     covariance: Array,
 ) -> Array:
-    """Return (T,) the root mean square of the map's own sigma over where each row may have been taken; 0 where it has none."""
+    """Return (T,) the root mean square of the map's own sigma over where each row may have been
+    taken; 0 where it has none."""
     if not uneven(field_map):
         return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

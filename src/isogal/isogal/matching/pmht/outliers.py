@@ -6,7 +6,8 @@ from isogal.arrays import Array, Booleans
 
 
 def leave_one_out(residual: Array, covariance: Array) -> Array:
-    """Return (T,) each residual's deviation from what the others predict for it, in its own 1-sigma.
+    """Return (T,) each residual's deviation from what the others predict for it, in its own
+    1-sigma.
 
     For r ~ N(0, S): (S⁻¹ r)_i / sqrt((S⁻¹)_ii) (Rasmussen & Williams 2006, eqs. 5.10-5.12).
     """
@@ -15,7 +16,8 @@ def leave_one_out(residual: Array, covariance: Array) -> Array:
 
 
 def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4) -> Booleans:
-    """Return (T,) which residuals are spikes: taken out worst first while the worst deviates by more than the gate.
+    """Return (T,) which residuals are spikes: taken out worst first while the worst deviates by
+    more than the gate.
 
     Parameters
     ----------
@@ -25,7 +27,8 @@ def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4)
     gate : float
         In 1-sigma.
     most : float
-        Share of the residuals at most; a batch with more is not cleaned at all: then the model is wrong, not the readings.
+        Share of the residuals at most; a batch with more is not cleaned at all: then the model is
+        wrong, not the readings.
     """
     bad = np.zeros(len(residual), dtype=np.bool_)
     for _ in range(int(most * len(residual)) + 1):
@@ -41,10 +44,11 @@ def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4)
 
 
 def smooth_misfit(latitude: Array, longitude: Array, sigma: float, length: float) -> Array:
-    """Return (T, T) covariance sigma² exp(-d² / 2 length²) of a smooth misfit along the track (positions rad, length m).
+    """Return (T, T) covariance sigma² exp(-d² / 2 length²) of a smooth misfit along the track
+    (positions rad, length m).
 
-    It stands for the wrong place's map values before the place is known: smooth over the map's features, unlike a spike.
-    """
+    It stands for the wrong place's map values before the place is known: smooth over the map's
+    features, unlike a spike."""
     from isogal.earth.frames import horizontal_difference
 
     apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)

@@ -1,22 +1,25 @@
 """Fixes that do not rest on the noise model alone: `pmht`'s, looked at twice.
 
-Maps are more wrong where the field varies more, their errors are not quite Gaussian, and nobody knows their correlation function.
-Two things follow, and neither of them narrows a fix.
+Maps are more wrong where the field varies more, their errors are not quite Gaussian, and nobody
+knows their correlation function. Two things follow, and neither of them narrows a fix.
 
-Which place it is. Evidence between places kilometres apart counts every reading with the noise assumed. From a prior wide enough to
-hold several (`hypotheses.WIDE`) a fix is published only if the same place is the likely one with twice the noise as well, which is
-what a model wrong by two in sigma explains.
+Which place it is. Evidence between places kilometres apart counts every reading with the noise
+assumed. From a prior wide enough to hold several (`hypotheses.WIDE`) a fix is published only if
+the same place is the likely one with twice the noise as well, which is what a model wrong by two
+in sigma explains.
 
-How well it is known there. Where the noise model is wrong the curvature of the likelihood is not the covariance of its peak; the sandwich
-H⁻¹ J H⁻¹ is (Huber 1967, Proc. 5th Berkeley Symp. 1:221-233; White 1982, Econometrica 50(1):1-25). With whitened residuals w and their
-derivatives G by the navigator's error, H = G'G, and J is the covariance of the score G'w, which the residuals show themselves:
+How well it is known there. Where the noise model is wrong the curvature of the likelihood is not
+the covariance of its peak; the sandwich H⁻¹ J H⁻¹ is (Huber 1967, Proc. 5th Berkeley Symp.
+1:221-233; White 1982, Econometrica 50(1):1-25). With whitened residuals w and their derivatives G
+by the navigator's error, H = G'G, and J is the covariance of the score G'w, which the residuals
+show themselves:
 
     J = sum_t s_t s_t' + sum_k (1 - k / (m + 1)) sum_t (s_t s_{t-k}' + s_{t-k} s_t'),   s_t = w_t G_t,
 
-(Newey & West 1987, Econometrica 55(3):703-708; m = 4 (n / 100)^(2/9), their rule of 1994, Rev. Econ. Stud. 61(4):631-653; residuals
-over sqrt(1 - leverage), MacKinnon & White 1985, J. Econometrics 29(3):305-325). If the noise model is right J is H but for chance.
-So only what J has more than H, beyond two 1-sigmas of that chance, widens a fix.
-"""
+(Newey & West 1987, Econometrica 55(3):703-708; m = 4 (n / 100)^(2/9), their rule of 1994, Rev.
+Econ. Stud. 61(4):631-653; residuals over sqrt(1 - leverage), MacKinnon & White 1985, J.
+Econometrics 29(3):305-325). If the noise model is right J is H but for chance. So only what J has
+more than H, beyond two 1-sigmas of that chance, widens a fix."""
 
 from dataclasses import replace
 
@@ -43,9 +46,15 @@ _CHANCE = 2.0
 
 
 def confirmed(
-    fix: Fix, after: Memory, before: Memory | None, batch: Batch, field_map: FieldMap, matcher: Pmht
+    fix: Fix,
+    after: Memory,
+    before: Memory | None,
+    batch: Batch,
+    field_map: FieldMap,
+    matcher: Pmht,
 ) -> tuple[Fix, Memory]:
-    """Return a published fix and the memory after it, or why twice the noise leaves it open, and the hypotheses for the next batch.
+    """Return a published fix and the memory after it, or why twice the noise leaves it open, and
+    the hypotheses for the next batch.
 
     Parameters
     ----------
@@ -67,9 +76,9 @@ def confirmed(
     if memory is None or (doubtful.published and _near(fix, doubtful)):
         return fix, after
     reason = doubtful.reason or "that finds it elsewhere"
-    return declined(batch, f"not found with twice the noise: {reason}", **fix.diagnostics), replace(
-        after, belief=memory.belief
-    )
+    return declined(
+        batch, f"not found with twice the noise: {reason}", **fix.diagnostics
+    ), replace(after, belief=memory.belief)
 
 
 def _near(fix: Fix, other: Fix) -> bool:
@@ -79,7 +88,13 @@ def _near(fix: Fix, other: Fix) -> bool:
 
 
 def widened(
-    fix: Fix, after: Memory, batch: Batch, field_map: FieldMap, matcher: Pmht, mean: Array, covariance: Array
+    fix: Fix,
+    after: Memory,
+    batch: Batch,
+    field_map: FieldMap,
+    matcher: Pmht,
+    mean: Array,
+    covariance: Array,
 ) -> Fix:
     """Return a published fix with a covariance that the residuals agree with.
 
@@ -91,8 +106,12 @@ def widened(
         Of the batch's error, prior and fix together.
     """
     noise = matcher.noise if after.noise is None else after.noise.model(matcher.noise)
-    used = replace(batch, reading=np.where(np.isin(batch.time, list(after.excluded)), np.nan, batch.reading))
-    likelihood = BatchLikelihood.of(used, field_map, noise, belief=(mean, covariance)).scaled(after.scale.factor)
+    used = replace(
+        batch, reading=np.where(np.isin(batch.time, list(after.excluded)), np.nan, batch.reading)
+    )
+    likelihood = BatchLikelihood.of(used, field_map, noise, belief=(mean, covariance)).scaled(
+        after.scale.factor
+    )
     residual, slope = likelihood.linearise(mean)
     if not np.isfinite(residual).all():
         return fix
@@ -104,7 +123,8 @@ def widened(
 
 
 def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
-    """Return (k, k) what the sandwich covariance has more than the inverse curvature; zeros where the residuals fit the noise model.
+    """Return (k, k) what the sandwich covariance has more than the inverse curvature; zeros where
+    the residuals fit the noise model.
 
     Parameters
     ----------
@@ -113,7 +133,8 @@ def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
     slope : (n, k) array
         Their derivatives by the error.
     prior : (k, k) array
-        Covariance of the error without them; directions about which they tell next to nothing are left alone.
+        Covariance of the error without them; directions about which they tell next to nothing are
+        left alone.
     """
     scale = np.linalg.cholesky(prior)
     values, vectors = np.linalg.eigh(scale.T @ slope.T @ slope @ scale)
@@ -126,7 +147,9 @@ def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
     score = unit * (whitened / np.sqrt(1.0 - leverage))[:, None]
     weight = _bartlett(len(whitened))
     factors, turn = np.linalg.eigh(score.T @ weight @ score)
-    chance = np.sqrt(2.0 * np.einsum("ti,tu,ui->i", (unit @ turn) ** 2, weight**2, (unit @ turn) ** 2))
+    chance = np.sqrt(
+        2.0 * np.einsum("ti,tu,ui->i", (unit @ turn) ** 2, weight**2, (unit @ turn) ** 2)
+    )
     more = np.where(factors > 1.0 + _CHANCE * chance, factors - 1.0, 0.0)
     along = axes @ turn
     return np.asarray((along * more) @ along.T, dtype=np.float64)
@@ -145,7 +168,8 @@ def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
         return fix
     information = fix.information
     if information is not None:
-        # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions without information stay without
+        # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions
+        # without information stay without
         size = np.sqrt(np.maximum(np.abs(np.diag(information.matrix)), 1e-300))
         told = positive_part(information.matrix, size)
         spread = np.eye(len(excess)) + told @ excess
@@ -156,6 +180,11 @@ def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
         fix,
         covariance=fix.covariance + excess[:2, :2],
         information=information,
-        scan_covariance=None if fix.scan_covariance is None else fix.scan_covariance + excess[:2, :2] * scans,
-        diagnostics={**fix.diagnostics, "widened": float(np.sqrt(np.trace(excess[:2, :2]) / np.trace(fix.covariance)))},
+        scan_covariance=(
+            None if fix.scan_covariance is None else fix.scan_covariance + excess[:2, :2] * scans
+        ),
+        diagnostics={
+            **fix.diagnostics,
+            "widened": float(np.sqrt(np.trace(excess[:2, :2]) / np.trace(fix.covariance))),
+        },
     )

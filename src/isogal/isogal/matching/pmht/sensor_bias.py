@@ -1,12 +1,13 @@
 """The readings' bias and drift, estimated from batch to batch beside the navigator's error.
 
-State: theta = (bias at a time, drift per second), Gaussian given the navigator's error x there (position, velocity and, where the batch
-knows it, attitude): theta = mean + gain x + N(0, covariance). The gain is what matters: a bias looks like a position error along the map's
-gradient, and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For a batch the state is the
-linear part of what the readings contain beside the map: `reading_jacobian` by xi, and unit-variance columns of `drift_reading`, which
-the likelihood integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose considered parameters
-are estimated after all.
-"""
+State: theta = (bias at a time, drift per second), Gaussian given the navigator's error x there
+(position, velocity and, where the batch knows it, attitude): theta = mean + gain x + N(0,
+covariance). The gain is what matters: a bias looks like a position error along the map's gradient,
+and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For
+a batch the state is the linear part of what the readings contain beside the map:
+`reading_jacobian` by xi, and unit-variance columns of `drift_reading`, which the likelihood
+integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose
+considered parameters are estimated after all."""
 
 import math
 from dataclasses import dataclass, replace
@@ -34,7 +35,8 @@ class BiasEstimate:
     gain: Array
     """(2, n)."""
     error: Array | None = None
-    """(n, n) the navigator's covariance of x at that time if it has taken the fix that was published; None = there was none."""
+    """(n, n) the navigator's covariance of x at that time if it has taken the fix that was
+    published; None = there was none."""
 
     @classmethod
     def unknown(cls, time: float, bias_sigma: float, drift_sigma: float) -> "BiasEstimate":
@@ -53,7 +55,8 @@ class BiasEstimate:
         back, drift = back[:states], drift[:states]
         if self._taken(last, back[:4] @ batch.prior @ back[:4].T + drift[:4] @ drift[:4].T):
             return LinearBias(end, mean, gain @ back, gain @ drift, own)
-        # a batch is missing, or another correction was made than was published: how the errors go together is not known any more
+        # a batch is missing, or another correction was made than was published: how the errors go
+        # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
         own = _root(own @ own.T + gain @ before @ gain.T)
         return LinearBias(end, mean, np.zeros((2, 4)), np.zeros((2, drift.shape[1])), own)
@@ -82,7 +85,8 @@ class BiasEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
-    """theta at a batch's end: mean + by_error xi + by_drift d + own u, with d the navigator's drift and u ~ N(0, 1) (2,)."""
+    """theta at a batch's end: mean + by_error xi + by_drift d + own u, with d the navigator's
+    drift and u ~ N(0, 1) (2,)."""
 
     time: float
     mean: Array
@@ -95,14 +99,21 @@ class LinearBias:
     """(2, 2)."""
 
     def added_to(self, batch: Batch) -> Batch:
-        """Return the batch whose readings are known to contain bias and drift; u is two more columns of its drift."""
-        shares = np.stack([np.ones(len(batch)), batch.time - self.time], axis=1)  # of bias and drift, in each reading
+        """Return the batch whose readings are known to contain bias and drift; u is two more
+        columns of its drift."""
+        shares = np.stack(
+            [np.ones(len(batch)), batch.time - self.time], axis=1
+        )  # of bias and drift, in each reading
         return replace(
             batch,
             offset=batch.offset + shares @ self.mean,
             reading_jacobian=batch.reading_jacobian + shares @ self.by_error,
-            drift_reading=np.concatenate([batch.drift_reading + shares @ self.by_drift, shares @ self.own], axis=1),
-            drift_position=np.concatenate([batch.drift_position, np.zeros((len(batch), 2, 2))], axis=2),
+            drift_reading=np.concatenate(
+                [batch.drift_reading + shares @ self.by_drift, shares @ self.own], axis=1
+            ),
+            drift_position=np.concatenate(
+                [batch.drift_position, np.zeros((len(batch), 2, 2))], axis=2
+            ),
         )
 
     def unmeasured(self, batch: Batch) -> BiasEstimate:
@@ -110,11 +121,13 @@ class LinearBias:
         gain, rest = _by_state(batch, self.by_error, self.by_drift)
         return BiasEstimate(self.time, self.mean, _symmetric(self.own @ self.own.T + rest), gain)
 
-    def measured(self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array) -> BiasEstimate:
+    def measured(
+        self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array
+    ) -> BiasEstimate:
         """Return the state after a batch, for a navigator that takes the fix.
 
-        Given xi and the navigator's drift d, u is the regression of the whitened new residuals w = -D d - U u + N(0, 1), linearised
-        at the mean.
+        Given xi and the navigator's drift d, u is the regression of the whitened new residuals w =
+        -D d - U u + N(0, 1), linearised at the mean.
 
         Parameters
         ----------
@@ -124,13 +137,17 @@ class LinearBias:
         mean = whole[:4]
         residual, slope = likelihood.linearise(mean)
         drift = likelihood.drift_at(mean)
-        white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[likelihood.first_new :]
+        white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[
+            likelihood.first_new :
+        ]
         U = white[:, -2:]
         inner = np.eye(2) + U.T @ U
         learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-2])  # by residual, xi, d
         by_drift = self.by_drift + learnt[:, 5:]
         gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_drift)
-        expected = likelihood.drift_given(mean)[0][:-2] if batch.attitude else np.zeros(by_drift.shape[1])
+        expected = (
+            likelihood.drift_given(mean)[0][:-2] if batch.attitude else np.zeros(by_drift.shape[1])
+        )
         return BiasEstimate(
             self.time,
             self.mean + self.by_error @ mean + learnt[:, 0] + by_drift @ expected,
@@ -141,7 +158,8 @@ class LinearBias:
 
 
 def _by_state(batch: Batch, by_error: Array, by_drift: Array) -> tuple[Array, Array]:
-    """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error state; and the covariance that is left."""
+    """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error
+    state; and the covariance that is left."""
     if batch.attitude is None:
         return by_error, by_drift @ by_drift.T
     by_state = unconditioned(batch, by_error, by_drift)
