@@ -31,7 +31,7 @@ def reduction_of(name):
     return FIELDS[name].reduction(it)
 
 
-SCALARS = [name for name, field in FIELDS.items() if field.vector is None]
+SCALARS = [name for name, field in FIELDS.items() if field.channels is None]
 """Vectors have tests of their own."""
 REDUCTIONS = {name: reduction_of(name) for name in SCALARS}
 speeds = st.floats(-80.0, 80.0)

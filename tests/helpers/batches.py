@@ -108,8 +108,8 @@ def make_batch(
         "offset": np.zeros(scans),
         "transition": transition,
         "reading_jacobian": slope,
-        "drift_position": np.zeros((scans, 2, 0)),
-        "drift_reading": np.zeros((scans, 0)),
+        "nuisance_position": np.zeros((scans, 2, 0)),
+        "nuisance_reading": np.zeros((scans, 0)),
         "prior": np.diag([prior_sigma[0] ** 2] * 2 + [prior_sigma[1] ** 2] * 2),
         "new": scans,
     }

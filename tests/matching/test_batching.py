@@ -108,13 +108,13 @@ def test_transition_is_what_the_strapdown_does(name, trajectory):
     # with an attitude independent of xi and of unit variance, the drift's components are the
     # attitude's
     batch = builder_of(position, velocity).build(independent_prior())
-    predicted = batch.transition @ xi + batch.drift_position @ psi
+    predicted = batch.transition @ xi + batch.nuisance_position @ psi
     within = 0.1 if trajectory is TRAJECTORY else 0.3 + 0.02 * np.abs(predicted - actual[-1]).max()
     np.testing.assert_allclose(predicted, actual, atol=within)
     moved = np.abs(actual - actual[-1]).max()
     assert name == "position" or moved > 1.0  # staying put would be wrong
     np.testing.assert_allclose(batch.transition[-1], np.eye(2, 4), atol=1e-12)
-    np.testing.assert_allclose(batch.drift_position[-1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(batch.nuisance_position[-1], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -125,13 +125,13 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
     builder = builder_of(*flown(TRAJECTORY)[:2])
     whole = builder.build(independent_prior())
     back = np.concatenate(
-        [whole.transition, whole.drift_position], axis=2
+        [whole.transition, whole.nuisance_position], axis=2
     )  # (T, 2, 7) by all seven states
     batch = builder.build(prior)
     np.testing.assert_array_equal(batch.prior, 0.5 * (prior + prior.T)[:4, :4])
     joint = back @ prior @ back.transpose(0, 2, 1)
     split = batch.transition @ prior[:4, :4] @ batch.transition.transpose(0, 2, 1)
-    split += batch.drift_position @ batch.drift_position.transpose(0, 2, 1)
+    split += batch.nuisance_position @ batch.nuisance_position.transpose(0, 2, 1)
     np.testing.assert_allclose(split, joint, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(
         batch.transition @ prior[:4, :4], back @ prior[:, :4], rtol=1e-9, atol=1e-6
@@ -140,8 +140,8 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
 
 def test_without_attitude_there_is_no_drift():
     batch = builder_of(*flown(TRAJECTORY)[:2]).build(np.diag(PRIOR_SIGMA[:4] ** 2))
-    assert batch.drift_position.shape == (SCANS, 2, 0)
-    assert batch.drift_reading.shape == (SCANS, 0)
+    assert batch.nuisance_position.shape == (SCANS, 2, 0)
+    assert batch.nuisance_reading.shape == (SCANS, 0)
     age = 300.0 - batch.time
     # a velocity error that ends with no tilt was, by Schuler, sin(w age) / w of a constant one
     rate = np.sqrt(9.8 / 6.37e6)
@@ -166,7 +166,7 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
     batch = builder_of(position, velocity, quantity=quantity).build(independent_prior())
     assert np.abs(wrong).max() > 2e-5
     np.testing.assert_allclose(
-        batch.reading_jacobian @ xi + batch.drift_reading @ psi, wrong, atol=3e-7
+        batch.reading_jacobian @ xi + batch.nuisance_reading @ psi, wrong, atol=3e-7
     )
 
 
@@ -175,7 +175,7 @@ def test_terrain_is_not_reduced_with_position_or_velocity():
         random_covariance(PRIOR_SIGMA)
     )
     assert not batch.reading_jacobian.any()
-    assert not batch.drift_reading.any()
+    assert not batch.nuisance_reading.any()
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_back_to_where_the_last_batch_ended(name):
     north, east = horizontal_difference(*position.T, *true_position.T).T
     error = np.column_stack([north, east, velocity - true_velocity])
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
-    then = batch.back_transition @ error[-1] + batch.back_drift @ psi
+    then = batch.back_transition @ error[-1] + batch.back_nuisance @ psi
     np.testing.assert_allclose(then[:2], error[19, :2], atol=0.05)
     np.testing.assert_allclose(then[2:4], error[19, 2:], atol=1e-3)
     there = (attitude[19] * true_attitude[19].inv()).as_rotvec()

@@ -14,7 +14,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
-from isogal.matching.channels import first_channel, vector_batch
+from isogal.matching.channels import first_channel, channel_batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -46,7 +46,7 @@ def tensor_batch(
     noise = np.random.default_rng(seed).multivariate_normal(
         np.zeros(tensors.shape[1]), covariance, len(scalar), method="cholesky"
     )
-    return vector_batch(scalar, tensors + noise, covariance), scalar, truth
+    return channel_batch(scalar, tensors + noise, covariance), scalar, truth
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_log_is_that_of_the_multivariate_normal(noise):
 
 def test_one_channel_is_a_scalar():
     scalar, _ = make_batch(DISTURBANCE)
-    batch = vector_batch(scalar, scalar.reading[:, None], [[1e-10]])
+    batch = channel_batch(scalar, scalar.reading[:, None], [[1e-10]])
     noise = NoiseModel(2e-5, 3000.0, 1e-5)
     expected = BatchLikelihood.of(scalar, DISTURBANCE, noise).log(XI)
     np.testing.assert_allclose(
@@ -103,8 +103,8 @@ def test_a_channel_without_a_reading_is_left_out():
     reading[3, 2] = np.nan
     reading[:, 4] = np.nan
     four = ChannelMap(TENSOR.channels[:4])
-    holed = vector_batch(scalar, reading, COVARIANCE)
-    kept = vector_batch(scalar, reading[:, :4], COVARIANCE[:4, :4])
+    holed = channel_batch(scalar, reading, COVARIANCE)
+    kept = channel_batch(scalar, reading[:, :4], COVARIANCE[:4, :4])
     expected = BatchLikelihood.of(kept, four, NoiseModel()).log(XI)
     np.testing.assert_allclose(
         BatchLikelihood.of(holed, TENSOR, NoiseModel()).log(XI), expected, rtol=1e-9
@@ -146,7 +146,7 @@ def test_more_components_tell_more_and_shared_noise_cancels():
         part = ChannelMap(TENSOR.channels[channels])
         readings = batch.reading.reshape(-1, C)[:, channels]
         fix, _ = Pmht.from_settings(Matcher()).match(
-            vector_batch(scalar, readings, covariance), part, None
+            channel_batch(scalar, readings, covariance), part, None
         )
         assert fix.published, fix.reason
         spread[name] = np.sqrt(np.trace(fix.covariance))
@@ -188,8 +188,8 @@ def test_what_does_not_fit_is_refused_or_declined():
         (readings, np.full((2, 2), np.nan), "must be positive definite"),
     ):
         with pytest.raises(InputError, match=message):
-            vector_batch(scalar, bad, covariance)
-    batch = vector_batch(scalar, readings, EOTVOS**2 * np.eye(2))
+            channel_batch(scalar, bad, covariance)
+    batch = channel_batch(scalar, readings, EOTVOS**2 * np.eye(2))
     fix, _ = Pmht.from_settings(Matcher()).match(batch, ChannelMap(TENSOR.channels[:1]), None)
     assert fix.reason == "the readings have 2 channels, the map 1"
     fix, _ = Pmht.from_settings(Matcher(map_sigma="auto")).match(batch, TENSOR, None)

@@ -126,14 +126,14 @@ def test_attitude_is_what_the_readings_say_of_it():
     batch, _ = make_batch(
         PLANE,
         (200.0, -100.0, 0.03, 0.02),
-        drift_position=300.0 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3)),
-        drift_reading=1e-5 * age[:, None] * random.standard_normal(3),
+        nuisance_position=300.0 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3)),
+        nuisance_reading=1e-5 * age[:, None] * random.standard_normal(3),
         attitude=(by_xi, root),
     )
     likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel(map_sigma=1e-5))
     residual, slope = likelihood.linearise(np.zeros(4))
     # x = (xi, d): residual = -slope xi - drift d + e
-    H = -np.concatenate([slope, likelihood.drift_at(np.zeros(4))], axis=1)
+    H = -np.concatenate([slope, likelihood.nuisance_at(np.zeros(4))], axis=1)
     start = np.block([[batch.prior, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
     S = np.linalg.inv(np.linalg.inv(start) + H.T @ np.linalg.solve(likelihood.covariance, H))
     turn = np.block([[np.eye(4), np.zeros((4, 3))], [by_xi, root]])

@@ -44,8 +44,8 @@ class PmhtMmNode(GraphNode):
         """Readings received, whatever became of them."""
         self._fixes = self._declined = 0
         field = measured_field(self.scenario)
-        self._vector = field.vector is not None
-        self._matcher, self._memory = build_matcher(self.scenario.matcher, self._vector), None
+        self._channels = field.channels is not None
+        self._matcher, self._memory = build_matcher(self.scenario.matcher, self._channels), None
         self._map = map_for_scenario(self.scenario)
         reduction, covariance = field.reduction(self.scenario), field.covariance(self.scenario)
         self._builder = BatchBuilder(
@@ -66,7 +66,7 @@ class PmhtMmNode(GraphNode):
             document[section][key] = value
         scenario = params.scenario_from(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
-            self._matcher, self._memory = build_matcher(scenario.matcher, self._vector), None
+            self._matcher, self._memory = build_matcher(scenario.matcher, self._channels), None
             self.scenario = scenario
 
     def _take(self, message: Any) -> None:

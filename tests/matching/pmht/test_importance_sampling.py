@@ -31,7 +31,7 @@ class Gaussians:
         ]
         return logsumexp(parts, axis=0)
 
-    def with_drift_at(self, xi):
+    def with_nuisance_at(self, xi):
         return self
 
 
@@ -181,7 +181,7 @@ def test_likelihood_is_linearised_where_it_ends():
     seen = []
 
     class Noting(Gaussians):
-        def with_drift_at(self, xi):
+        def with_nuisance_at(self, xi):
             seen.append(xi)
             return self
 

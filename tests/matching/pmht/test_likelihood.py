@@ -34,8 +34,8 @@ def plane_batch(new=T, drift=True, field_map=PLANE, **changes):
     if drift:
         age = np.linspace(1.0, 0.0, T)[:, None, None]
         keys |= {
-            "drift_position": 400.0 * age**2 * random.standard_normal((1, 2, 3)),
-            "drift_reading": 5e-6 * age[:, 0] * random.standard_normal(3),
+            "nuisance_position": 400.0 * age**2 * random.standard_normal((1, 2, 3)),
+            "nuisance_reading": 5e-6 * age[:, 0] * random.standard_normal(3),
         }
     batch, _ = make_batch(
         field_map,
@@ -64,7 +64,7 @@ def linear_model(batch, noise, field_map=PLANE):
         + noise.map_sigma**2 * np.exp(-distance / noise.correlation_length)
         + noise.bias_sigma**2
     )
-    G = np.einsum("ti,tij->tj", gradient, batch.drift_position) - batch.drift_reading
+    G = np.einsum("ti,tij->tj", gradient, batch.nuisance_position) - batch.nuisance_reading
     return at, H, R, G
 
 
@@ -146,7 +146,7 @@ def test_readings_left_out_are_as_if_never_taken(how):
             batch, PLANE, CORRELATED, extra_variance=np.where(bad, np.inf, 0.0)
         )
     rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "transition", "reading_jacobian",
-            "drift_position", "drift_reading")  # fmt: skip
+            "nuisance_position", "nuisance_reading")  # fmt: skip
     kept = replace(batch, new=4, **{name: getattr(batch, name)[~bad] for name in rows})
     expected = BatchLikelihood.of(kept, PLANE, CORRELATED)
     np.testing.assert_allclose(likelihood.log(XI), expected.log(XI), rtol=1e-9)
@@ -208,7 +208,7 @@ def test_off_the_map_nothing_is_likely():
     assert np.isfinite(log[2])
     assert likelihood.misfit(away[0]) == np.inf
     assert np.isnan(likelihood.residual(away[0])).any()
-    np.testing.assert_array_equal(likelihood.drift_at(away[0]), -batch.drift_reading)
+    np.testing.assert_array_equal(likelihood.nuisance_at(away[0]), -batch.nuisance_reading)
 
 
 def test_a_hole_in_the_map_is_off_the_map():

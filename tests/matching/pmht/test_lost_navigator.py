@@ -63,7 +63,11 @@ def test_a_batch_seen_by_another_navigator_is_the_one_that_navigator_would_have_
 
     def spread(batch):  # its components may be turned
         every = np.concatenate(
-            [batch.drift_position.reshape(-1, 3), batch.drift_reading * 1e5, batch.back_drift[:4]]
+            [
+                batch.nuisance_position.reshape(-1, 3),
+                batch.nuisance_reading * 1e5,
+                batch.back_nuisance[:4],
+            ]
         )
         return every @ every.T
 

@@ -132,8 +132,8 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
     batch = replace(
         batch,
         new=scans - before,
-        drift_reading=1e-5 * random.standard_normal((scans, 2)),
-        drift_position=20.0 * random.standard_normal((scans, 2, 2)),
+        nuisance_reading=1e-5 * random.standard_normal((scans, 2)),
+        nuisance_position=20.0 * random.standard_normal((scans, 2, 2)),
         reading=batch.reading + 2e-5 * random.standard_normal(),
     )
     start = NoiseEstimate.unknown(batch, rough_map)
@@ -141,7 +141,7 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
     mean = np.array([10.0, 10.0, 0.0, 0.0])
     got = start.update(batch, likelihood, rough_map, mean).log_weight
     residual, slope = likelihood.linearise(mean)
-    drift = likelihood.drift_at(mean)
+    drift = likelihood.nuisance_at(mean)
     fixed = residual - slope @ mean
     known = slope @ batch.prior @ slope.T + drift @ drift.T
     expected = np.empty_like(got)

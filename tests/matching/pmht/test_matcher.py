@@ -48,7 +48,7 @@ def kalman(batch, R, field_map=PLANE):
     value, north, east = field_map.value_and_gradient(batch.latitude, batch.longitude)
     gradient = np.stack([north, east], axis=-1)
     H = -np.einsum("ti,tij->tj", gradient, batch.transition) + batch.reading_jacobian
-    G = np.einsum("ti,tij->tj", gradient, batch.drift_position) - batch.drift_reading
+    G = np.einsum("ti,tij->tj", gradient, batch.nuisance_position) - batch.nuisance_reading
     information = H.T @ np.linalg.solve(R + G @ G.T, H)
     covariance = np.linalg.inv(np.linalg.inv(batch.prior) + information)
     return (
@@ -76,8 +76,8 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     random = np.random.default_rng(3)
     age = np.linspace(1.0, 0.0, 30)[:, None, None]
     drift = {
-        "drift_position": 200.0 * age**2 * random.standard_normal((1, 2, 3)),
-        "drift_reading": 2e-6 * age[:, 0] * random.standard_normal(3),
+        "nuisance_position": 200.0 * age**2 * random.standard_normal((1, 2, 3)),
+        "nuisance_reading": 2e-6 * age[:, 0] * random.standard_normal(3),
     }
     batch, _ = batch_at(PLANE, jacobian=(1e-9, 0.0, 3e-6, 1e-4), offset=np.full(30, 2e-5), **drift)
     batch = replace(batch, reading=batch.reading + 2e-5)
@@ -114,7 +114,7 @@ def test_no_reading_counts_twice():
     whole, _ = batch_at(PLANE, prior_sigma=(2000.0, 0.3))
     R = np.diag(whole.sigma**2) + 2e-5**2 * np.exp(-distances(whole) / 3000.0)
     rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "reading_jacobian",
-            "drift_position", "drift_reading")  # fmt: skip
+            "nuisance_position", "nuisance_reading")  # fmt: skip
     first = replace(
         whole,
         new=18,

@@ -45,7 +45,7 @@ DECLINED = {
     "transition not finite": lambda b: put(b, "transition", 7, np.nan),
     "jacobian not finite": lambda b: put(b, "reading_jacobian", 7, np.nan),
     "drift not finite": lambda b: replace(
-        b, drift_position=np.full((30, 2, 3), np.nan), drift_reading=np.zeros((30, 3))
+        b, nuisance_position=np.full((30, 2, 3), np.nan), nuisance_reading=np.zeros((30, 3))
     ),
     "sigma zero": lambda b: put(b, "sigma", 7, 0.0),
     "sigma not finite": lambda b: put(b, "sigma", 7, np.nan),

@@ -43,7 +43,7 @@ def batch_of(number, error, prior, reading, field_map=PLANE):
         prior=prior,
         reading=batch.reading + reading(time),
         back_transition=np.linalg.inv(FORWARD) if number else None,
-        back_drift=np.zeros((4, 0)) if number else None,
+        back_nuisance=np.zeros((4, 0)) if number else None,
     )
 
 
@@ -51,7 +51,7 @@ def posterior(batch):
     """Of xi on a plane, in closed form, and the likelihood."""
     likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel())
     residual, slope = likelihood.linearise(np.zeros(4))
-    drift = likelihood.drift_at(np.zeros(4))
+    drift = likelihood.nuisance_at(np.zeros(4))
     weighted = np.linalg.solve(
         likelihood.covariance + drift @ drift.T, np.column_stack([residual, slope])
     )
@@ -161,19 +161,19 @@ def test_attitude_of_the_navigator_is_part_of_what_a_bias_goes_together_with():
     by_xi, root = random.standard_normal((3, 4)) * 1e-8, random.standard_normal((3, 3)) * 1e-5
     batch = replace(
         following,
-        drift_position=np.zeros((SCANS, 2, 3)),
-        drift_reading=drift,
-        back_drift=np.zeros((4, 3)),
+        nuisance_position=np.zeros((SCANS, 2, 3)),
+        nuisance_reading=drift,
+        back_nuisance=np.zeros((4, 3)),
         attitude=(by_xi, root),
     )
-    bias = replace(estimate.at_end(batch), by_drift=random.standard_normal((2, 3)) * 1e-6)
+    bias = replace(estimate.at_end(batch), by_nuisance=random.standard_normal((2, 3)) * 1e-6)
     state = bias.unmeasured(batch)
     assert state.gain.shape == (2, 7)
     # the state's error is (xi, attitude = by_xi xi + root d): the same dependence on xi and d
     np.testing.assert_allclose(
         state.gain[:, :4] + state.gain[:, 4:] @ by_xi, bias.by_error, atol=1e-15
     )
-    np.testing.assert_allclose(state.gain[:, 4:] @ root, bias.by_drift, rtol=1e-6)
+    np.testing.assert_allclose(state.gain[:, 4:] @ root, bias.by_nuisance, rtol=1e-6)
     np.testing.assert_allclose(state.covariance, bias.own @ bias.own.T, rtol=1e-6, atol=1e-22)
 
 

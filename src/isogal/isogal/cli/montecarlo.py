@@ -82,7 +82,7 @@ def montecarlo(
     overrides = [*(set_ or ()), *([f"matcher.name={matcher}"] if matcher else ())]
     settings = load_scenario(scenario, overrides)
     backend = Backend(workers, scheduler)
-    build_matcher(settings.matcher, measured_field(settings).vector is not None)
+    build_matcher(settings.matcher, measured_field(settings).channels is not None)
     trajectory = build_trajectory(settings)
     field_map = map_for_scenario(settings, trajectory)
     true_readings(settings, trajectory, field_map)

@@ -174,9 +174,9 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
 
 
 @kernel
-def _riccati(
+def _riccati(  # type: ignore[no-untyped-def]
     start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise, told
-):  # type: ignore[no-untyped-def]
+):
     """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A channel whose
     sensitivity is NaN is skipped.
 

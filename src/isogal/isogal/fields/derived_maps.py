@@ -33,7 +33,7 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
     Parameters
     ----------
     scenario : Scenario
-        Of a field that has a `sensors.fields.Vector`.
+        Of a field that has a `sensors.fields.Channels`.
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -68,16 +68,16 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
 
 def compute(scenario: Scenario, margin: float) -> ChannelMap:
     """Do what `derived_maps` does, in this process."""
-    vector = measured_field(scenario).vector
-    assert vector is not None
+    channels = measured_field(scenario).channels
+    assert channels is not None
     trajectory = build_trajectory(scenario)
-    maps = vector.maps(scenario, source_map(scenario, trajectory, margin))
+    maps = channels.maps(scenario, source_map(scenario, trajectory, margin))
     check_coverage(maps, trajectory.latitude, trajectory.longitude)
     window = route_window(trajectory.latitude, trajectory.longitude, margin)
-    channels = [channel.window(*window[:4]) for channel in maps.channels]
+    cut = [channel.window(*window[:4]) for channel in maps.channels]
     # the last of float32's digits is a millionth of what is measured, 1e-5 E of 100 E
     return ChannelMap(
-        [replace(channel, values=channel.values.astype(np.float32)) for channel in channels]
+        [replace(channel, values=channel.values.astype(np.float32)) for channel in cut]
     )
 
 

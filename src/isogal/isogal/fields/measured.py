@@ -20,7 +20,7 @@ from isogal.sensors.trajectory import build_trajectory
 
 
 @dataclass(frozen=True)
-class Vector:
+class Channels:
     """What is to know besides of a field whose readings are C numbers, one for each channel."""
 
     covariance: Callable[[Scenario], Array]
@@ -37,7 +37,7 @@ class Vector:
 
 @dataclass(frozen=True)
 class MeasuredField:
-    """One field: a scalar, unless `vector` says how many channels it has."""
+    """One field: a scalar, unless `channels` says how many channels it has."""
 
     name: str
     """As the scenario's key `field` has it."""
@@ -54,17 +54,17 @@ class MeasuredField:
     reduction: Callable[[Scenario], Reduction]
     """Returns how readings of this field are made and reduced in a scenario; raises InputError
     where its route cannot be driven."""
-    vector: Vector | None = None
+    channels: Channels | None = None
 
     @property
     def source(self) -> str:
         """What the scenario's map is a map of."""
-        return self.quantity if self.vector is None else self.vector.source
+        return self.quantity if self.channels is None else self.channels.source
 
     def covariance(self, scenario: Scenario) -> Array | None:
         """Return the covariance (C, C) of a reading's noise; None where a reading is one number,
         of `gravimeter.sigma`."""
-        return None if self.vector is None else self.vector.covariance(scenario)
+        return None if self.channels is None else self.channels.covariance(scenario)
 
 
 def _magnetic(scenario: Scenario) -> MagneticReduction:
@@ -90,7 +90,7 @@ def _tensor_maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
 
 
 _GRADIENT_REACH = 20_000.0
-_GRADIENT = Vector(
+_GRADIENT = Channels(
     lambda scenario: noise_covariance(scenario.gradiometer),
     draw_noise,
     "disturbance",
@@ -129,7 +129,7 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     """
     field, sigma = FIELDS[scenario.measured_field], scenario.gravimeter.sigma
     for key in ("sigma", "bias", "drift"):
-        if field.vector is not None and getattr(scenario.gravimeter, key) != getattr(
+        if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(
             Gravimeter(), key
         ):
             raise InputError(

@@ -32,6 +32,6 @@ def map_for_scenario(
     InputError
         The map cannot be read, is of another quantity than is needed, or does not cover the route.
     """
-    if measured_field(scenario).vector is None:
+    if measured_field(scenario).channels is None:
         return source_map(scenario, trajectory, margin)
     return derived_maps(scenario, margin)

@@ -28,9 +28,11 @@ class ReadingSimulator:
         truth = true_readings(scenario, trajectory, field_map)
         field = _felt(scenario, field_map)
         errors = field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
-        vector, time = field.vector, trajectory.time[i]
+        channels, time = field.channels, trajectory.time[i]
         noise = [
-            _noise(scenario, run, time) if vector is None else vector.noise(scenario, run, len(i))
+            _noise(scenario, run, time)
+            if channels is None
+            else channels.noise(scenario, run, len(i))
             for run in runs
         ]
         self.felt = field.reduction(scenario).report(truth + errors + np.stack(noise))

@@ -31,10 +31,10 @@ def source_map(
     """
     route = trajectory or build_trajectory(scenario)
     field = measured_field(scenario)
-    quantity, vector = field.source, field.vector
+    quantity, channels = field.source, field.channels
     window = route_window(route.latitude, route.longitude, margin)
-    if vector is not None:
-        window = window.grown(vector.reach)  # and all of it, also what is off the track
+    if channels is not None:
+        window = window.grown(channels.reach)  # and all of it, also what is off the track
     source, path = scenario.map.source, scenario.map.path
     if source == "synthetic":
         from isogal.maps.synthetic.tiles import synthetic_map  # which takes some time to load
@@ -61,7 +61,7 @@ def source_map(
             format_name=source if named else None,
         )
     if field_map.quantity != quantity:
-        needs = "" if vector is None else f", which needs one of {quantity}"
+        needs = "" if channels is None else f", which needs one of {quantity}"
         key = "field" if scenario.field else "gravimeter.quantity"
         raise InputError(
             f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is"

@@ -276,9 +276,9 @@ def update_height(position, velocity, attitude, ba, bg, covariance, height, sigm
 
 
 @kernel(error_model="numpy")
-def update_position(
+def update_position(  # type: ignore[no-untyped-def]
     position, velocity, attitude, ba, bg, covariance, latitude, longitude, r_nn, r_ne, r_ee
-):  # type: ignore[no-untyped-def]
+):
     """Update one run with a horizontal position fix, in place; return (innovation north, east,
     normalised innovation squared).
 
@@ -311,7 +311,7 @@ def update_position(
 
 
 @kernel(error_model="numpy")
-def advance(
+def advance(  # type: ignore[no-untyped-def]
     position,
     velocity,
     attitude,
@@ -325,7 +325,7 @@ def advance(
     weights,
     height,
     height_sigma,
-):  # type: ignore[no-untyped-def]
+):
     """Run prediction and the known-height update over S intervals for R runs, in place; return
     (R,) steps done before a failure.
 

@@ -11,7 +11,7 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian, radii
 from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.matching.channels import vector_batch
+from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
@@ -149,18 +149,18 @@ class BatchBuilder:
             offset=np.array([scan.offset for scan in scans]),
             transition=np.ascontiguousarray(transition[:, :2]),
             reading_jacobian=np.einsum("ti,tij->tj", at_scan, transition),
-            drift_position=np.ascontiguousarray(drift[:, :2]),
-            drift_reading=np.einsum("ti,tij->tj", at_scan, drift),
+            nuisance_position=np.ascontiguousarray(drift[:, :2]),
+            nuisance_reading=np.einsum("ti,tij->tj", at_scan, drift),
             prior=prior[:4, :4],
             new=new,
             back_transition=None if before < 0 else every[before],
-            back_drift=None if before < 0 else rest[before],
+            back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
         )
         if self.covariance is None:
             return batch
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
-        return vector_batch(batch, np.stack(readings), self.covariance)
+        return channel_batch(batch, np.stack(readings), self.covariance)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height
@@ -214,7 +214,7 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     return result
 
 
-def unconditioned(batch: Batch, by_xi: Array, by_drift: Array) -> Array:
+def unconditioned(batch: Batch, by_xi: Array, by_nuisance: Array) -> Array:
     """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the
     seven states, (..., 7).
 
@@ -222,7 +222,7 @@ def unconditioned(batch: Batch, by_xi: Array, by_drift: Array) -> Array:
     xi)."""
     assert batch.attitude is not None
     attitude_by_xi, root = batch.attitude
-    by_attitude = by_drift @ np.linalg.pinv(root, rcond=1e-9)
+    by_attitude = by_nuisance @ np.linalg.pinv(root, rcond=1e-9)
     return np.concatenate([by_xi - by_attitude @ attitude_by_xi, by_attitude], axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""Batches of vector readings: a scan of several channels at once, such as the components of the
+"""Batches of readings of several channels: a scan of several channels at once, such as the components of the
 gravity gradient tensor.
 
 Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts
@@ -17,7 +17,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 
 
-def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
+def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
     """Return a batch with several readings at each scan.
 
     Parameters
@@ -39,13 +39,13 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
     readings = np.asarray(readings, dtype=np.float64)
     if readings.ndim != 2 or readings.shape[0] != len(batch):
         raise InputError(
-            f"vector readings must have shape ({len(batch)}, channels), have {readings.shape}"
+            f"readings of several channels must have shape ({len(batch)}, channels), have {readings.shape}"
         )
     scans, channels = readings.shape
     covariance = np.asarray(covariance, dtype=np.float64)
     if covariance.shape not in ((channels, channels), (scans, channels, channels)):
         raise InputError(
-            f"covariance of vector readings must have shape ({channels}, {channels}) or with"
+            f"covariance of readings of several channels must have shape ({channels}, {channels}) or with"
             f" {scans} scans in front, has {covariance.shape}"
         )
     blocks = np.broadcast_to(covariance, (scans, channels, channels))
@@ -53,7 +53,7 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
         np.isfinite(blocks).all()
         and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
     ):
-        raise InputError("covariance of vector readings must be positive definite")
+        raise InputError("covariance of readings of several channels must be positive definite")
     by_scan = np.zeros((scans, channels, scans, channels))
     each = np.arange(scans)
     by_scan[each, :, each, :] = 0.5 * (blocks + blocks.swapaxes(1, 2))
@@ -73,8 +73,8 @@ def vector_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Ba
         offset=np.zeros(scans * channels),
         transition=spread(batch.transition),
         reading_jacobian=np.zeros((scans * channels, 4)),
-        drift_position=spread(batch.drift_position),
-        drift_reading=np.zeros((scans * channels, batch.drift_reading.shape[1])),
+        nuisance_position=spread(batch.nuisance_position),
+        nuisance_reading=np.zeros((scans * channels, batch.nuisance_reading.shape[1])),
         new=batch.new * channels,
         channel=np.tile(np.arange(channels), scans),
         reading_covariance=whole,
@@ -101,8 +101,8 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
         "offset",
         "transition",
         "reading_jacobian",
-        "drift_position",
-        "drift_reading",
+        "nuisance_position",
+        "nuisance_reading",
     )
     kept = {name: getattr(batch, name)[rows] for name in names}
     new = int((rows >= len(batch) - batch.new).sum())

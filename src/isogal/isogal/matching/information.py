@@ -60,7 +60,7 @@ def with_attitude(
         return mean, covariance, batch.prior
     by_xi, root = batch.attitude
     count = root.shape[1]
-    drift, slope, spread = (array[:count] for array in likelihood.drift_given(mean))
+    drift, slope, spread = (array[:count] for array in likelihood.nuisance_given(mean))
     follow = by_xi + root @ slope
     full = np.concatenate([mean, by_xi @ mean + root @ drift])
     return (

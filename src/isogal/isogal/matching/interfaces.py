@@ -4,7 +4,7 @@ A batch is T scans of one sensor with the navigator's own estimate of where each
 unknown is the navigator's horizontal error at the last scan, xi = (d_north m, d_east m, dv_north
 m/s, dv_east m/s), estimate minus truth. Over a batch the navigator's increments are good to about
 a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its tilt
-adds (``drift_position``). A matcher answers with a fix, measurement information only: the
+adds (``nuisance_position``). A matcher answers with a fix, measurement information only: the
 navigator's prior is not in its covariance."""
 
 from collections.abc import Mapping
@@ -49,10 +49,10 @@ class Batch:
     """(T, 4) d(reading)/d(xi) that comes from the reduction with the navigator's wrong velocity
     and latitude, not from the map: with the navigator at error xi, reading = map(true position) +
     offset + reading_jacobian @ xi + noise."""
-    drift_position: Array
+    nuisance_position: Array
     """(T, 2, M) position error (m) at scan t that xi does not explain, per unit-variance component
     of M: the navigator's tilt and heading bend its path by metres within a batch. M may be 0."""
-    drift_reading: Array
+    nuisance_reading: Array
     """(T, M) d(reading) of the same components, by the reduction."""
     prior: Array
     """(4, 4) covariance of xi according to the navigator; its mean is zero."""
@@ -62,7 +62,7 @@ class Batch:
     back_transition: Array | None = None
     """(4, 4), or (7, 4) with attitude (rad): error at the last scan before the new ones, where an
     earlier batch ended, per unit of xi; None = not known."""
-    back_drift: Array | None = None
+    back_nuisance: Array | None = None
     """(4 or 7, M) that error per unit-variance component of M."""
     attitude: tuple[Array, Array] | None = None
     """((3, 4), (3, M)) attitude error (rad) at the batch end per unit of xi and of the components
@@ -84,13 +84,13 @@ class Batch:
         return self.time if self.channel is None else self.time[self.channel == 0]
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
-        """Return `back_transition` and `back_drift`, (4 or 7, 4 or M); where not known those of a
+        """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those of a
         straight line over a time (s)."""
-        if self.back_transition is not None and self.back_drift is not None:
-            return self.back_transition, self.back_drift
+        if self.back_transition is not None and self.back_nuisance is not None:
+            return self.back_transition, self.back_nuisance
         straight = np.eye(4)
         straight[:2, 2:] = -elapsed * np.eye(2)
-        return straight, np.zeros((4, self.drift_reading.shape[1]))
+        return straight, np.zeros((4, self.nuisance_reading.shape[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +179,7 @@ class Matcher(Protocol):
         last call returned.
 
         The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every
-        matcher takes (`registry.VECTOR`).
+        matcher takes (`registry.SEVERAL_CHANNELS`).
 
         Pure: the same batch, map and memory give the same fix. Never raises on odd data: it
         declines with a reason."""

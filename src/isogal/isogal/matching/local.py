@@ -10,7 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
 
 _FINITE = (
-    "latitude", "longitude", "velocity", "offset", "transition", "reading_jacobian", "drift_position", "drift_reading", "prior",
+    "latitude", "longitude", "velocity", "offset", "transition", "reading_jacobian", "nuisance_position", "nuisance_reading", "prior",
 )  # fmt: skip
 
 

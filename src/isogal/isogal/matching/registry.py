@@ -21,17 +21,17 @@ MATCHERS: dict[str, str] = {
     "viterbi": "isogal.matching.baselines.viterbi:Viterbi.from_settings",
 }
 
-VECTOR = ("pmht",)
+SEVERAL_CHANNELS = ("pmht",)
 """Those that take readings of several channels."""
 
 
-def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
+def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
     """Return the matcher that the scenario names.
 
     Parameters
     ----------
     settings : scenario.Matcher
-    vector : bool
+    channels : bool
         Whether it is to match readings of several channels.
 
     Raises
@@ -46,14 +46,14 @@ def build_matcher(settings: MatcherSettings, vector: bool = False) -> Matcher:
         close = difflib.get_close_matches(settings.name, MATCHERS, n=1)
         hint = f", did you mean '{close[0]}'?" if close else f"; allowed: {', '.join(MATCHERS)}"
         raise InputError(f"matcher.name: unknown matcher '{settings.name}'{hint}") from None
-    if vector and settings.name not in VECTOR:
+    if channels and settings.name not in SEVERAL_CHANNELS:
         raise InputError(
-            f"matcher.name: {settings.name} takes one number per scan; for vector readings give"
-            f" {' or '.join(VECTOR)}"
+            f"matcher.name: {settings.name} takes one number per scan; for readings of several channels give"
+            f" {' or '.join(SEVERAL_CHANNELS)}"
         )
-    if vector and settings.map_sigma == "auto":
+    if channels and settings.map_sigma == "auto":
         raise InputError(
-            "matcher.map_sigma: auto is for scalar fields; for vector readings give a number, 1/s²"
+            "matcher.map_sigma: auto is for scalar fields; for readings of several channels give a number, 1/s²"
             " where field is gradient"
         )
     module_name, _, path = target.partition(":")

@@ -95,7 +95,7 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or map_for_scenario(scenario, trajectory)
     matcher = matcher or build_matcher(
-        scenario.matcher, measured_field(scenario).vector is not None
+        scenario.matcher, measured_field(scenario).channels is not None
     )
     loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
     for scan in range(loop.scans):

@@ -174,10 +174,11 @@ def sensitivity_figure(results: Results) -> "Figure":
             label="unaided INS",
         )
         for matcher, marker in zip(MATCHERS, "Do", strict=True):
-            rms = [
-                _rms(results.outcomes[Setting(matcher=matcher, **change)].error)
+            settings = [
+                Setting(matcher=matcher, **change)  # type: ignore[arg-type]
                 for _, change in sweep
-            ]  # type: ignore[arg-type]
+            ]
+            rms = [_rms(results.outcomes[setting].error) for setting in settings]
             panel.plot(
                 values,
                 rms,

@@ -249,8 +249,8 @@ def build_batch(
         offset=track.offset[rows],
         transition=transition,
         reading_jacobian=by_error,
-        drift_position=np.zeros((time.size, 2, 0)),
-        drift_reading=np.zeros((time.size, 0)),
+        nuisance_position=np.zeros((time.size, 2, 0)),
+        nuisance_reading=np.zeros((time.size, 0)),
         prior=covariance,
         new=min(new, time.size),
     )

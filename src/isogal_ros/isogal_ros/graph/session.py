@@ -41,7 +41,7 @@ def run_session(
     """
     _say("Preparing the map and the route ...")
     trajectory = build_trajectory(scenario)
-    build_matcher(scenario.matcher, measured_field(scenario).vector is not None)
+    build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
     field_map = map_for_scenario(scenario, trajectory)
     true_readings(scenario, trajectory, field_map)  # as the sensor's node will want to have them
     folder = out / "bag" if bag is None else bag

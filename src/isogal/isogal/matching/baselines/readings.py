@@ -73,7 +73,7 @@ class Scans:
             noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude))
         )
         variance = batch.sigma[row] ** 2 + map_sigma**2 + field_map.quantisation**2 / 12.0
-        variance = variance + (batch.drift_reading[row] ** 2).sum(axis=1)
+        variance = variance + (batch.nuisance_reading[row] ** 2).sum(axis=1)
         north, east = metres_per_radian(latitude)
         return cls(
             grid=field_map.grid,

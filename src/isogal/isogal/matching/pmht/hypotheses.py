@@ -242,7 +242,13 @@ def _update_one(
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
     return _Piece(
-        evidence, tiles, likelihood.with_drift_at(tiles.mean[0]), misfit, 1.0, sampling.samples, 0
+        evidence,
+        tiles,
+        likelihood.with_nuisance_at(tiles.mean[0]),
+        misfit,
+        1.0,
+        sampling.samples,
+        0,
     )
 
 

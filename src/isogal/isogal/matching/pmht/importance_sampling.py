@@ -79,7 +79,7 @@ class Likelihood(Protocol):
         """(S, 4) -> (S,); -inf where impossible."""
         ...
 
-    def with_drift_at(self, xi: Array) -> Self:
+    def with_nuisance_at(self, xi: Array) -> Self:
         """Return the likelihood with its small linearised part taken at xi (4,)."""
         ...
 
@@ -123,7 +123,7 @@ def sample(
         if beta == 1.0 and effective >= settings.accept and number > 1:
             break
         current = mixture
-        likelihood = likelihood.with_drift_at(mixture.mean[0])
+        likelihood = likelihood.with_nuisance_at(mixture.mean[0])
     return result, likelihood
 
 

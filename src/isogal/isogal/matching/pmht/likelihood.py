@@ -59,9 +59,9 @@ class BatchLikelihood:
     """(T, 2, 4)."""
     jacobian: Array
     """(T, 4)."""
-    drift_position: Array
+    nuisance_position: Array
     """(T, 2, M)."""
-    drift_reading: Array
+    nuisance_reading: Array
     """(T, M)."""
     covariance: Array
     """(T, T) R: covariance of sensor, map and bias."""
@@ -131,8 +131,8 @@ class BatchLikelihood:
             level=batch.reading[rows] - batch.offset[rows],
             transition=np.ascontiguousarray(batch.transition[rows]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
-            drift_position=batch.drift_position[rows],
-            drift_reading=batch.drift_reading[rows],
+            nuisance_position=batch.nuisance_position[rows],
+            nuisance_reading=batch.nuisance_reading[rows],
             covariance=covariance,
             factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
             projection=np.empty((0, 0)),
@@ -140,7 +140,7 @@ class BatchLikelihood:
             rows=rows,
             channel=channel,
         )
-        return likelihood.with_drift_at(np.zeros(4))
+        return likelihood.with_nuisance_at(np.zeros(4))
 
     def log(self, xi: Array) -> Array:
         """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S,
@@ -160,7 +160,7 @@ class BatchLikelihood:
             *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
         )  # fmt: skip
 
-    def drift_at(self, xi: Array) -> Array:
+    def nuisance_at(self, xi: Array) -> Array:
         """Return G (T, M), the residuals per unit of drift at the error xi (4,); zero where the
         map has no gradient."""
         position = xi @ self.transition.transpose(0, 2, 1)
@@ -171,16 +171,16 @@ class BatchLikelihood:
             self.longitude - position[:, 1] * self.radian[:, 1],
         )
         gradient = np.nan_to_num(np.stack([by_lat, by_lon], axis=-1) * self.radian)
-        return np.einsum("ti,tij->tj", gradient, self.drift_position) - self.drift_reading
+        return np.einsum("ti,tij->tj", gradient, self.nuisance_position) - self.nuisance_reading
 
-    def with_drift_at(self, xi: Array) -> "BatchLikelihood":
+    def with_nuisance_at(self, xi: Array) -> "BatchLikelihood":
         """Return the likelihood with the map's gradient for the drift taken at the error xi
         (4,)."""
-        drift = np.linalg.solve(self.factor, self.drift_at(xi))[self.first_new :]
+        drift = np.linalg.solve(self.factor, self.nuisance_at(xi))[self.first_new :]
         inner = np.linalg.cholesky(np.eye(drift.shape[1]) + drift.T @ drift)
         return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, drift.T).T))
 
-    def drift_given(self, xi: Array) -> tuple[Array, Array, Array]:
+    def nuisance_given(self, xi: Array) -> tuple[Array, Array, Array]:
         """Return mean (M,), derivative by xi (M, 4) and covariance (M, M) of the drift d given the
         new readings and an error near xi (4,).
 
@@ -188,7 +188,7 @@ class BatchLikelihood:
         """
         residual, slope = self.linearise(xi)
         white = np.linalg.solve(
-            self.factor, np.column_stack([residual, slope, self.drift_at(xi)])
+            self.factor, np.column_stack([residual, slope, self.nuisance_at(xi)])
         )[self.first_new :]
         drift = white[:, 5:]
         covariance = np.asarray(np.linalg.inv(np.eye(drift.shape[1]) + drift.T @ drift))
@@ -200,7 +200,7 @@ class BatchLikelihood:
         likelihood = replace(
             self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance)
         )
-        return likelihood.with_drift_at(np.zeros(4))
+        return likelihood.with_nuisance_at(np.zeros(4))
 
     def without(self, bad: Booleans) -> "BatchLikelihood":
         """Return the likelihood without some of its rows (T,)."""
@@ -215,8 +215,8 @@ class BatchLikelihood:
             "level",
             "transition",
             "jacobian",
-            "drift_position",
-            "drift_reading",
+            "nuisance_position",
+            "nuisance_reading",
             "rows",
             "channel",
         )
@@ -230,7 +230,7 @@ class BatchLikelihood:
             factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
             first_new=int(good[: self.first_new].sum()),
         )
-        return likelihood.with_drift_at(np.zeros(4))
+        return likelihood.with_nuisance_at(np.zeros(4))
 
     def blurred(self, sigma: float, velocity: Array) -> "BatchLikelihood":
         """Return the likelihood for a position known to a cell only and a velocity error that is
@@ -254,7 +254,7 @@ class BatchLikelihood:
             covariance=covariance,
             factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
         )
-        return likelihood.with_drift_at(np.zeros(4))
+        return likelihood.with_nuisance_at(np.zeros(4))
 
     def misfit(self, xi: Array) -> float:
         """Return the chi-square of the new readings at xi (4,): -2 `log`."""
@@ -364,7 +364,7 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _linearise(
+def _linearise(  # type: ignore[no-untyped-def]
     values,
     lat0,
     dlat,
@@ -378,7 +378,7 @@ def _linearise(
     transition,
     jacobian,
     xi,
-):  # type: ignore[no-untyped-def]
+):
     rows = latitude.shape[0]
     residual = np.empty(rows)
     slope = np.empty((rows, 4))

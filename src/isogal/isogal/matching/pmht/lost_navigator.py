@@ -253,13 +253,13 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
         Of that one's error there.
     """
     batch = _shortened(batch)
-    position = unconditioned(batch, batch.transition, batch.drift_position)
-    reading = unconditioned(batch, batch.reading_jacobian, batch.drift_reading)
+    position = unconditioned(batch, batch.transition, batch.nuisance_position)
+    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading)
     moved = position @ shift
     north, east = metres_per_radian(batch.latitude)
     rows = np.concatenate([position, reading[:, None]], axis=1)
     by_xi, drift = condition(rows, covariance)
-    back, back_drift = condition(_back(batch)[None], covariance)
+    back, back_nuisance = condition(_back(batch)[None], covariance)
     level, level_drift = condition(np.eye(7)[None, 4:], covariance)
     return replace(
         batch,
@@ -268,11 +268,11 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
         reading=batch.reading - reading @ shift,
         transition=np.ascontiguousarray(by_xi[:, :2]),
         reading_jacobian=np.ascontiguousarray(by_xi[:, 2]),
-        drift_position=np.ascontiguousarray(drift[:, :2]),
-        drift_reading=np.ascontiguousarray(drift[:, 2]),
+        nuisance_position=np.ascontiguousarray(drift[:, :2]),
+        nuisance_reading=np.ascontiguousarray(drift[:, 2]),
         prior=covariance[:4, :4],
         back_transition=None if batch.back_transition is None else back[0],
-        back_drift=None if batch.back_drift is None else back_drift[0],
+        back_nuisance=None if batch.back_nuisance is None else back_nuisance[0],
         attitude=(level[0], level_drift[0]),
     )
 
@@ -280,9 +280,9 @@ def _seen_by(batch: Batch, shift: Array, covariance: Array) -> Batch:
 def _back(batch: Batch) -> Array:
     """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a
     first batch has none."""
-    if batch.back_transition is None or batch.back_drift is None:
+    if batch.back_transition is None or batch.back_nuisance is None:
         return np.eye(7)
-    return unconditioned(batch, batch.back_transition, batch.back_drift)
+    return unconditioned(batch, batch.back_transition, batch.back_nuisance)
 
 
 def _shortened(batch: Batch) -> Batch:
@@ -291,7 +291,7 @@ def _shortened(batch: Batch) -> Batch:
     rows = slice(max(0, len(batch) - batch.new - _CONTEXT), None)
     names = (
         "time", "latitude", "longitude", "velocity", "reading", "sigma", "offset",
-        "transition", "reading_jacobian", "drift_position", "drift_reading",
+        "transition", "reading_jacobian", "nuisance_position", "nuisance_reading",
     )  # fmt: skip
     return replace(batch, **{name: getattr(batch, name)[rows] for name in names})
 

@@ -110,7 +110,7 @@ class NoiseEstimate:
         slope = slope[first:]
         white = batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0
         unknown = np.concatenate(
-            [slope @ np.linalg.cholesky(batch.prior), likelihood.drift_at(mean)[first:]], axis=1
+            [slope @ np.linalg.cholesky(batch.prior), likelihood.nuisance_at(mean)[first:]], axis=1
         )
         shapes = np.stack(
             [

@@ -120,7 +120,7 @@ def spikes(likelihood: BatchLikelihood, prior: Mixture, gate: float) -> Booleans
         likelihood.latitude, likelihood.longitude, math.sqrt(float(np.diag(reach).mean())), 1500.0
     )
     smooth *= likelihood.channel[:, None] == likelihood.channel
-    drift = likelihood.drift_at(mean)
+    drift = likelihood.nuisance_at(mean)
     return outliers(residual, likelihood.covariance + drift @ drift.T + reach + smooth, gate)
 
 
@@ -130,7 +130,7 @@ def misfits(likelihood: BatchLikelihood, belief: Mixture, gate: float) -> Boolea
     residual, slope = likelihood.linearise(mean)
     if not np.isfinite(residual).all():
         return np.zeros(len(residual), dtype=np.bool_)
-    drift = likelihood.drift_at(mean)
+    drift = likelihood.nuisance_at(mean)
     return outliers(
         residual, likelihood.covariance + drift @ drift.T + slope @ covariance @ slope.T, gate
     )

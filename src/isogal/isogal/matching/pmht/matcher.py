@@ -452,10 +452,10 @@ class Pmht:
         batch = self._unknown_bias(at.batch, at.field_map).at_end(at.batch).added_to(at.batch)
         biased = replace(
             judged,
-            drift_position=batch.drift_position[judged.rows],
-            drift_reading=batch.drift_reading[judged.rows],
+            nuisance_position=batch.nuisance_position[judged.rows],
+            nuisance_reading=batch.nuisance_reading[judged.rows],
         )
-        return evidence(self._update(biased.with_drift_at(np.zeros(4)), at.prior))
+        return evidence(self._update(biased.with_nuisance_at(np.zeros(4)), at.prior))
 
     @staticmethod
     def _decline(

@@ -5,7 +5,7 @@ State: theta = (bias at a time, drift per second), Gaussian given the navigator'
 covariance). The gain is what matters: a bias looks like a position error along the map's gradient,
 and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For
 a batch the state is the linear part of what the readings contain beside the map:
-`reading_jacobian` by xi, and unit-variance columns of `drift_reading`, which the likelihood
+`reading_jacobian` by xi, and unit-variance columns of `nuisance_reading`, which the likelihood
 integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose
 considered parameters are estimated after all."""
 
@@ -85,7 +85,7 @@ class BiasEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
-    """theta at a batch's end: mean + by_error xi + by_drift d + own u, with d the navigator's
+    """theta at a batch's end: mean + by_error xi + by_nuisance d + own u, with d the navigator's
     drift and u ~ N(0, 1) (2,)."""
 
     time: float
@@ -93,7 +93,7 @@ class LinearBias:
     """(2,)."""
     by_error: Array
     """(2, 4)."""
-    by_drift: Array
+    by_nuisance: Array
     """(2, M)."""
     own: Array
     """(2, 2)."""
@@ -108,17 +108,17 @@ class LinearBias:
             batch,
             offset=batch.offset + shares @ self.mean,
             reading_jacobian=batch.reading_jacobian + shares @ self.by_error,
-            drift_reading=np.concatenate(
-                [batch.drift_reading + shares @ self.by_drift, shares @ self.own], axis=1
+            nuisance_reading=np.concatenate(
+                [batch.nuisance_reading + shares @ self.by_nuisance, shares @ self.own], axis=1
             ),
-            drift_position=np.concatenate(
-                [batch.drift_position, np.zeros((len(batch), 2, 2))], axis=2
+            nuisance_position=np.concatenate(
+                [batch.nuisance_position, np.zeros((len(batch), 2, 2))], axis=2
             ),
         )
 
     def unmeasured(self, batch: Batch) -> BiasEstimate:
         """Return the state where the batch gave no fix: as carried."""
-        gain, rest = _by_state(batch, self.by_error, self.by_drift)
+        gain, rest = _by_state(batch, self.by_error, self.by_nuisance)
         return BiasEstimate(self.time, self.mean, _symmetric(self.own @ self.own.T + rest), gain)
 
     def measured(
@@ -136,34 +136,36 @@ class LinearBias:
         """
         mean = whole[:4]
         residual, slope = likelihood.linearise(mean)
-        drift = likelihood.drift_at(mean)
+        drift = likelihood.nuisance_at(mean)
         white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[
             likelihood.first_new :
         ]
         U = white[:, -2:]
         inner = np.eye(2) + U.T @ U
         learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-2])  # by residual, xi, d
-        by_drift = self.by_drift + learnt[:, 5:]
-        gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_drift)
+        by_nuisance = self.by_nuisance + learnt[:, 5:]
+        gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_nuisance)
         expected = (
-            likelihood.drift_given(mean)[0][:-2] if batch.attitude else np.zeros(by_drift.shape[1])
+            likelihood.nuisance_given(mean)[0][:-2]
+            if batch.attitude
+            else np.zeros(by_nuisance.shape[1])
         )
         return BiasEstimate(
             self.time,
-            self.mean + self.by_error @ mean + learnt[:, 0] + by_drift @ expected,
+            self.mean + self.by_error @ mean + learnt[:, 0] + by_nuisance @ expected,
             _symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
             gain,
             covariance,
         )
 
 
-def _by_state(batch: Batch, by_error: Array, by_drift: Array) -> tuple[Array, Array]:
+def _by_state(batch: Batch, by_error: Array, by_nuisance: Array) -> tuple[Array, Array]:
     """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error
     state; and the covariance that is left."""
     if batch.attitude is None:
-        return by_error, by_drift @ by_drift.T
-    by_state = unconditioned(batch, by_error, by_drift)
-    rest = by_drift - by_state[:, 4:] @ batch.attitude[1]
+        return by_error, by_nuisance @ by_nuisance.T
+    by_state = unconditioned(batch, by_error, by_nuisance)
+    rest = by_nuisance - by_state[:, 4:] @ batch.attitude[1]
     return by_state, rest @ rest.T
 
 
