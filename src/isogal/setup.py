@@ -19,5 +19,17 @@ setup(
     ),
     license="Apache-2.0",
     python_requires=">=3.11",
-    entry_points={"console_scripts": ["isogal = isogal.cli.main:main"]},
+    entry_points={
+        "console_scripts": ["isogal = isogal.cli.main:main"],
+        "isogal.matchers": [
+            "pmht = isogal.matching.pmht.lost_navigator:Doubting",
+            "pmht-paper = isogal.matching.paper.matcher:PmhtPaper",
+            "tercom = isogal.matching.baselines.tercom:Tercom",
+            "iccp = isogal.matching.baselines.iccp:Iccp",
+            "sitan = isogal.matching.baselines.sitan:Sitan",
+            "particle = isogal.matching.baselines.particle:Particle",
+            "point-mass = isogal.matching.baselines.point_mass:PointMass",
+            "viterbi = isogal.matching.baselines.viterbi:Viterbi",
+        ],
+    },
 )

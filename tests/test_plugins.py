@@ -1,0 +1,103 @@
+"""Objects by name from entry points: their order, and one clear line for whatever is wrong."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from isogal import plugins
+from isogal.errors import InputError
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Install a package with entry points in the group of matchers for one test."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def forget():
+        plugins._installed.cache_clear()
+        plugins._registered.cache_clear()
+
+    def install(package: str, module: str = "", **objects: str) -> None:
+        metadata = tmp_path / f"{package}-1.0.dist-info"
+        metadata.mkdir()
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\n")
+        lines = [f"{name} = {target}" for name, target in objects.items()]
+        (metadata / "entry_points.txt").write_text("\n".join(["[isogal.matchers]", *lines, ""]))
+        (tmp_path / f"{package}.py").write_text(module)
+        forget()
+
+    yield install
+    forget()
+
+
+def test_isogals_own_come_first_and_others_follow_in_alphabetical_order(install):
+    own = plugins.names(plugins.MATCHERS)
+    assert own == tuple(sorted(own))
+    install("zebra", aardvark="zebra:x")
+    install("ant", mole="ant:x", badger="ant:x")
+    assert plugins.names(plugins.MATCHERS) == (*own, "aardvark", "badger", "mole")
+
+
+def test_an_object_of_another_package_is_loaded(install):
+    install("ant", "class Mole:\n    answer = 42\n", mole="ant:Mole", answer="ant:Mole.answer")
+    assert plugins.load(plugins.MATCHERS, "mole").answer == 42
+    assert plugins.load(plugins.MATCHERS, "answer") == 42
+
+
+def test_a_name_of_two_packages_is_refused_and_both_are_named(install):
+    install("ant", pmht="ant:x")
+    with pytest.raises(InputError, match=r"matcher 'pmht': both isogal and ant provide it"):
+        plugins.names(plugins.MATCHERS)
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        ("import nothing_of_this_name", "ModuleNotFoundError: No module named 'nothing_of_th"),
+        ("y = 1", "AttributeError: module 'ant' has no attribute 'x'"),
+        ("x = 1 / 0", "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_package_that_cannot_be_imported_is_named(install, module, why):
+    install("ant", module, mole="ant:x")
+    sys.modules.pop("ant", None)
+    with pytest.raises(InputError) as caught:
+        plugins.load(plugins.MATCHERS, "mole")
+    assert str(caught.value).startswith(
+        f"matcher 'mole' of the package ant cannot be imported: {why}"
+    )
+
+
+def test_an_unknown_name_gets_the_nearest_and_all_allowed():
+    with pytest.raises(InputError) as caught:
+        plugins.load(plugins.MATCHERS, "pmth")
+    allowed = ", ".join(plugins.names(plugins.MATCHERS))
+    assert str(caught.value) == (
+        f"unknown matcher 'pmth' (did you mean 'pmht'?); allowed: {allowed}"
+    )
+    with pytest.raises(InputError, match=r"^unknown matcher 'zzz'; allowed: .*pmht"):
+        plugins.check(plugins.MATCHERS, "zzz")
+
+
+@pytest.mark.parametrize("group", [plugins.MATCHERS])
+def test_everything_that_isogal_registers_can_be_loaded(group):
+    for name in plugins.names(group):
+        plugins.load(group, name)
+
+
+def test_looking_names_up_imports_neither_numpy_nor_what_is_registered():
+    program = (
+        "import sys\nfrom isogal import plugins\nassert plugins.names(plugins.MATCHERS)\n"
+        "print([name for name in sys.modules if name.startswith(('numpy', 'isogal.matching'))])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+        cwd=Path(__file__).parent,
+    )
+    assert done.stdout == "[]\n"
