@@ -15,7 +15,8 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.matching import FEWEST_IN_BATCH, Uncertainty, batch_ends, match_track
+from isogal.tracks.batches import FEWEST_IN_BATCH, batch_ends
+from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
 PRIOR = Uncertainty(position=800.0)

@@ -16,7 +16,8 @@ from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.robust import _with_excess, confirmed, excess_covariance
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.matching import Uncertainty, build_batch, match_track
+from isogal.tracks.batches import build_batch
+from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
 PRIOR = np.diag([3e3**2, 3e3**2, 1e-12, 1e-12])

@@ -1,20 +1,22 @@
-"""Matching a recorded track against a map, batch by batch.
+"""Matching a recorded track against a map, batch by batch (docs/mathematics.md, sections 10.1 to
+10.3).
 
-A recorded track has no inertial navigator behind it that could be asked how wrong it is: its error
-at the end of each batch is a position error with the 1-sigma of `Uncertainty` and a constant
-velocity error with a small one, and the shape of the track within a batch is taken as right. Two
-ways to go from batch to batch:
+No inertial navigator comes with a recorded track to say how wrong it is. Its error at the end of
+each batch is therefore assumed: a position error with the 1-sigma of `Uncertainty`, and a small
+velocity error, constant over the batch. The shape of the track within a batch is taken as right.
+Batches can be matched in two ways:
 
-- independent (default): the track stays as recorded and every batch meets the same prior. The
-  fixes are the measurements' own, so they may be fed to any filter, one by one, whatever it has
-  done with the earlier ones. A matcher that finds the track lost widens the prior from there on.
-- chained: what a batch has told moves the track and narrows the prior of the next, as for a
-  navigator that is aided. The fixes are still the measurements' own; `Match.error` and
-  `Match.covariance` hold what all batches so far say together.
+- independently (default): the track stays as recorded, and each batch starts from the same prior.
+  The fixes hold the information of the measurements alone, so any filter may use them, one by one,
+  whatever it has done with the earlier ones. If a matcher finds the track lost, the prior is wider
+  from there on.
+- chained: what a batch has told moves the track and narrows the prior of the next, as for an aided
+  navigator. The fixes still hold the information of the measurements alone; `Match.error` and
+  `Match.covariance` combine all batches so far.
 
-Readings never count twice: a matcher's context rows are conditioned on, and the batches that it
-keeps to itself (an ambiguous one goes on as hypotheses) are published with the batch that resolves
-them."""
+No reading counts twice: the rows that a matcher gets as context are conditioned on, and the
+information of an ambiguous batch, which is carried on as hypotheses, is published with the batch
+that resolves it."""
 
 import math
 from dataclasses import dataclass, replace
@@ -33,18 +35,15 @@ from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.robust import confirmed, widened
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.batches import batch_ends, build_batch, without_map_edge
 from isogal.tracks.track import Track
 
-FEWEST_IN_BATCH = 4
-"""Scans that the incomplete last batch needs to be matched."""
-_EDGE_REACH = ((2.0, 2.0 / 3.0), (1.0, 0.5))
-"""Prior 1-sigmas round a reading that the map should cover, and the share of readings that must be
-left for that."""
 _EMPTY = 5.0
-"""Prior 1-sigmas from which on a fix is none: it would narrow no direction by more than 2 %."""
+"""A fix whose least 1-sigma is this many times the prior's largest is declined: it narrows no
+direction by more than 2 %."""
 _LOST = LOST_COVARIANCE[:4, :4]
 _LEAST_VELOCITY = 1e-6
-"""m/s; matchers need a prior that is positive definite."""
+"""m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,17 +81,17 @@ class Uncertainty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """What one batch of a track gave."""
+    """Result of one batch of a track."""
 
     fix: Fix
     """From the measurements of the batch alone."""
     rows: slice
     """The new readings of the batch, indices into the track."""
     error: Array
-    """(4,) the track's error at the batch end (north, east m; m/s), according to prior and fix;
-    chained: all fixes so far."""
+    """(4,) estimate of the track's error at the batch end (north, east m; m/s) from prior and fix;
+    chained: from prior and all fixes so far."""
     covariance: Array
-    """(4, 4) of it."""
+    """(4, 4) covariance of `error`."""
     latitude: float
     """rad, the recorded track at the batch end."""
     longitude: float
@@ -105,15 +104,6 @@ class Match:
         return float(self.latitude - self.error[0] / north), float(
             self.longitude - self.error[1] / east
         )
-
-
-def batch_ends(count: int, settings: MatcherSettings) -> list[int]:
-    """Return after how many readings each batch ends; the last may be incomplete, if it has
-    `FEWEST_IN_BATCH` new readings."""
-    ends = list(range(settings.batch_length, count + 1, settings.scans_between_fixes))
-    if count - (ends[-1] if ends else 0) >= FEWEST_IN_BATCH or not ends:
-        ends.append(count)
-    return ends
 
 
 def match_track(
@@ -131,42 +121,37 @@ def match_track(
     Parameters
     ----------
     track : Track
-        Readings in the map's unit (see `fit_to_map`).
+        Readings in the map's unit (`fit_to_map`).
     field_map : FieldMap
     settings : scenario.Matcher
     uncertainty : Uncertainty
     chained : bool
-        See the module.
+        Whether each batch starts from what the earlier ones have told.
     matcher : Matcher, optional
         Default: the one that the settings name.
     checked : bool
-        Whether fixes of `pmht` are looked at twice (`robust`); False = its likelihood alone
-        counts, for studies.
+        Whether fixes of `pmht` must stand up to a wrong noise model as well
+        (`isogal.matching.pmht.robust`).
 
     Raises
     ------
     InputError
-        The matcher's options are wrong, or readings of this quantity are not reduced with a
-        latitude.
+        The matcher's options are wrong, or the track's reduction does not fit the quantity.
     """
     matching = matcher or build_matcher(settings)
     if isinstance(matching, Doubting):
         matching = matching.first  # a track of positions has no attitude to go back with
     jacobian = track.jacobian(field_map.quantity)
-    prior = uncertainty.prior
-    error, covariance = np.zeros(4), prior
-    memory = None
+    earlier = matching.context + settings.batch_length - settings.scans_between_fixes
+    prior, memory = uncertainty.prior, None
     matches: list[Match] = []
-    previous = 0
     for end in batch_ends(len(track), settings):
-        if chained and previous:
-            error, covariance = _advance(
-                error, covariance, track.time[end - 1] - track.time[previous - 1], uncertainty
-            )
-        elif not chained:
-            error, covariance = np.zeros(4), prior
-        overlap = settings.batch_length - settings.scans_between_fixes
-        rows = slice(max(0, previous - overlap - matching.context), end)
+        previous = matches[-1].rows.stop if matches else 0
+        error, covariance = np.zeros(4), prior
+        if chained and matches:
+            elapsed = track.time[end - 1] - track.time[previous - 1]
+            error, covariance = _advance(matches[-1], elapsed, uncertainty)
+        rows = slice(max(0, previous - earlier), end)
         batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
         batch = without_map_edge(batch, field_map)
         before = memory
@@ -177,17 +162,8 @@ def match_track(
         error, covariance = update(batch, fix, error, covariance)
         if fix.reset:
             prior = uncertainty.prior + _LOST
-        matches.append(
-            Match(
-                fix=fix,
-                rows=slice(previous, end),
-                error=error,
-                covariance=covariance,
-                latitude=float(track.latitude[end - 1]),
-                longitude=float(track.longitude[end - 1]),
-            )
-        )
-        previous = end
+        here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
+        matches.append(Match(fix, slice(previous, end), error, covariance, *here))
     return matches
 
 
@@ -199,7 +175,7 @@ def _scrutinised(
     field_map: FieldMap,
     matcher: Pmht,
 ) -> tuple[Fix, Memory]:
-    """Return fix and memory as `robust` lets them pass."""
+    """Return fix and memory after the checks of `isogal.matching.pmht.robust`."""
     if fix.published:
         fix, after = confirmed(fix, after, before, batch, field_map, matcher)
     if fix.published:
@@ -209,8 +185,7 @@ def _scrutinised(
 
 
 def _unless_empty(fix: Fix, batch: Batch) -> Fix:
-    """Return the fix unless it is far less certain than the prior in every direction: then that is
-    why there is none."""
+    """Return the fix; declined if it is far less certain than the prior in every direction."""
     if not fix.published:
         return fix
     known = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
@@ -222,64 +197,6 @@ def _unless_empty(fix: Fix, batch: Batch) -> Fix:
         " km were known"
     )
     return replace(declined(batch, reason, **fix.diagnostics), reset=fix.reset)
-
-
-def build_batch(
-    track: Track, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array
-) -> Batch:
-    """Return rows of a track as a batch, moved by the error (4,) known so far at its last row,
-    with that error's covariance (4, 4)."""
-    time = track.time[rows]
-    transition = np.zeros((time.size, 2, 4))
-    transition[:, 0, 0] = transition[:, 1, 1] = 1.0
-    transition[:, 0, 2] = transition[:, 1, 3] = time - time[-1]
-    to_end = np.zeros((time.size, 4, 4))
-    to_end[:, :2] = transition
-    to_end[:, 2, 2] = to_end[:, 3, 3] = 1.0
-    by_error = np.einsum("ti,tij->tj", jacobian[rows], to_end)
-    north, east = metres_per_radian(track.latitude[rows])
-    moved = transition @ error
-    return Batch(
-        time=time,
-        latitude=track.latitude[rows] - moved[:, 0] / north,
-        longitude=track.longitude[rows] - moved[:, 1] / east,
-        velocity=track.velocity[rows] - error[2:],
-        reading=track.value[rows] - by_error @ error,
-        sigma=track.sigma[rows],
-        offset=track.offset[rows],
-        transition=transition,
-        reading_jacobian=by_error,
-        nuisance_position=np.zeros((time.size, 2, 0)),
-        nuisance_reading=np.zeros((time.size, 0)),
-        prior=covariance,
-        new=min(new, time.size),
-    )
-
-
-def without_map_edge(batch: Batch, field_map: FieldMap) -> Batch:
-    """Return the batch without the readings near which the map ends.
-
-    A place off the map cannot be judged, and matchers take it as impossible: a reading whose true
-    place may lie off the map would push the fix away from there. So readings without map all round
-    them as far as the prior reaches are left out, as long as enough are left: two thirds of them
-    for two 1-sigmas, half for one. Beyond that, those are used that have a map value themselves.
-    """
-    sigma = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
-    new = np.arange(len(batch)) >= len(batch) - batch.new
-    has = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)
-    north, east = metres_per_radian(batch.latitude)
-    keep = has
-    angle = np.arange(16)[:, None] * (np.pi / 8.0)
-    for reach, share in _EDGE_REACH:
-        inside = has.copy()
-        for part in (0.5, 1.0):
-            latitude = batch.latitude + part * reach * sigma * np.cos(angle) / north
-            longitude = batch.longitude + part * reach * sigma * np.sin(angle) / east
-            inside &= field_map.covers(latitude, longitude).all(axis=0)
-        if (inside & new).sum() >= max(share * (has & new).sum(), FEWEST_IN_BATCH):
-            keep = inside
-            break
-    return replace(batch, reading=np.where(keep, batch.reading, np.nan))
 
 
 def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Array, Array]:
@@ -303,14 +220,11 @@ def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Arr
     return error + gain @ vector, 0.5 * (gain + gain.T)
 
 
-def _advance(
-    error: Array, covariance: Array, dt: float, uncertainty: Uncertainty
-) -> tuple[Array, Array]:
-    """Carry the track's error on by dt (s) with a constant velocity error and a random walk of the
-    position."""
+def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:
+    """Return the track's error and its covariance dt (s) after the end of a batch: the velocity
+    error is constant, and the position error walks randomly."""
     transition = np.eye(4)
     transition[:2, 2:] = dt * np.eye(2)
     walk = uncertainty.walk**2 * dt / 3600.0
-    return transition @ error, transition @ covariance @ transition.T + np.diag(
-        [walk, walk, 0.0, 0.0]
-    )
+    grown = transition @ last.covariance @ transition.T + np.diag([walk, walk, 0.0, 0.0])
+    return transition @ last.error, grown
