@@ -134,7 +134,7 @@ class GravimeterNode(GraphNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Entry point of the console script."""
-    sys.exit(run_node(topics.GRAVIMETER, lambda: GravimeterNode(topics.GRAVIMETER)))
+    sys.exit(run_node(topics.GRAVIMETER, lambda: GravimeterNode(topics.GRAVIMETER), args))
 
 
 if __name__ == "__main__":

@@ -165,7 +165,7 @@ class InsSimNode(GraphNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Entry point of the console script."""
-    sys.exit(run_node(topics.INS_SIM, lambda: InsSimNode(topics.INS_SIM)))
+    sys.exit(run_node(topics.INS_SIM, lambda: InsSimNode(topics.INS_SIM), args))
 
 
 if __name__ == "__main__":

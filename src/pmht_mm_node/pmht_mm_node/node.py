@@ -124,7 +124,7 @@ class PmhtMmNode(GraphNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Entry point of the console script."""
-    sys.exit(run_node(topics.PMHT_MM, lambda: PmhtMmNode(topics.PMHT_MM)))
+    sys.exit(run_node(topics.PMHT_MM, lambda: PmhtMmNode(topics.PMHT_MM), args))
 
 
 if __name__ == "__main__":

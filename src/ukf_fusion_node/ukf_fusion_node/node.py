@@ -130,7 +130,7 @@ class UkfFusionNode(GraphNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Entry point of the console script."""
-    sys.exit(run_node(topics.UKF_FUSION, lambda: UkfFusionNode(topics.UKF_FUSION)))
+    sys.exit(run_node(topics.UKF_FUSION, lambda: UkfFusionNode(topics.UKF_FUSION), args))
 
 
 if __name__ == "__main__":

@@ -109,7 +109,7 @@ def _with_history(profile: QoSProfile) -> QoSProfile:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Entry point of the console script."""
-    sys.exit(run_node(RECORDER, lambda: RecorderNode(RECORDER)))
+    sys.exit(run_node(RECORDER, lambda: RecorderNode(RECORDER), args))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -95,14 +95,26 @@ def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> 
             count, changed = node.received(), time.monotonic()
 
 
-def run_node(name: str, build: Callable[[], Any]) -> int:
-    """Run one node until it is finished or interrupted; return the exit code of its process."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+def run_node(name: str, make: Callable[[], Any], args: Sequence[str] | None = None) -> int:
+    """Run one node until it is finished or interrupted; return the exit code of its process.
+
+    Parameters
+    ----------
+    name : str
+        Put before the line that a bad parameter ends the process with.
+    make : callable
+        Returns the node, a `GraphNode`.
+    args : sequence of str, optional
+        ROS arguments (``--ros-args ...``); None = those of the command line.
+    """
+    rclpy.init(
+        args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO
+    )
     try:
         # while the node is being made there is nothing to end in good order: signals end it at
         # once
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        node = build()
+        node = make()
         with interrupts() as interrupt:
             executor = make_executor()
             executor.add_node(node)
