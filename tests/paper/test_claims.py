@@ -8,22 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isogal.paper import claims
 from isogal.paper.cases import DEFAULT, PAPER, Plan, Setting, table_settings, unaided_settings
+from isogal.paper.claims.judge import RULES, judge
+from isogal.paper.claims.statistics import benefit_time, paired, quantum_gain, rate_interval
+from isogal.paper.claims.verdicts import FAILS, HOLDS, OPEN, decide
 from isogal.paper.iterations import Snapshot
 from isogal.paper.measure import Outcome, Tracks, roughness
 from isogal.paper.results import AlongTrack, Results
-from isogal.paper.verdicts import (
-    FAILS,
-    HOLDS,
-    OPEN,
-    REGISTER,
-    benefit_time,
-    decide,
-    paired,
-    quantum_gain,
-    rate_interval,
-)
 
 TIME = np.arange(0.0, 12961.0, 60.0)
 RUNS = 100
@@ -85,7 +76,7 @@ def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
 
 
 class NoMap(Plan):
-    """A plan whose maps are not looked at but for their cells."""
+    """A plan whose maps tell the size of their cells and nothing else."""
 
     def field_map(self, setting: Setting) -> Any:
         return type("Map", (), {"cell_size_m": staticmethod(lambda latitude: (222.0, 222.0))})()
@@ -97,15 +88,15 @@ def replace_plan(measured: Results) -> Results:
 
 
 def verdict(key: str, measured: Results) -> str:
-    (entry,) = [entry for entry in REGISTER if entry.key == key]
-    text, answer = entry.decide(measured)
+    (rule,) = [rule for rule in RULES if rule.key == key]
+    text, answer = rule.decide(measured)
     assert text.endswith((".", ")."))
     return answer
 
 
 def test_what_does_not_hold_is_explained() -> None:
-    judged = claims.judge(replace_plan(results(all_outcomes())))
-    assert len(judged) == len(REGISTER)
+    judged = judge(replace_plan(results(all_outcomes())))
+    assert len(judged) == len(RULES)
     for claim in judged:
         assert claim.why == "" or claim.verdict != HOLDS
     explained = {claim.key for claim in judged if claim.why}

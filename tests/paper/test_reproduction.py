@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from isogal.paper.claims.verdicts import FAILS, HOLDS, OPEN
 from isogal.paper.published import ROWS
-from isogal.paper.verdicts import FAILS, HOLDS, OPEN
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 FIGURES = ["51", "52", "54", "54a", "56", "56a", "56b", "57", "60", "61", "61a", "64"]

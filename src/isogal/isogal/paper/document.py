@@ -3,18 +3,21 @@ holds here."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from isogal.evaluation.html_report import Illustration, Section, number, write_report
 from isogal.paper.cases import DEFAULT, PAPER, Setting
-from isogal.paper.figures_errors import (
+from isogal.paper.claims.verdicts import FAILS, HOLDS, OPEN, Claim
+from isogal.paper.figures.errors import (
     noise_figure,
     overview_figure,
     retrodiction_figure,
     sensitivity_figure,
     spread_figure,
 )
-from isogal.paper.figures_maps import lookup_1d_figure, map_figure, search_window_figure
-from isogal.paper.figures_signals import iterations_figure, readings_figure, variability_figure
+from isogal.paper.figures.maps import lookup_1d_figure, map_figure, search_window_figure
+from isogal.paper.figures.signals import iterations_figure, readings_figure, variability_figure
 from isogal.paper.published import JOURNEY, TABLE_4, TABLE_6
 from isogal.paper.results import Results
 from isogal.paper.tables import (
@@ -24,7 +27,9 @@ from isogal.paper.tables import (
     sensitivity_table,
     spread_table,
 )
-from isogal.paper.verdicts import Claim
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_page(
@@ -74,15 +79,12 @@ def write_page(
 
 
 def _verdicts(claims: Sequence[Claim]) -> Section:
-    counts = {
-        verdict: sum(claim.verdict == verdict for claim in claims)
-        for verdict in ("holds", "does not hold", "cannot tell")
-    }
+    verdicts = [claim.verdict for claim in claims]
     text = (
-        f"Of {len(claims)} statements of the paper {counts['holds']} hold in this simulation,"
-        f" {counts['does not hold']} do not, and {counts['cannot tell']} cannot be decided by it."
-        " Verdicts follow from the numbers beside them by fixed rules, for the paper's own"
-        " matcher."
+        f"Of {len(claims)} statements of the paper {verdicts.count(HOLDS)} hold in this"
+        f" simulation, {verdicts.count(FAILS)} do not, and {verdicts.count(OPEN)} cannot be"
+        " decided by it. Verdicts follow from the numbers beside them by fixed rules, for the"
+        " paper's own matcher."
     )
     return Section("What the paper says", [text], tables=[claims_table(claims)])
 
@@ -131,77 +133,83 @@ def _limits(
     )
 
 
-def _caption(figure: str, what: str, claims: Mapping[str, Claim], *keys: str) -> str:
-    parts = [f"Paper fig. {figure}. {what}"]
-    for key in keys:
-        claim = claims[key]
-        parts.append(
-            f"The paper: {claim.text[0].lower()}{claim.text[1:].rstrip('.')}. Here this"
-            f" {_said(claim)}."
-        )
-    return " ".join(parts)
+def _picture(
+    number: str,
+    drawn: "Figure",
+    what: str,
+    claims: Mapping[str, Claim] = MappingProxyType({}),
+    keys: Sequence[str] = (),
+) -> Illustration:
+    """Return a figure of the paper with its caption, and the verdicts of the claims about it."""
+    parts = [f"Paper fig. {number}. {what}"]
+    for claim in (claims[key] for key in keys):
+        text = f"{claim.text[0].lower()}{claim.text[1:].rstrip('.')}"
+        parts.append(f"The paper: {text}. Here this {_said(claim)}.")
+    return Illustration(f"fig-{number}", drawn, " ".join(parts))
 
 
 def _said(claim: Claim) -> str:
-    return {
-        "holds": "holds",
-        "does not hold": "does not hold",
-        "cannot tell": "cannot be decided",
-    }[claim.verdict]
+    return "cannot be decided" if claim.verdict == OPEN else claim.verdict
 
 
 def _lookup(results: Results, claims: Mapping[str, Claim]) -> Section:
     plan = results.plan
     window = results.window
-    error = (
-        float((window.truth**2).sum() ** 0.5),
-        float(((window.combined - window.truth) ** 2).sum() ** 0.5),
-    )
+    field_map = plan.field_map(Setting())
+    prior_error = float((window.truth**2).sum() ** 0.5)
+    error = float(((window.combined - window.truth) ** 2).sum() ** 0.5)
     pictures = [
-        Illustration(
-            "fig-51",
+        _picture(
+            "51",
             map_figure(plan, "gravity"),
-            _caption("51", "Gravity map and the vehicle's track.", claims, "resolution"),
+            "Gravity map and the vehicle's track.",
+            claims,
+            ["resolution"],
         ),
-        Illustration(
-            "fig-57",
+        _picture(
+            "57",
             map_figure(plan, "disturbance"),
-            _caption("57", "Gravity disturbance map and the vehicle's track.", claims, "resolution"),
+            "Gravity disturbance map and the vehicle's track.",
+            claims,
+            ["resolution"],
         ),
-        Illustration(
-            "fig-54a",
-            lookup_1d_figure(results.profile, plan.field_map(Setting())),
-            _caption("54a", "Map lookup along a line: a reading belongs to all places in the window where the map has its value.", claims,
-                     "ambiguity"),
+        _picture(
+            "54a",
+            lookup_1d_figure(results.profile, field_map),
+            "Map lookup along a line: a reading belongs to all places in the window where the map"
+            " has its value.",
+            claims,
+            ["ambiguity"],
         ),
-        Illustration(
-            "fig-54",
-            search_window_figure(window, plan.field_map(Setting())),
-            f"Paper fig. 54. Search window (dashed) with the {len(window.weight)} map points nearest in value to the "
-            f"reading (white line: where "
-            f"the map has it). The prior is {number(error[0])} m from the truth, the PDA solution {number(error[1])} "
-            f"m: one reading alone "
-            "says little, and its mean need not lie where the map has its value.",
+        _picture(
+            "54",
+            search_window_figure(window, field_map),
+            f"Search window (dashed) with the {len(window.weight)} map points nearest in value to"
+            " the reading (white line: where the map has it). The prior is"
+            f" {number(prior_error)} m from the truth, the PDA solution {number(error)} m: one"
+            " reading alone says little, and its mean need not lie where the map has its value.",
         ),
-    ]  # fmt: skip
+    ]
     return Section("Maps and the map lookup", illustrations=pictures)
 
 
 def _inertial(results: Results, claims: Mapping[str, Claim]) -> Section:
     pictures = [
-        Illustration(
-            "fig-52",
+        _picture(
+            "52",
             overview_figure(results),
-            _caption("52", "RMS position error of the unaided INS by grade (PCAG and QAPCG coincide), and aided with T = 30 at low noise.",
-                     claims, "unbounded", "quantum gain", "bounded", "benefit", "jagged"),
+            "RMS position error of the unaided INS by grade (PCAG and QAPCG coincide), and aided"
+            " with T = 30 at low noise.",
+            claims,
+            ["unbounded", "quantum gain", "bounded", "benefit", "jagged"],
         ),
         Illustration(
             "unaided-spread",
             spread_figure(results),
-            "Does the filter know the spread of the unaided INS? RMS error of the runs, and what the filter's "
-            "covariance says when it takes no fix.",
+            "Does the filter know the spread of the unaided INS? RMS error of the runs, and what"
+            " the filter's covariance says when it takes no fix.",
         ),
-    ]  # fmt: skip
+    ]
     return Section(
         "The inertial navigator, aided and unaided",
         illustrations=pictures,
@@ -211,46 +219,51 @@ def _inertial(results: Results, claims: Mapping[str, Claim]) -> Section:
 
 def _noise(results: Results, claims: Mapping[str, Claim]) -> Section:
     figures = (
-        ("fig-56", "gravity", 30, ("sensor", "500 m")),
-        ("fig-56b", "gravity", 15, ("T and noise", "no divergence")),
-        ("fig-61", "disturbance", 30, ("maps alike", "first hour")),
-        ("fig-61a", "disturbance", 15, ("shorter batches",)),
+        ("56", "gravity", 30, ("sensor", "500 m")),
+        ("56b", "gravity", 15, ("T and noise", "no divergence")),
+        ("61", "disturbance", 30, ("maps alike", "first hour")),
+        ("61a", "disturbance", 15, ("shorter batches",)),
     )
     pictures = [
-        Illustration(
-            "fig-56a",
+        _picture(
+            "56a",
             readings_figure(results),
-            "Paper fig. 56a. Gravity readings of one run at each noise level, reduced with the navigator's "
-            "estimate, against the noiseless "
-            "signal. Below, the differences: noise, and what a wrong velocity leaves of the Eötvös term.",
+            "Gravity readings of one run at each noise level, reduced with the navigator's"
+            " estimate, against the noiseless signal. Below, the differences: noise, and what a"
+            " wrong velocity leaves of the Eötvös term.",
         ),
         *(
-            Illustration(
+            _picture(
                 name,
                 noise_figure(results, quantity, length),
-                _caption(name.removeprefix("fig-"), f"RMS position error, {quantity} map, T = {length}.", claims, *keys),
+                f"RMS position error, {quantity} map, T = {length}.",
+                claims,
+                keys,
             )
             for name, quantity, length, keys in figures
         ),
-        Illustration(
-            "fig-60",
+        _picture(
+            "60",
             variability_figure(results),
-            _caption("60", "Noiseless gravity disturbance along the track, and the map feature variability (eq. CV) as it is and over its "
-                     "mean of the last 100 scans.", claims, "variability"),
+            "Noiseless gravity disturbance along the track, and the map feature variability (eq."
+            " CV) as it is and over its mean of the last 100 scans.",
+            claims,
+            ["variability"],
         ),
-    ]  # fmt: skip
+    ]
     return Section("Noise, batch length and map", illustrations=pictures)
 
 
 def _iterations(results: Results, claims: Mapping[str, Claim]) -> Section:
-    caption = _caption(
-        "64", "Left: one batch of T = 15 scans from the navigator's track to the result of the last iteration. "
-        "Right: how far each iteration "
-        "moves the batches of this run.", claims, "iterations", "drag",
-    )  # fmt: skip
-    return Section(
-        "Iterations", illustrations=[Illustration("fig-64", iterations_figure(results), caption)]
+    picture = _picture(
+        "64",
+        iterations_figure(results),
+        "Left: one batch of T = 15 scans from the navigator's track to the result of the last"
+        " iteration. Right: how far each iteration moves the batches of this run.",
+        claims,
+        ["iterations", "drag"],
     )
+    return Section("Iterations", illustrations=[picture])
 
 
 def _aiding(results: Results, claims: Mapping[str, Claim]) -> Section:

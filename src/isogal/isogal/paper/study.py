@@ -13,14 +13,14 @@ from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Display, compute_cases
 from isogal.paper.cases import SWEEP_HEADINGS, Plan, Setting, retrodiction_settings
-from isogal.paper.claims import judge
+from isogal.paper.claims.judge import judge
+from isogal.paper.claims.verdicts import Claim
 from isogal.paper.document import write_page
 from isogal.paper.iterations import follow_iterations
 from isogal.paper.lookups import profile_example, window_example
 from isogal.paper.measure import Outcome, drift_by_theory, measure_spread, measure_tracks
 from isogal.paper.results import Results, along_track
-from isogal.paper.tables import as_json
-from isogal.paper.verdicts import Claim
+from isogal.paper.results_json import as_json
 from isogal.scenario import InitialError, Route
 from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import build_trajectory

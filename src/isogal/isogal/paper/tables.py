@@ -1,18 +1,19 @@
-"""Tables of the reproduction, for the page and for results.json."""
+"""Tables of the page."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from isogal.evaluation.html_report import Table, number
 from isogal.paper.cases import MATCHERS, PAPER, SWEEP_HEADINGS, SWEEP_SPEEDS, Setting
-from isogal.paper.figures_errors import GRADE_LABELS
+from isogal.paper.claims.statistics import rate_interval
+from isogal.paper.claims.verdicts import Claim
+from isogal.paper.figures.errors import GRADE_LABELS
 from isogal.paper.measure import Outcome, roughness
-from isogal.paper.published import QUANTUM_GAIN, TABLE_4, TABLE_6, PublishedRow
+from isogal.paper.published import PublishedRow
 from isogal.paper.results import Results
-from isogal.paper.verdicts import Claim, quantum_gain, rate_interval
 
 
-def percent(count: int, total: int) -> str:
+def _percent(count: int, total: int) -> str:
     """Write a share of runs with its 95 % interval."""
     low, high = rate_interval(count, total)
     return _whole(f"{100 * count / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
@@ -31,39 +32,25 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
     """Table 4 or 6: the paper's values, its matcher here, and the default matcher."""
     cells: list[tuple[str, ...]] = []
     for row in rows:
-        title = (
-            f"{row.batch_length}",
-            f"{row.sigma:g}",
-            f"{row.snr:.0f} / {results.snr(row):.0f}",
-        )
-        cells.append(
-            (
-                *title,
-                "paper",
-                number(row.mean_error),
-                *("–",) * 7,
-                f"{100 * row.divergence_rate:.0f} %",
-            )
-        )
+        snr = f"{row.snr:.0f} / {results.snr(row):.0f}"
+        title = (f"{row.batch_length}", f"{row.sigma:g}", snr)
+        diverged = f"{100 * row.divergence_rate:.0f} %"
+        cells.append((*title, "paper", number(row.mean_error), *("–",) * 7, diverged))
         cells += [("", "", "", *_outcome_cells(results.row(row, matcher))) for matcher in MATCHERS]
     header = (
-        *(
-            "T",
-            "sigma (m/s²)",
-            "SNR (dB): paper / here",
-            "from",
-            "mean error (m)",
-            "RMS (m)",
-            "RMS after 1 h (m)",
-        ),
-        *(
-            "bound after 1 h (m)",
-            "RMS over bound",
-            "NEES per axis",
-            "consistent within",
-            "declined fixes",
-            "diverged runs",
-        ),
+        "T",
+        "sigma (m/s²)",
+        "SNR (dB): paper / here",
+        "from",
+        "mean error (m)",
+        "RMS (m)",
+        "RMS after 1 h (m)",
+        "bound after 1 h (m)",
+        "RMS over bound",
+        "NEES per axis",
+        "consistent within",
+        "declined fixes",
+        "diverged runs",
     )
     caption = (
         f"{name}: mean position error over runs and time with its standard error, RMS, ratio to"
@@ -91,12 +78,13 @@ def _outcome_cells(outcome: Outcome) -> tuple[str, ...]:
         number(nees["mean"]),
         _whole(" to ".join(number(end) for end in nees["interval"])),
         f"{100 * fixes['declined'] / max(total, 1):.1f} %",
-        percent(outcome.diverged, len(outcome.run_means)),
+        _percent(outcome.diverged, len(outcome.run_means)),
     )
 
 
 def spread_table(results: Results) -> Table:
-    """Return the unaided INS by grade, and whether its filter knows its spread."""
+    """Return the RMS error of the unaided INS by grade, and whether its filter's covariance agrees
+    with it."""
     cells = []
     for spread in results.spreads:
         low, high = spread.test.family_interval
@@ -148,19 +136,18 @@ def aiding_table(results: Results) -> Table:
                     number(outcome.summary["nees_per_axis"]["mean"]),
                     number(roughness(tracks.live)),
                     number(roughness(tracks.revised)),
-                    percent(outcome.diverged, len(outcome.run_means)),
+                    _percent(outcome.diverged, len(outcome.run_means)),
                 )
             )
     header = (
-        *(
-            "T",
-            "aiding",
-            "mean error (m)",
-            "RMS (m)",
-            "NEES per axis",
-            "change per scan as output (m)",
-        ),
-        *("change per scan in the end (m)", "diverged runs"),
+        "T",
+        "aiding",
+        "mean error (m)",
+        "RMS (m)",
+        "NEES per axis",
+        "change per scan as output (m)",
+        "change per scan in the end (m)",
+        "diverged runs",
     )
     count = len(next(iter(results.tracks.values())).live)
     caption = (
@@ -231,95 +218,3 @@ def claims_table(claims: Sequence[Claim]) -> Table:
         ("where", "claim", "measured here", "verdict"),
         rows,
     )
-
-
-def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
-    """Return all numbers as one document; the figures of merit of each case are in the format of
-    results.json of a Monte Carlo."""
-    gain, error = quantum_gain(results)
-
-    def without_time(outcome: Outcome) -> dict[str, Any]:
-        return {key: value for key, value in outcome.summary.items() if key != "time"}
-
-    return {
-        "tables": {
-            name: [
-                {
-                    "batch_length": row.batch_length,
-                    "sigma": row.sigma,
-                    "snr": results.snr(row),
-                    "published": {
-                        "mean": row.mean_error,
-                        "divergence_rate": row.divergence_rate,
-                        "snr": row.snr,
-                    },
-                    **{matcher: _brief(results.row(row, matcher)) for matcher in MATCHERS},
-                }
-                for row in rows
-            ]
-            for name, rows in _by_table()
-        },
-        "unaided": [
-            {
-                "grade": spread.grade,
-                "time": spread.time,
-                "rms": spread.rms,
-                "claimed": spread.claimed,
-                "nees_per_axis": spread.test.nees,
-                "interval": list(spread.test.family_interval),
-                "consistent": spread.test.consistent,
-            }
-            for spread in results.spreads
-        ],
-        "quantum_gain": {
-            "published": QUANTUM_GAIN,
-            "time": results.plan.gain_time,
-            "measured": gain,
-            "standard_error": error,
-        },
-        "drift_by_theory": [
-            {"heading": heading, "grade": grade, "rms": value}
-            for (heading, grade), value in results.drift.items()
-        ],
-        "smoothness": [
-            {
-                "batch_length": setting.batch_length,
-                "mode": setting.mode,
-                "as_output": roughness(tracks.live),
-                "in_the_end": roughness(tracks.revised),
-            }
-            for setting, tracks in results.tracks.items()
-        ],
-        "claims": [
-            {
-                "key": c.key,
-                "where": c.source,
-                "claim": c.text,
-                "measured": c.measured,
-                "verdict": c.verdict,
-                "why": c.why,
-            }
-            for c in claims
-        ],
-        "cases": {
-            setting.name: without_time(outcome) for setting, outcome in results.outcomes.items()
-        },
-    }
-
-
-def _by_table() -> list[tuple[str, Sequence[PublishedRow]]]:
-    return [("4", TABLE_4), ("6", TABLE_6)]
-
-
-def _brief(outcome: Outcome) -> dict[str, Any]:
-    summary = outcome.summary
-    return {
-        "mean": outcome.mean,
-        "mean_standard_error": outcome.mean_uncertainty,
-        "rms": summary["position_error"]["rms"],
-        "rms_after_1h": summary["position_error"]["rms_after_1h"],
-        "bound": summary["bound"],
-        "nees_per_axis": summary["nees_per_axis"],
-        "declined": summary["fixes"]["declined"],
-        "divergence_rate": outcome.diverged / len(outcome.run_means),
-    }

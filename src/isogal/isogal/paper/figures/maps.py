@@ -15,6 +15,7 @@ from isogal.paper.published import FIGURE_54_SIDE, LOW
 from isogal.sensors.trajectory import build_trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -25,9 +26,8 @@ _EDGE: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.6}
 def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
     """Profile of the gravity map across the track with a reading and the places in the window that
     it may come from (fig-54a)."""
-    offset, profile, centre, reading, candidates = (
-        example.offset, example.profile, example.centre, example.reading, example.candidates,
-    )  # fmt: skip
+    offset, profile, centre = example.offset, example.profile, example.centre
+    reading, candidates = example.reading, example.candidates
     sigma = LOW["gravity"]
     scale = style.field_scale(field_map)
     figure = style.new_figure(3.4)
@@ -84,27 +84,9 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
 def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure":
     """Search window of 5 x 5 km with 50 candidates, the true place and the PDA solution
     (fig-54)."""
-    scale = style.field_scale(field_map)
-    metres = metres_per_radian(example.latitude)
-    side = np.linspace(-0.6, 0.6, 181) * FIGURE_54_SIDE
-    north, east = np.meshgrid(side, side, indexing="ij")
-    values = scale(
-        field_map.value(example.latitude + north / metres[0], example.longitude + east / metres[1])
-    )
     figure = style.new_figure(4.4)
     panel = figure.subplots()
-    km = side / 1e3
-    image = panel.imshow(
-        values,
-        extent=(km[0], km[-1], km[0], km[-1]),
-        origin="lower",
-        cmap=style.FIELD_COLOURS,
-        interpolation="bilinear",
-    )
-    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
-    panel.contour(
-        km, km, values, levels=[float(scale(example.reading))], colors="white", linewidths=1.2
-    )
+    _surroundings(panel, example, field_map)
     half = 0.5 * FIGURE_54_SIDE / 1e3
     panel.plot(
         [-half, half, half, -half, -half],
@@ -113,12 +95,16 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
         linestyle="--",
         linewidth=1.4,
     )
-    size = 14.0 + 60.0 * example.weight / example.weight.max()
     panel.scatter(
-        example.candidates[:, 1] / 1e3, example.candidates[:, 0] / 1e3, s=size, color=style.ORANGE, edgecolors="black",
-        linewidths=0.5, label=f"{len(example.weight)} candidates (size: weight)",
-    )  # fmt: skip
-    for place, marker, colour, size_of, label in (
+        example.candidates[:, 1] / 1e3,
+        example.candidates[:, 0] / 1e3,
+        s=14.0 + 60.0 * example.weight / example.weight.max(),
+        color=style.ORANGE,
+        edgecolors="black",
+        linewidths=0.5,
+        label=f"{len(example.weight)} candidates (size: weight)",
+    )
+    for place, marker, colour, size, label in (
         (np.zeros(2), "P", "white", 8, "prior (centre)"),
         (example.truth, "*", style.GREEN, 13, "truth"),
         (example.combined, "D", "black", 6, "PDA solution"),
@@ -128,7 +114,7 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
             place[0] / 1e3,
             marker,
             color=colour,
-            markersize=size_of,
+            markersize=size,
             linestyle="",
             **_EDGE,
             label=label,
@@ -138,6 +124,29 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     panel.set_ylabel("north (km)")
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+def _surroundings(panel: "Axes", example: WindowExample, field_map: FieldMap) -> None:
+    """Draw the map about the window, and the contour of the reading."""
+    scale = style.field_scale(field_map)
+    metres = metres_per_radian(example.latitude)
+    side = np.linspace(-0.6, 0.6, 181) * FIGURE_54_SIDE
+    north, east = np.meshgrid(side, side, indexing="ij")
+    values = scale(
+        field_map.value(example.latitude + north / metres[0], example.longitude + east / metres[1])
+    )
+    km = side / 1e3
+    image = panel.imshow(
+        values,
+        extent=(km[0], km[-1], km[0], km[-1]),
+        origin="lower",
+        cmap=style.FIELD_COLOURS,
+        interpolation="bilinear",
+    )
+    panel.figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
+    panel.contour(
+        km, km, values, levels=[float(scale(example.reading))], colors="white", linewidths=1.2
+    )
 
 
 @style.journal
@@ -156,21 +165,30 @@ def map_figure(plan: Plan, quantity: str) -> "Figure":
     )
     low, high = np.nanpercentile(values, [1.0, 99.0])
     image = panel.imshow(
-        values, extent=(west, east, south, north), origin="lower", cmap=style.FIELD_COLOURS, vmin=low, vmax=high,
-        interpolation="bilinear", aspect=1.0 / math.cos(float(np.mean(trajectory.latitude))),
-    )  # fmt: skip
-    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
-    latitude, longitude = (
-        np.degrees(trajectory.latitude),
-        np.degrees(np.unwrap(trajectory.longitude)),
+        values,
+        extent=(west, east, south, north),
+        origin="lower",
+        cmap=style.FIELD_COLOURS,
+        vmin=low,
+        vmax=high,
+        interpolation="bilinear",
+        aspect=1.0 / math.cos(float(np.mean(trajectory.latitude))),
     )
+    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
+    latitude = np.degrees(trajectory.latitude)
+    longitude = np.degrees(np.unwrap(trajectory.longitude))
     panel.plot(longitude, latitude, color="white", linewidth=3.4)
     panel.plot(longitude, latitude, color="black", linewidth=1.5, label="track")
     half_hours = np.arange(0.0, trajectory.time[-1] + 1.0, 1800.0)
     panel.plot(
-        np.interp(half_hours, trajectory.time, longitude), np.interp(half_hours, trajectory.time, latitude), "o",
-        color=style.ORANGE, markersize=4.5, **_EDGE, label="every 30 min",
-    )  # fmt: skip
+        np.interp(half_hours, trajectory.time, longitude),
+        np.interp(half_hours, trajectory.time, latitude),
+        "o",
+        color=style.ORANGE,
+        markersize=4.5,
+        **_EDGE,
+        label="every 30 min",
+    )
     panel.plot(longitude[0], latitude[0], "^", color="white", markersize=8, **_EDGE, label="start")
     panel.grid(False)
     panel.set_xlabel("longitude (deg)")

@@ -3,13 +3,13 @@
 import numpy as np
 
 from isogal.evaluation.html_report import number
+from isogal.paper.claims.verdicts import HOUR, after, metres
 from isogal.paper.published import HIGH, LOW, ROWS, TABLE_4
 from isogal.paper.results import Results
-from isogal.paper.verdicts import HOUR, after, metres
 
 
 def ambiguous(_: Results) -> str:
-    """Why batches go astray."""
+    """Why a batch may be matched at a wrong place."""
     return (
         "The variance of eq. s3-021 leaves the candidates' spread out, so a scan that matches many"
         " places pulls as hard as one that matches a single one."
@@ -17,7 +17,7 @@ def ambiguous(_: Results) -> str:
 
 
 def accelerometers(results: Results) -> str:
-    """Why better accelerometers do not help."""
+    """Why better accelerometers hardly reduce the drift."""
     return (
         "With the sensors of Table 1 the drift is that of the initial heading error and of the"
         f" gyroscopes; at {number(results.plan.gain_time / HOUR)} h better accelerometers change"
@@ -26,7 +26,7 @@ def accelerometers(results: Results) -> str:
 
 
 def early(results: Results) -> str:
-    """Why aiding pays off earlier."""
+    """Why the benefit of aiding begins earlier than in the paper."""
     outcome = results.at("gravity", LOW["gravity"], 30)
     level = float(np.sqrt(np.mean(outcome.error**2)))
     above = np.flatnonzero(outcome.unaided_rms > level)
@@ -38,7 +38,7 @@ def early(results: Results) -> str:
 
 
 def windows(results: Results) -> str:
-    """Why batch length and divergence are another matter here."""
+    """Why runs with short batches do not diverge more often here."""
 
     def share(length: int) -> str:
         worst = max(
@@ -54,7 +54,7 @@ def windows(results: Results) -> str:
 
 
 def overconfident(results: Results) -> str:
-    """Why better readings do not help the paper's matcher."""
+    """Why more precise readings do not make the paper's matcher more accurate."""
     nees = [
         float(results.row(row).summary["nees_per_axis"]["mean"])
         for row in ROWS
@@ -68,7 +68,7 @@ def overconfident(results: Results) -> str:
 
 
 def method(results: Results) -> str:
-    """Why the level of the error is another one."""
+    """Why the mean error differs from the paper's."""
     bounds = [float(results.row(row).summary["bound"]["rms"]) for row in TABLE_4[:2]]
     return (
         f"The bound is {metres(max(bounds))} RMS: errors of this size come from the method and not"

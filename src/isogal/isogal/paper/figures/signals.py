@@ -1,16 +1,19 @@
 """What the sensor reads, how much the map varies, and how the iterations move (paper figs. 56a,
 60, 64)."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isogal.evaluation.figures import style
 from isogal.paper.cases import Setting
+from isogal.paper.iterations import Snapshot
 from isogal.paper.published import FIGURE_64_SCAN, HIGH, LOW
 from isogal.paper.results import Results
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -71,31 +74,46 @@ def iterations_figure(results: Results) -> "Figure":
     """One batch from the navigator's track over the iterations to the fix, on the candidates
     (fig-64); right: all batches of the run."""
     figure = style.new_figure(4.3)
-    panel, side = figure.subplots(1, 2, width_ratios=(3, 2))
-    snapshots = results.snapshots
-    shot = min(snapshots, key=lambda s: abs(s.time - FIGURE_64_SCAN))
-    km = 1e-3
-    size = 8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    _one_batch(left, min(results.snapshots, key=lambda s: abs(s.time - FIGURE_64_SCAN)))
+    _movement(right, results.snapshots)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _one_batch(panel: "Axes", shot: Snapshot) -> None:
+    """Draw the iterates of a batch's track, the candidates and the true track."""
+    candidates, states, truth = shot.candidates / 1e3, shot.states / 1e3, shot.truth / 1e3
     panel.scatter(
-        shot.candidates[:, 1] * km, shot.candidates[:, 0] * km, s=size, marker="+", color=style.BLUE, linewidths=0.8,
+        candidates[:, 1],
+        candidates[:, 0],
+        s=8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300),
+        marker="+",
+        color=style.BLUE,
+        linewidths=0.8,
         label="candidates (size: weight)",
-    )  # fmt: skip
-    for number, states in enumerate(shot.states[1:-1]):
-        label = "iterations between" if number == 0 else None
-        panel.plot(states[:, 1] * km, states[:, 0] * km, color="0.55", linewidth=0.6, label=label)
-    looks = (
-        (shot.truth, "-", "none", style.GREEN, "truth"),
-        (shot.states[0], "o", style.PURPLE, style.PURPLE, "navigator"),
-        (shot.states[-1], "*", "black", "black", f"after {len(shot.states) - 1} iterations"),
     )
-    for states, style_, face, colour, label in looks:
+    for number, track in enumerate(states[1:-1]):
+        label = "iterations between" if number == 0 else None
+        panel.plot(track[:, 1], track[:, 0], color="0.55", linewidth=0.6, label=label)
+    last = f"after {len(states) - 1} iterations"
+    panel.plot(truth[:, 1], truth[:, 0], "-", color=style.GREEN, linewidth=2.0, label="truth")
+    for track, marker, size, colour, face, label in (
+        (states[0], "o", 5.5, style.PURPLE, "none", "navigator"),
+        (states[-1], "*", 7.0, "black", "black", last),
+    ):
         panel.plot(
-            states[:, 1] * km, states[:, 0] * km, style_, color=colour, markerfacecolor=face if face == "black" else "none",
-            markersize=7 if style_ == "*" else 5.5, linewidth=2.0, label=label,
-        )  # fmt: skip
-    path = np.concatenate([shot.truth, shot.states.reshape(-1, 2)])
-    centre = 0.5 * (path.min(axis=0) + path.max(axis=0)) * km
-    half = 0.5 * float(np.ptp(path, axis=0).max()) * km + 0.9
+            track[:, 1],
+            track[:, 0],
+            marker,
+            color=colour,
+            markerfacecolor=face,
+            markersize=size,
+            label=label,
+        )
+    path = np.concatenate([truth, states.reshape(-1, 2)])
+    centre = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    half = 0.5 * float(np.ptp(path, axis=0).max()) + 0.9
     panel.set_xlim(centre[1] - half, centre[1] + half)
     panel.set_ylim(centre[0] - half, centre[0] + half)
     panel.set_aspect("equal")
@@ -103,13 +121,20 @@ def iterations_figure(results: Results) -> "Figure":
     panel.set_ylabel("north of the last scan (km)")
     panel.set_title(f"batch that ends at {shot.time:.0f} s", loc="left")
 
+
+def _movement(panel: "Axes", snapshots: Sequence[Snapshot]) -> None:
+    """Draw how far each iteration moves the batches."""
     movement = np.array([s.movement for s in snapshots])
     count = np.arange(1, movement.shape[1] + 1)
-    side.fill_between(
-        count, *np.percentile(movement, [10.0, 90.0], axis=0), color=style.SKY, alpha=0.35, linewidth=0,
+    panel.fill_between(
+        count,
+        *np.percentile(movement, [10.0, 90.0], axis=0),
+        color=style.SKY,
+        alpha=0.35,
+        linewidth=0,
         label=f"10 to 90 % of {len(snapshots)} batches",
-    )  # fmt: skip
-    side.plot(
+    )
+    panel.plot(
         count,
         np.median(movement, axis=0),
         **style.AIDED.options(),
@@ -117,9 +142,7 @@ def iterations_figure(results: Results) -> "Figure":
         markersize=3,
         label="median",
     )
-    side.set_yscale("log")
-    side.set_xlabel("iteration")
-    side.set_ylabel("movement of the batch (m)")
-    side.legend(loc="upper right")
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
+    panel.set_yscale("log")
+    panel.set_xlabel("iteration")
+    panel.set_ylabel("movement of the batch (m)")
+    panel.legend(loc="upper right")

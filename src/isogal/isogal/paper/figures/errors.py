@@ -1,7 +1,7 @@
 """RMS errors over time, by noise and batch length, by way of aiding, by setting (paper figs. 52,
 56, 56b, 61, 61a, and beyond)."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -160,28 +160,21 @@ def sensitivity_figure(results: Results) -> "Figure":
     """Errors against what the paper does not state: initial heading error and speed."""
     figure = style.new_figure(3.1)
     left, right = figure.subplots(1, 2, sharey=True)
-    headings = [(heading, {"heading": heading}) for heading in SWEEP_HEADINGS]
-    speeds = [(speed, {"speed": speed}) for speed in SWEEP_SPEEDS]
-    for panel, sweep in ((left, headings), (right, speeds)):
-        values = [value for value, _ in sweep]
-        unaided = [_rms(results.outcomes[Setting(**change)].unaided) for _, change in sweep]  # type: ignore[arg-type]
+    for panel, name, values in ((left, "heading", SWEEP_HEADINGS), (right, "speed", SWEEP_SPEEDS)):
+        changes: list[dict[str, Any]] = [{name: value} for value in values]
         panel.plot(
             values,
-            unaided,
+            [_rms(results.outcomes[Setting(**change)].unaided) for change in changes],
             **style.UNAIDED.options(),
             marker="^",
             markersize=4.5,
             label="unaided INS",
         )
         for matcher, marker in zip(MATCHERS, "Do", strict=True):
-            settings = [
-                Setting(matcher=matcher, **change)  # type: ignore[arg-type]
-                for _, change in sweep
-            ]
-            rms = [_rms(results.outcomes[setting].error) for setting in settings]
+            outcomes = [results.outcomes[Setting(matcher=matcher, **change)] for change in changes]
             panel.plot(
                 values,
-                rms,
+                [_rms(outcome.error) for outcome in outcomes],
                 **_LINES[matcher].options(),
                 marker=marker,
                 markersize=4.5,
