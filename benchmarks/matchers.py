@@ -15,22 +15,24 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from isogal import plugins
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.matching.registry import MATCHERS
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
+MATCHERS = plugins.names(plugins.MATCHERS)
 CASES: dict[str, list[str]] = {
     "gravity 1 mGal, map exact": ["gravimeter.sigma=1e-5"],
     "gravity 20 mGal, map exact": ["gravimeter.sigma=2e-4"],
@@ -78,7 +80,7 @@ def draw(results: dict[str, dict[str, dict[str, float]]]) -> Figure:
     rows = -(-len(names) // 2)
     figure = style.new_figure(2.4 * rows)
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
-    markers = dict(zip(MATCHERS, "so^vD<>P", strict=True))
+    markers = dict(zip(MATCHERS, cycle("so^vD<>P"), strict=False))
     for ax, case in zip(axes, names, strict=False):
         for name, row in results[case].items():
             colour = "black" if name == "pmht" else "0.55"

@@ -14,11 +14,11 @@ from scipy.ndimage import gaussian_filter
 
 from helpers.bags import FIX, READING, position, reading, write_bag
 from helpers.tracks import FIELDS, field_of, made_track, write_csv
+from isogal import plugins
 from isogal.cli.main import app
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
 from isogal.maps.formats.netcdf import write_netcdf
-from isogal.matching.registry import MATCHERS
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 
@@ -272,7 +272,7 @@ def test_options_of_the_matcher(files, capsys, options, ends):
     assert [fix["time"] for fix in json.loads(out)] == ends
 
 
-@pytest.mark.parametrize("matcher", MATCHERS)
+@pytest.mark.parametrize("matcher", plugins.names(plugins.MATCHERS))
 def test_every_matcher(files, capsys, matcher):
     map_, track, sigma, *_ = files["magnetic_anomaly"]
     options = [

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
+from isogal import plugins
 from isogal.errors import InputError
-from isogal.matching.registry import MATCHERS, build_matcher
+from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 
 NAMES = ["tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"]
@@ -22,7 +23,7 @@ def build(name, **settings):
 
 
 def test_all_names_of_a_scenario_are_registered():
-    assert set(NAMES) <= set(MATCHERS)
+    assert set(NAMES) <= set(plugins.names(plugins.MATCHERS))
     for name in NAMES:
         matcher = build(name)
         assert (matcher.name, matcher.context) == (name, 0)

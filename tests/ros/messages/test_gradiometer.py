@@ -211,7 +211,7 @@ class TestRefused:
             (["gradiometer.covariance_eotvos=null", "gradiometer.sigma_eotvos=0"], "should be greater than 0"),
             (["gravimeter.sigma=1e-9"], "gravimeter.sigma: says nothing where field is gradient"),
             (["map.source=synthetic", "map.variable=ga"], "field is gradient, which needs one of disturbance"),
-            (["matcher.name=tercom"], "tercom takes one number per scan; for vector readings give pmht"),
+            (["matcher.name=tercom"], "tercom takes one number per scan; for readings of several channels give pmht"),
             (["matcher.map_sigma=auto"], "matcher.map_sigma: auto is for scalar fields"),
             (["route.height=-10"], "route.height: must be >= 0 m where field is gradient"),
             (["field=terrain", "gravimeter.sigma=5", "map.source=synthetic", "route.height=1"],

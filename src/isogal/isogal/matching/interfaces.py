@@ -174,12 +174,17 @@ class Matcher(Protocol):
         new)."""
         ...
 
+    @property
+    def takes_channels(self) -> bool:
+        """Whether it matches readings of several channels against a `ChannelMap`."""
+        ...
+
     def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the
         last call returned.
 
         The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every
-        matcher takes (`registry.SEVERAL_CHANNELS`).
+        matcher takes (`takes_channels`).
 
         Pure: the same batch, map and memory give the same fix. Never raises on odd data: it
         declines with a reason."""

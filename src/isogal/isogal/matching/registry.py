@@ -1,28 +1,15 @@
-"""Matchers by name: adding one is one file and one line here."""
+"""Matchers by name, found by `isogal.plugins`, built from a scenario's section ``matcher``."""
 
-import difflib
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Mapping
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
+from isogal import plugins
 from isogal.errors import InputError
 from isogal.matching.interfaces import Matcher
 from isogal.scenario import Matcher as MatcherSettings
-
-# name -> "module:factory"; the factory takes the scenario's matcher section and gives a Matcher.
-MATCHERS: dict[str, str] = {
-    "pmht-paper": "isogal.matching.paper.matcher:PmhtPaper.from_settings",
-    "pmht": "isogal.matching.pmht.lost_navigator:Doubting.from_settings",
-    "tercom": "isogal.matching.baselines.tercom:Tercom.from_settings",
-    "iccp": "isogal.matching.baselines.iccp:Iccp.from_settings",
-    "sitan": "isogal.matching.baselines.sitan:Sitan.from_settings",
-    "particle": "isogal.matching.baselines.particle:Particle.from_settings",
-    "point-mass": "isogal.matching.baselines.point_mass:PointMass.from_settings",
-    "viterbi": "isogal.matching.baselines.viterbi:Viterbi.from_settings",
-}
-
-SEVERAL_CHANNELS = ("pmht",)
-"""Those that take readings of several channels."""
+from isogal.scenario import describe
 
 
 def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
@@ -37,41 +24,32 @@ def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
     Raises
     ------
     InputError
-        The name is unknown, an option is unknown or out of range, or it does not take several
-        channels.
+        The name is unknown, an option is unknown or out of range, or the matcher does not take
+        several channels.
     """
-    try:
-        target = MATCHERS[settings.name]
-    except KeyError:
-        close = difflib.get_close_matches(settings.name, MATCHERS, n=1)
-        hint = f", did you mean '{close[0]}'?" if close else f"; allowed: {', '.join(MATCHERS)}"
-        raise InputError(f"matcher.name: unknown matcher '{settings.name}'{hint}") from None
-    if channels and settings.name not in SEVERAL_CHANNELS:
+    if channels and not _takes_channels(settings.name):
+        able = [name for name in plugins.names(plugins.MATCHERS) if _takes_channels(name)]
         raise InputError(
-            f"matcher.name: {settings.name} takes one number per scan; for readings of several channels give"
-            f" {' or '.join(SEVERAL_CHANNELS)}"
+            f"matcher.name: {settings.name} takes one number per scan; for readings of several"
+            f" channels give {' or '.join(able)}"
         )
     if channels and settings.map_sigma == "auto":
         raise InputError(
-            "matcher.map_sigma: auto is for scalar fields; for readings of several channels give a number, 1/s²"
-            " where field is gradient"
+            "matcher.map_sigma: auto is for scalar fields; for readings of several channels give"
+            " a number, 1/s² where field is gradient"
         )
-    module_name, _, path = target.partition(":")
-    factory: Any = import_module(module_name)
-    for part in path.split("."):
-        factory = getattr(factory, part)
-    build: Callable[[MatcherSettings], Matcher] = factory
-    return build(settings)
+    matcher: Matcher = plugins.load(plugins.MATCHERS, settings.name).from_settings(settings)
+    return matcher
 
 
-def check_options(matcher: str, options: Mapping[str, Any], model: type) -> Any:
+def _takes_channels(name: str) -> bool:
+    return getattr(plugins.load(plugins.MATCHERS, name), "takes_channels", False)
+
+
+def check_options(matcher: str, options: Mapping[str, Any], model: type[BaseModel]) -> Any:
     """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError
     with one line."""
-    from pydantic import ValidationError
-
-    from isogal.scenario import describe
-
     try:
         return model(**options)
     except ValidationError as error:
-        raise InputError(f"matcher.options of {matcher}: {describe(error)}") from None
+        raise InputError(f"matcher.options of {matcher}: {describe(error, model)}") from None

@@ -46,6 +46,8 @@ class Snapshot:
 class Listener:
     """A matcher that hands everything on to another one and keeps the batches."""
 
+    takes_channels = False
+
     def __init__(self, inner: PmhtPaper) -> None:
         self.inner = inner
         self.name, self.context = inner.name, inner.context

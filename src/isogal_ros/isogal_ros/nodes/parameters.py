@@ -22,6 +22,7 @@ from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -33,6 +34,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from isogal import plugins
 from isogal.errors import InputError
 from isogal.scenario import Scenario, describe, validate_scenario
 
@@ -128,13 +130,27 @@ def parameter_specs(
                     info.get_default(call_default_factory=True),
                     info.description or "",
                     name in mutable,
+                    _allowed(info),
                 )
             )
     return specs
 
 
+def _allowed(info: FieldInfo) -> tuple[str, ...]:
+    """Return the names of the plugins that a field may have; none where it names no plugin."""
+    extra = info.json_schema_extra
+    group = extra.get("plugins") if isinstance(extra, dict) else None
+    return plugins.names(str(group)) if group else ()
+
+
 def _spec(
-    name: str, annotation: Any, metadata: list[Any], default: Any, description: str, mutable: bool
+    name: str,
+    annotation: Any,
+    metadata: list[Any],
+    default: Any,
+    description: str,
+    mutable: bool,
+    allowed: tuple[str, ...] = (),
 ) -> ParameterSpec:
     inner, nullable, metadata = _unwrap(annotation, metadata)
     descriptor = ParameterDescriptor(name=name, description=description, read_only=not mutable)
@@ -172,8 +188,8 @@ def _spec(
         )
     if inner is str or typing.get_origin(inner) is Literal:
         descriptor.type = ParameterType.PARAMETER_STRING
-        if inner is not str:
-            descriptor.additional_constraints = "one of: " + ", ".join(typing.get_args(inner))
+        if words := allowed or typing.get_args(inner):
+            descriptor.additional_constraints = "one of: " + ", ".join(words)
         return ParameterSpec(
             name, default or "", descriptor, "nullable_text" if nullable else "text"
         )
@@ -328,7 +344,7 @@ def settings_from(model: type[BaseModel], values: Mapping[str, Any], where: str)
     try:
         return model.model_validate(nested(values))
     except ValidationError as error:
-        raise InputError(f"{where}: {describe(error)}") from None
+        raise InputError(f"{where}: {describe(error, model)}") from None
 
 
 def scenario_values(scenario: Scenario) -> dict[str, Any]:

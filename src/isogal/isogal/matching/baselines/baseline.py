@@ -22,6 +22,7 @@ class Baseline(Generic[Options]):
     name: ClassVar[str]
     options_model: ClassVar[type[BaseModel]]
     context: ClassVar[int] = 0
+    takes_channels: ClassVar[bool] = False
     whole: ClassVar[bool] = False
     """Whether it takes the whole batch each time; False = only readings that no earlier batch has
     used."""

@@ -13,6 +13,7 @@ its place stands."""
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -110,6 +111,7 @@ class Doubting:
 
     first: Pmht
     name: str = "pmht"
+    takes_channels: ClassVar[bool] = True
 
     @classmethod
     def from_settings(cls, matcher: MatcherSettings) -> "Doubting":

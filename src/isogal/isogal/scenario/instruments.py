@@ -1,0 +1,113 @@
+"""Sections about what is measured on the way."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from isogal.scenario.section import NonNegative, Positive, Section
+
+
+class Gravimeter(Section):
+    """The scalar sensor: a gravimeter, unless the key `field` names another field."""
+
+    quantity: Literal["gravity", "disturbance"] = Field(
+        "gravity", description="what the readings are reduced to and matched as"
+    )
+    sigma: Positive = Field(
+        1.0e-5, description="white noise of a reading, m/s² (field: magnetic nT, terrain m)"
+    )
+    interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
+    outlier_fraction: float = Field(
+        0.0, ge=0.0, lt=0.5, description="share of readings that are outliers"
+    )
+    outlier_sigma: Positive = Field(50.0, description="1-sigma of an outlier in units of sigma")
+    bias: NonNegative = Field(
+        0.0, description="1-sigma of a constant offset of all readings, unit of sigma"
+    )
+    drift: NonNegative = Field(
+        0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second"
+    )
+
+
+class Magnetometer(Section):
+    """Settings of the magnetometer that `gravimeter` does not have; for the field `magnetic`."""
+
+    epoch: float = Field(
+        2025.0,
+        ge=1900.0,
+        le=2030.0,
+        description="when, decimal year: the main field (IGRF) changes from year to year",
+    )
+
+
+class Altimeter(Section):
+    """Range of the altimeter that measures the clearance above ground; for the field `terrain`."""
+
+    min_range: NonNegative = Field(0.0, description="m, readings below are none")
+    max_range: Positive = Field(20000.0, description="m, readings above are none")
+
+    @model_validator(mode="after")
+    def _some_range(self) -> "Altimeter":
+        if self.min_range >= self.max_range:
+            raise ValueError(
+                f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)"
+            )
+        return self
+
+
+TENSOR_COMPONENTS = ("nn", "ne", "nd", "ee", "ed", "dd")
+"""Second derivatives of the gravity potential by north (n), east (e) and down (d); five
+determine all, as dd = -nn - ee."""
+
+
+class Gradiometer(Section):
+    """Measured components of the gravity gradient tensor and their noise, in Eötvös (1 E = 1e-9
+    1/s²); for the field `gradient`."""
+
+    components: tuple[str, ...] = Field(
+        TENSOR_COMPONENTS[:5],
+        min_length=1,
+        max_length=5,
+        description="which it measures, of nn, ne, nd, ee, ed, dd (n north, e east, d down)",
+    )
+    sigma_eotvos: Positive = Field(
+        1.0, description="white noise of each component, E; instead of gravimeter.sigma"
+    )
+    covariance_eotvos: tuple[tuple[float, ...], ...] | None = Field(
+        None,
+        description=(
+            "covariance of the noise, row by row in the order of components, E², instead of"
+            " sigma_eotvos"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _known_components(self) -> "Gradiometer":
+        unknown = [name for name in self.components if name not in TENSOR_COMPONENTS]
+        if unknown:
+            raise ValueError(
+                f"components: unknown '{unknown[0]}'; allowed: {', '.join(TENSOR_COMPONENTS)}"
+            )
+        if len(set(self.components)) < len(self.components):
+            raise ValueError(f"components: each once, not {', '.join(self.components)}")
+        return self
+
+    @model_validator(mode="after")
+    def _possible_covariance(self) -> "Gradiometer":
+        if self.covariance_eotvos is None:
+            return self
+        count = len(self.components)
+        if [len(row) for row in self.covariance_eotvos] != [count] * count:
+            raise ValueError(
+                f"covariance_eotvos: must have {count} rows of {count} numbers, one for each of"
+                " components"
+            )
+        import numpy as np
+
+        matrix = np.array(self.covariance_eotvos)
+        symmetric = np.isfinite(matrix).all() and np.allclose(
+            matrix, matrix.T, rtol=1e-9, atol=0.0
+        )
+        if not (symmetric and np.linalg.eigvalsh(matrix).min() > 0.0):
+            raise ValueError("covariance_eotvos: must be symmetric and positive definite")
+        return self

@@ -1,0 +1,73 @@
+"""Scenarios from YAML files, with single keys overridden."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from isogal.errors import InputError
+from isogal.scenario.messages import describe
+from isogal.scenario.model import Scenario
+
+
+def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ()) -> Scenario:
+    """Read a scenario file (null = all defaults), apply ``KEY=VALUE`` overrides (YAML values,
+    dotted keys), validate.
+
+    Raises
+    ------
+    InputError
+        One line that names the file and key and what is allowed.
+    """
+    where = "scenario" if path is None else str(path)
+    document: Any = {}
+    if path is not None:
+        try:
+            document = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(
+                f"{where}: cannot be read: {getattr(error, 'strerror', None) or error}"
+            ) from None
+        except yaml.YAMLError as error:
+            mark = getattr(error, "problem_mark", None)
+            line = f" (line {mark.line + 1})" if mark else ""
+            raise InputError(
+                f"{where}: not valid YAML{line}: {getattr(error, 'problem', error)}"
+            ) from None
+        if not isinstance(document, dict):
+            raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
+    for item in overrides:
+        _override(document, item)
+    return validate_scenario(document, where)
+
+
+def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> Scenario:
+    """Validate an already parsed document; raises InputError with one line.
+
+    YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
+    where a number belongs."""
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        raise InputError(f"{where}: {describe(error)}") from None
+
+
+def _override(document: dict[str, Any], item: str) -> None:
+    key, equals, text = item.partition("=")
+    if not equals or not key:
+        raise InputError(
+            f"--set {item}: must be KEY=VALUE, for example --set matcher.batch_length=15"
+        )
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise InputError(f"--set {item}: the value is not valid YAML") from None
+    target = document
+    *parents, last = key.split(".")
+    for parent in parents:
+        target = target.setdefault(parent, {})
+        if not isinstance(target, dict):
+            raise InputError(f"--set {item}: '{parent}' is a value, not a section")
+    target[last] = value

@@ -1,0 +1,56 @@
+"""Section about the map matcher."""
+
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from isogal import plugins
+from isogal.scenario.section import NonNegative, Positive, Section
+
+MatcherName = Annotated[str, AfterValidator(partial(plugins.check, plugins.MATCHERS))]
+
+
+class Matcher(Section):
+    """The map matcher and what it assumes of map and readings."""
+
+    name: MatcherName = Field(
+        "pmht",
+        description="matching algorithm",
+        json_schema_extra={"plugins": plugins.MATCHERS},
+    )
+    batch_length: int = Field(30, ge=2, le=1000, description="scans T in a batch")
+    stride: int | None = Field(
+        None, ge=1, le=1000, description="scans between fixes; null = batch_length"
+    )
+    mode: Literal["standard", "retrodiction"] = Field(
+        "standard", description="one fix a batch, or one for each of its scans"
+    )
+    map_sigma: NonNegative | Literal["auto"] = Field(
+        0.0,
+        description="1-sigma of the map's error assumed, in the unit of gravimeter.sigma, or auto",
+    )
+    map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
+    bias_sigma: NonNegative = Field(
+        0.0,
+        description=(
+            "1-sigma of an unknown constant offset of the readings, in the unit of"
+            " gravimeter.sigma"
+        ),
+    )
+    options: dict[str, Any] = Field(
+        default_factory=dict, description="settings of the named matcher; see docs/matchers.md"
+    )
+
+    @model_validator(mode="after")
+    def _stride_fits(self) -> "Matcher":
+        if self.stride is not None and self.stride > self.batch_length:
+            raise ValueError(
+                f"stride ({self.stride}) must not exceed batch_length ({self.batch_length})"
+            )
+        return self
+
+    @property
+    def scans_between_fixes(self) -> int:
+        """The stride; where it is null, the length of a batch."""
+        return self.batch_length if self.stride is None else self.stride

@@ -1,0 +1,51 @@
+"""The whole scenario."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
+from isogal.scenario.matcher import Matcher
+from isogal.scenario.section import Section
+from isogal.scenario.vehicle import Imu, InitialError, Route
+from isogal.scenario.world import Map, MapError
+
+
+class Scenario(Section):
+    """A whole run."""
+
+    seed: int = Field(0, ge=0, description="every random stream derives from it")
+    field: Literal["gravity", "disturbance", "magnetic", "terrain", "gradient"] | None = Field(
+        None, description="field that is measured and matched; null = gravimeter.quantity"
+    )
+    route: Route = Route()
+    imu: Imu = Imu()
+    initial_error: InitialError = InitialError()
+    gravimeter: Gravimeter = Gravimeter()
+    magnetometer: Magnetometer = Magnetometer()
+    altimeter: Altimeter = Altimeter()
+    gradiometer: Gradiometer = Gradiometer()
+    map: Map = Map()
+    map_error: MapError = MapError()
+    matcher: Matcher = Field(default_factory=Matcher)
+
+    @model_validator(mode="after")
+    def _whole_scans(self) -> "Scenario":
+        steps = self.gravimeter.interval * self.imu.rate
+        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+            raise ValueError(
+                f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU"
+                f" samples (1/{self.imu.rate} s)"
+            )
+        return self
+
+    @property
+    def measured_field(self) -> str:
+        """Name of the field that is measured and matched, one of
+        `isogal.fields.measured.FIELDS`."""
+        return self.field or self.gravimeter.quantity
+
+    @property
+    def steps_per_scan(self) -> int:
+        """IMU samples from one gravimeter reading to the next."""
+        return round(self.gravimeter.interval * self.imu.rate)
