@@ -22,7 +22,7 @@ setup(
     entry_points={
         "console_scripts": ["isogal = isogal.cli.main:main"],
         "isogal.matchers": [
-            "pmht = isogal.matching.pmht.lost_navigator:Doubting",
+            "pmht = isogal.matching.pmht.matcher:Pmht",
             "pmht-paper = isogal.matching.paper.matcher:PmhtPaper",
             "tercom = isogal.matching.baselines.tercom:Tercom",
             "iccp = isogal.matching.baselines.iccp:Iccp",

@@ -13,6 +13,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import square_root, symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
 
@@ -129,7 +130,7 @@ class BatchBuilder:
         scans = list(self._scans)
         latitude, longitude, velocity, times = _arrays(scans)
         backward = _backward(latitude, velocity, times, times[-1])
-        prior = 0.5 * (prior + prior.T)
+        prior = symmetric(prior)
         every, rest = condition(backward, prior)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
@@ -237,6 +238,5 @@ def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
         return backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
     gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T
     rest = prior[4:, 4:] - gain @ prior[:4, 4:]
-    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = square_root(rest)
     return backward[:, :, :4] + backward[:, :, 4:] @ gain, backward[:, :, 4:] @ root

@@ -1,4 +1,4 @@
-"""Batches of readings of several channels: a scan of several channels at once, such as the components of the
+"""Batches of readings of several channels, such as the components of the
 gravity gradient tensor.
 
 Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts
@@ -39,14 +39,15 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
     readings = np.asarray(readings, dtype=np.float64)
     if readings.ndim != 2 or readings.shape[0] != len(batch):
         raise InputError(
-            f"readings of several channels must have shape ({len(batch)}, channels), have {readings.shape}"
+            f"readings of several channels must have shape ({len(batch)}, channels),"
+            f" have {readings.shape}"
         )
     scans, channels = readings.shape
     covariance = np.asarray(covariance, dtype=np.float64)
     if covariance.shape not in ((channels, channels), (scans, channels, channels)):
         raise InputError(
-            f"covariance of readings of several channels must have shape ({channels}, {channels}) or with"
-            f" {scans} scans in front, has {covariance.shape}"
+            f"covariance of readings of several channels must have shape ({channels}, {channels})"
+            f" or with {scans} scans in front, has {covariance.shape}"
         )
     blocks = np.broadcast_to(covariance, (scans, channels, channels))
     if not (
@@ -91,19 +92,5 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
     if batch.channel is None:
         return batch, first
     rows = np.flatnonzero(batch.channel == 0)
-    names = (
-        "time",
-        "latitude",
-        "longitude",
-        "velocity",
-        "reading",
-        "sigma",
-        "offset",
-        "transition",
-        "reading_jacobian",
-        "nuisance_position",
-        "nuisance_reading",
-    )
-    kept = {name: getattr(batch, name)[rows] for name in names}
     new = int((rows >= len(batch) - batch.new).sum())
-    return replace(batch, **kept, new=new, channel=None, reading_covariance=None), first
+    return replace(batch.part(rows), new=new, channel=None, reading_covariance=None), first

@@ -10,8 +10,9 @@ cannot say it: there, those directions tell nothing."""
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.matching.interfaces import Batch, Information
-from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.earth.frames import horizontal_difference
+from isogal.matching.interfaces import Batch, Fix, Information
+from isogal.matching.matrices import symmetric
 
 _NOTHING = 1.0 - 1e-4
 """A variance ratio posterior / prior above this counts as no information in that direction of a
@@ -47,51 +48,20 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     )
 
 
-def with_attitude(
-    batch: Batch, likelihood: BatchLikelihood, mean: Array, covariance: Array
-) -> tuple[Array, Array, Array]:
-    """Return posterior mean (n,), covariance and prior (n, n) of the navigator's error; n = 7
-    where the batch knows the attitude, else 4.
-
-    Given xi ~ N(mean (4,), covariance (4, 4)) the navigator's drift is what the readings say of
-    it, linearised at the mean. Without the attitude a navigator would go on believing it
-    independent of what it has just learnt."""
-    if batch.attitude is None:
-        return mean, covariance, batch.prior
-    by_xi, root = batch.attitude
-    count = root.shape[1]
-    drift, slope, spread = (array[:count] for array in likelihood.nuisance_given(mean))
-    follow = by_xi + root @ slope
-    full = np.concatenate([mean, by_xi @ mean + root @ drift])
-    return (
-        full,
-        _joint(covariance, follow, root @ spread[:, :count] @ root.T),
-        joint_prior(batch),
-    )
-
-
-def joint_prior(batch: Batch) -> Array:
-    """Return the navigator's covariance (n, n) of its position, velocity and, where the batch
-    knows it, attitude error; n = 7 or 4."""
-    if batch.attitude is None:
-        return batch.prior
-    by_xi, root = batch.attitude
-    return _joint(batch.prior, by_xi, root @ root.T)
-
-
-def positive_part(matrix: Array, scale: Array) -> Array:
-    """Return a symmetric matrix (n, n) without its negative part, each state being in units of its
-    scale (n,)."""
-    values, vectors = np.linalg.eigh(matrix / scale / scale[:, None])
-    back = vectors * scale[:, None]
-    return np.asarray((back * np.maximum(values, 0.0)) @ back.T, dtype=np.float64)
-
-
-def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
-    """Return the covariance of (x, gain x + e), e ~ N(0, rest)."""
-    cross = covariance @ gain.T
-    whole = np.block([[covariance, cross], [cross.T, gain @ cross + rest]])
-    return np.asarray(0.5 * (whole + whole.T) + 1e-14 * np.diag(np.diag(whole)))
+def posterior_of(fix: Fix, batch: Batch) -> tuple[Array, Array]:
+    """Return mean (4,) and covariance (4, 4) of xi by the batch's prior and its published fix."""
+    if fix.information is not None:
+        vector, matrix = fix.information.vector[:4], fix.information.matrix[:4, :4]
+    else:
+        seen = -horizontal_difference(
+            fix.latitude, fix.longitude, batch.latitude[-1], batch.longitude[-1]
+        )
+        vector, matrix = np.zeros(4), np.zeros((4, 4))
+        matrix[:2, :2] = np.linalg.inv(fix.covariance)
+        vector[:2] = matrix[:2, :2] @ seen
+    # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
+    covariance = np.linalg.solve(np.eye(4) + batch.prior @ matrix, batch.prior)
+    return np.asarray(covariance @ vector, dtype=np.float64), symmetric(covariance)
 
 
 def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
@@ -124,5 +94,5 @@ def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     in prior units."""
     factor = np.asarray(np.linalg.cholesky(prior), dtype=np.float64)
     whitened = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
-    values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    values, vectors = np.linalg.eigh(symmetric(whitened))
     return factor, np.maximum(values, 1e-12), np.asarray(vectors, dtype=np.float64)

@@ -8,7 +8,7 @@ adds (``nuisance_position``). A matcher answers with a fix, measurement informat
 navigator's prior is not in its covariance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -83,14 +83,36 @@ class Batch:
         """Stamps of the scans, each once."""
         return self.time if self.channel is None else self.time[self.channel == 0]
 
+    def part(self, rows: int | Integers) -> "Batch":
+        """Return the batch with some of its rows only: from a first one on, or those of (K,)
+        indices. How many of them are new is kept; `reading_covariance` is not cut."""
+        which = slice(rows, None) if isinstance(rows, int) else rows
+        return replace(self, **{name: getattr(self, name)[which] for name in PER_ROW})
+
     def back(self, elapsed: float) -> tuple[Array, Array]:
-        """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those of a
-        straight line over a time (s)."""
+        """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those
+        of a straight line over a time (s)."""
         if self.back_transition is not None and self.back_nuisance is not None:
             return self.back_transition, self.back_nuisance
         straight = np.eye(4)
         straight[:2, 2:] = -elapsed * np.eye(2)
         return straight, np.zeros((4, self.nuisance_reading.shape[1]))
+
+
+PER_ROW = (
+    "time",
+    "latitude",
+    "longitude",
+    "velocity",
+    "reading",
+    "sigma",
+    "offset",
+    "transition",
+    "reading_jacobian",
+    "nuisance_position",
+    "nuisance_reading",
+)
+"""Arrays of a `Batch` that have a row for each scan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

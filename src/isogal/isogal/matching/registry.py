@@ -8,12 +8,25 @@ from pydantic import BaseModel, ValidationError
 from isogal import plugins
 from isogal.errors import InputError
 from isogal.matching.interfaces import Matcher
+from isogal.matching.monitoring import Monitored
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.scenario import describe
 
 
 def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
-    """Return the matcher that the scenario names.
+    """Return the matcher that the scenario names, watched for a navigator that is lost where the
+    matcher can be watched (`monitoring.Monitored`).
+
+    Parameters and errors as for `load_matcher`.
+    """
+    from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
+
+    matcher = load_matcher(settings, channels)
+    return LostNavigatorMonitor(matcher) if isinstance(matcher, Monitored) else matcher
+
+
+def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
+    """Return the matcher that the scenario names, by itself.
 
     Parameters
     ----------

@@ -29,11 +29,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Matcher, declined
-from isogal.matching.pmht.lost_navigator import Doubting
-from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.memory import Memory
-from isogal.matching.pmht.robust import confirmed, widened
-from isogal.matching.registry import build_matcher
+from isogal.matching.monitoring import Monitored
+from isogal.matching.pmht.robust import TrackMonitor
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import batch_ends, build_batch, without_map_edge
 from isogal.tracks.track import Track
@@ -138,9 +136,9 @@ def match_track(
     InputError
         The matcher's options are wrong, or the track's reduction does not fit the quantity.
     """
-    matching = matcher or build_matcher(settings)
-    if isinstance(matching, Doubting):
-        matching = matching.first  # a track of positions has no attitude to go back with
+    matching = matcher or load_matcher(settings)
+    if checked and isinstance(matching, Monitored):
+        matching = TrackMonitor(matching)
     jacobian = track.jacobian(field_map.quantity)
     earlier = matching.context + settings.batch_length - settings.scans_between_fixes
     prior, memory = uncertainty.prior, None
@@ -154,10 +152,7 @@ def match_track(
         rows = slice(max(0, previous - earlier), end)
         batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
         batch = without_map_edge(batch, field_map)
-        before = memory
-        fix, memory = matching.match(batch, field_map, before)
-        if checked and isinstance(matching, Pmht) and memory is not None:
-            fix, memory = _scrutinised(fix, memory, before, batch, field_map, matching)
+        fix, memory = matching.match(batch, field_map, memory)
         fix = _unless_empty(fix, batch)
         error, covariance = update(batch, fix, error, covariance)
         if fix.reset:
@@ -165,23 +160,6 @@ def match_track(
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
         matches.append(Match(fix, slice(previous, end), error, covariance, *here))
     return matches
-
-
-def _scrutinised(
-    fix: Fix,
-    after: Memory,
-    before: Memory | None,
-    batch: Batch,
-    field_map: FieldMap,
-    matcher: Pmht,
-) -> tuple[Fix, Memory]:
-    """Return fix and memory after the checks of `isogal.matching.pmht.robust`."""
-    if fix.published:
-        fix, after = confirmed(fix, after, before, batch, field_map, matcher)
-    if fix.published:
-        mean, covariance = update(batch, fix, np.zeros(4), batch.prior)
-        fix = widened(fix, after, batch, field_map, matcher, mean, covariance)
-    return fix, after
 
 
 def _unless_empty(fix: Fix, batch: Batch) -> Fix:

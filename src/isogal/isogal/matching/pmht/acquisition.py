@@ -12,24 +12,9 @@ import math
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
-
-_REACH = 3.0
-"""Half-width of the search in prior 1-sigmas."""
-_COARSE = 40_000
-"""Cells of the first grid at most."""
-_FINE = 60_000
-"""Cells of each finer grid at most."""
-_FINEST = 100.0
-"""m, smallest cells: the sampler takes over."""
-_FINE_ENOUGH = 0.5
-"""Cells within which the map changes by less than this share of the residuals' 1-sigma are not
-divided any more."""
-_TILE = 3
-"""Cells to a tile, each way."""
-_DEPTH = 25.0
-"""Cells whose log posterior lies this far below the best are given up."""
 
 
 def acquire(
@@ -46,9 +31,13 @@ def acquire(
     most : int
         Tiles at most, the heaviest.
     """
-    reach = _REACH * np.sqrt(np.diag(covariance)[:2])
-    size = max(_FINEST, math.sqrt(4.0 * reach[0] * reach[1] / _COARSE))
-    size = _FINEST * 3.0 ** math.ceil(math.log(size / _FINEST, 3.0) - 1e-9)
+    reach = CONSTANTS.search_reach_sigma * np.sqrt(np.diag(covariance)[:2])
+    size = max(
+        CONSTANTS.finest_cell_m, math.sqrt(4.0 * reach[0] * reach[1] / CONSTANTS.coarse_cells)
+    )
+    size = CONSTANTS.finest_cell_m * 3.0 ** math.ceil(
+        math.log(size / CONSTANTS.finest_cell_m, 3.0) - 1e-9
+    )
     counts = np.ceil(reach / size).astype(int)
     rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
     cells = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -63,7 +52,10 @@ def acquire(
     bend = span * math.sqrt(max(float(np.linalg.eigvalsh(rest)[-1]), 0.0)) / math.sqrt(12.0)
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
     sigma = math.sqrt(float(np.diag(likelihood.covariance)[likelihood.first_new :].mean()))
-    finest = max(1.001 * _FINEST, math.sqrt(12.0) * _FINE_ENOUGH * sigma / max(slope, 1e-300))
+    finest = max(
+        1.001 * CONSTANTS.finest_cell_m,
+        math.sqrt(12.0) * CONSTANTS.fine_enough_sigma * sigma / max(slope, 1e-300),
+    )
     while True:
         place = cells * size
         blurred = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest)
@@ -72,10 +64,10 @@ def acquire(
         top = float(value.max())
         if not math.isfinite(top):
             return None
-        keep = value > top - _DEPTH
+        keep = value > top - CONSTANTS.search_depth_log
         if size <= finest:
             break
-        kept = cells[keep][np.argsort(-value[keep], kind="stable")[: _FINE // 9]]
+        kept = cells[keep][np.argsort(-value[keep], kind="stable")[: CONSTANTS.fine_cells // 9]]
         fan = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
         cells = (3 * kept[:, None] + fan).reshape(-1, 2)
         size /= 3.0
@@ -115,7 +107,7 @@ def _tiles(
     most: int,
 ) -> Mixture:
     """Join cells to tiles and describe each by a Gaussian."""
-    _, tile = np.unique(cells // _TILE, axis=0, return_inverse=True)
+    _, tile = np.unique(cells // CONSTANTS.tile_cells, axis=0, return_inverse=True)
     tile = tile.reshape(-1)
     total = np.bincount(tile, weight)
     order = np.argsort(-total, kind="stable")[:most]

@@ -9,15 +9,12 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
+from isogal.matching.pmht.constants import CONSTANTS
 
 SEPARATION = 4.0
 """Two groups of samples are different hypotheses where sqrt(2) |m1 - m2| / sqrt(s1² + s2²) along
 an axis exceeds this (Ashman, Bird & Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians;
 the two halves of one cut Gaussian already reach 2.7)."""
-
-
-_FEWEST = 40.0
-"""Effective samples that a piece must have to be cut."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +122,10 @@ class Mixture:
         """Whether another mixture's mean position is within half a 1-sigma of this one's."""
         mean, covariance = self.moments()
         apart = (other.moments()[0] - mean)[:2]
-        return float(apart @ np.linalg.solve(covariance[:2, :2], apart)) < 0.25
+        return (
+            float(apart @ np.linalg.solve(covariance[:2, :2], apart))
+            < CONSTANTS.agreement_variance_share
+        )
 
     def widened(self, scale: float) -> "Mixture":
         """Return the mixture with all covariances times a factor."""
@@ -202,7 +202,7 @@ def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
 
 def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
     w = weight / weight.sum()
-    if 1.0 / float((w**2).sum()) < _FEWEST:
+    if 1.0 / float((w**2).sum()) < CONSTANTS.cut_effective_samples:
         return [part]
     apart = x - w @ x
     along = apart @ np.linalg.eigh((apart * w[:, None]).T @ apart)[1][:, -1]

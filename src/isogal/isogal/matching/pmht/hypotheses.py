@@ -12,34 +12,18 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.matching.pmht.acquisition import acquire
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import SEPARATION, Mixture
 from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.quasi_random import standard_normal
-
-WIDE = 600.0
-"""m, 1-sigma of a prior beyond which it is given four times the points."""
-VERY_WIDE = 1500.0
-"""m, 1-sigma beyond which it is given four times as many again at first: fewer overlook a place of
-some tenths of a percent."""
-SEARCH = 3000.0
-"""m, 1-sigma beyond which a prior is searched on a grid at once, not only where sampling it has
-failed."""
-NEGLIGIBLE = 1e-6
-"""A hypothesis of less weight is dropped."""
-SAMPLED = 32
-"""Hypotheses that are sampled one by one; of more, the ones that a glance finds most likely."""
-GLANCE = 32
-"""Points of a glance."""
-_GLANCE_SLACK = 5.0
-"""What a glance may be wrong by, in log evidence, when it calls a hypothesis negligible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Update:
     """What a batch makes of the hypotheses."""
 
-    belief: Mixture
+    mixture: Mixture
     """Heaviest first."""
     log_evidence: float
     """Of the batch, without the likelihood's own constant."""
@@ -73,8 +57,8 @@ def update(
     """
     groups = _groups(prior)
     pieces: list[_Piece] = []
-    if len(groups) > SAMPLED:
-        prior, pieces = _glance(likelihood, prior)
+    if len(groups) > CONSTANTS.sampled_hypotheses:
+        prior, pieces = _screened(likelihood, prior)
         groups = _groups(prior)
     share = replace(sampling, samples=_points(sampling.samples, len(groups)))
     for group in groups:
@@ -90,17 +74,19 @@ def _update_group(
     total = float(prior.weight.sum())
     if len(prior) > 1 and total > 0.0:
         own = replace(prior, weight=prior.weight / total)
-        if _largest_sigma(own.moments()[1]) < VERY_WIDE:
+        if _largest_sigma(own.moments()[1]) < CONSTANTS.very_wide_prior_m:
             # as one prior, whose posterior is split again only where it has separate modes
             posterior, linearised = sample(
-                likelihood, own, replace(sampling, samples=4 * sampling.samples)
+                likelihood,
+                own,
+                replace(sampling, samples=CONSTANTS.more_samples * sampling.samples),
             )
             if posterior is not None and _resolved(posterior):
                 joint = _piece(posterior, linearised)
                 return [replace(joint, log_weight=joint.log_weight + math.log(total))]
     pieces: list[_Piece] = []
-    if len(prior) > SAMPLED:
-        prior, pieces = _glance(likelihood, prior)
+    if len(prior) > CONSTANTS.sampled_hypotheses:
+        prior, pieces = _screened(likelihood, prior)
     share = replace(sampling, samples=_points(sampling.samples, len(prior)))
     for weight, mean, covariance in zip(prior.weight, prior.mean, prior.covariance, strict=True):
         if weight > 0.0:
@@ -151,13 +137,13 @@ def _overlap(prior: Mixture, one: int, others: Integers) -> Booleans:
     return np.asarray(2.0 * square**2 <= SEPARATION**2 * variance)
 
 
-def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
+def _screened(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
     """Return the most likely of many hypotheses, by a few points of each, and what the points make
     of the others.
 
     A posterior of few points is taken to be as wide as their effective number can vouch for: with
     one, as wide as the prior."""
-    points = standard_normal(GLANCE, prior.mean.shape[1])
+    points = standard_normal(CONSTANTS.screening_samples, prior.mean.shape[1])
     x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
     value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
     top = value.max(axis=1)
@@ -166,9 +152,15 @@ def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list[
     log_weight = top[alive] + np.log(weight.mean(axis=1)) + np.log(prior.weight[alive])
     order = np.argsort(-log_weight, kind="stable")
     possible = order[
-        log_weight[order] > log_weight.max(initial=-np.inf) + math.log(NEGLIGIBLE) - _GLANCE_SLACK
+        log_weight[order]
+        > log_weight.max(initial=-np.inf)
+        + math.log(CONSTANTS.negligible_weight)
+        - CONSTANTS.screening_slack_log_evidence
     ]
-    likely, others = alive[possible[:SAMPLED]], possible[SAMPLED:]
+    likely, others = (
+        alive[possible[: CONSTANTS.sampled_hypotheses]],
+        possible[CONSTANTS.sampled_hypotheses :],
+    )
     chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
     if not others.size:
         return chosen, []
@@ -182,10 +174,18 @@ def _glance(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list[
     )
     height = log_weight[others].max()
     shares = np.exp(log_weight[others] - height)
-    belief = Mixture(shares / shares.sum(), mean, covariance)
+    mixture = Mixture(shares / shares.sum(), mean, covariance)
     misfit = -2.0 * float(top[alive[others]].max())
     return chosen, [
-        _Piece(height + math.log(float(shares.sum())), belief, likelihood, misfit, 1.0, GLANCE, 0)
+        _Piece(
+            height + math.log(float(shares.sum())),
+            mixture,
+            likelihood,
+            misfit,
+            1.0,
+            CONSTANTS.screening_samples,
+            0,
+        )
     ]
 
 
@@ -193,15 +193,17 @@ def _joined(pieces: list["_Piece"], most: int) -> Update:
     heights = np.array([piece.log_weight for piece in pieces])
     top = float(heights.max())
     shares = np.exp(heights - top)
-    best = max(pieces, key=lambda piece: (piece.samples > GLANCE, piece.log_weight))
+    best = max(
+        pieces, key=lambda piece: (piece.samples > CONSTANTS.screening_samples, piece.log_weight)
+    )
     return Update(
-        belief=Mixture.join([piece.belief for piece in pieces], shares / shares.sum()).pruned(
-            NEGLIGIBLE, most
+        mixture=Mixture.join([piece.mixture for piece in pieces], shares / shares.sum()).pruned(
+            CONSTANTS.negligible_weight, most
         ),
         log_evidence=top + math.log(float(shares.sum())),
         likelihood=best.likelihood,
         misfit=best.misfit,
-        resolved=best.effective * best.samples >= 20.0,
+        resolved=best.effective * best.samples >= CONSTANTS.least_effective_samples,
         effective=best.effective,
         rounds=best.rounds,
         drawn=best.drawn if len(pieces) == 1 else None,
@@ -213,7 +215,7 @@ class _Piece:
     """Posterior of one hypothesis."""
 
     log_weight: float
-    belief: Mixture
+    mixture: Mixture
     likelihood: BatchLikelihood
     misfit: float
     effective: float
@@ -227,9 +229,17 @@ def _update_one(
 ) -> _Piece | None:
     prior = Mixture.gaussian(mean, covariance)
     sigma = _largest_sigma(covariance)
-    wide = replace(sampling, samples=4 * sampling.samples) if sigma > WIDE else sampling
-    if sigma <= SEARCH:
-        very_wide = replace(wide, first=4) if sigma > VERY_WIDE else wide
+    wide = (
+        replace(sampling, samples=CONSTANTS.more_samples * sampling.samples)
+        if sigma > CONSTANTS.wide_prior_m
+        else sampling
+    )
+    if sigma <= CONSTANTS.search_prior_m:
+        very_wide = (
+            replace(wide, first=CONSTANTS.more_samples)
+            if sigma > CONSTANTS.very_wide_prior_m
+            else wide
+        )
         posterior, linearised = sample(likelihood, prior, very_wide)
         if posterior is None or _resolved(posterior):
             return None if posterior is None else _piece(posterior, linearised)
@@ -237,7 +247,7 @@ def _update_one(
     if found is None:
         return None
     tiles, evidence, misfit = found
-    if _largest_sigma(tiles.moments()[1]) < SEARCH:
+    if _largest_sigma(tiles.moments()[1]) < CONSTANTS.search_prior_m:
         posterior, linearised = sample(likelihood, prior, wide, _merged(tiles))
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
@@ -253,7 +263,10 @@ def _update_one(
 
 
 def _resolved(posterior: Posterior) -> bool:
-    return posterior.beta == 1.0 and posterior.effective * len(posterior.weight) >= 20.0
+    return (
+        posterior.beta == 1.0
+        and posterior.effective * len(posterior.weight) >= CONSTANTS.least_effective_samples
+    )
 
 
 def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
@@ -275,4 +288,9 @@ def _largest_sigma(covariance: Array) -> float:
 
 def _points(samples: int, jobs: int) -> int:
     """Share the points among jobs: a power of two, as the quasi-random sequence likes it."""
-    return max(128, min(samples, 2 ** int(math.log2(max(4 * samples // max(jobs, 1), 1)))))
+    return max(
+        CONSTANTS.fewest_samples,
+        min(
+            samples, 2 ** int(math.log2(max(CONSTANTS.more_samples * samples // max(jobs, 1), 1)))
+        ),
+    )

@@ -15,22 +15,18 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 
-_SHARES = np.geomspace(0.002, 0.5, 13)
-"""Grid of an unknown sigma, as shares of the map's own standard deviation."""
-_LENGTHS = np.geomspace(500.0, 16000.0, 6)
-"""Grid of an unknown correlation length, m."""
-_SIGMA_STEPS, _LENGTH_STEPS = np.linspace(-2.0, 2.0, 9), np.linspace(-2.0, 2.0, 5)
-"""Grids about what was said, in 1-sigma of the prior of log sigma and log length."""
-_BEFORE = 10
-"""Older residuals that new ones are conditioned on: what they say about the map's error here,
-still older ones say less well."""
+_SHARES = np.geomspace(*CONSTANTS.unknown_sigma_shares)
+_LENGTHS = np.geomspace(*CONSTANTS.unknown_lengths_m)
+_SIGMA_STEPS, _LENGTH_STEPS = (np.linspace(-2.0, 2.0, steps) for steps in CONSTANTS.told_steps)
+"""Grids about what was told, in 1-sigma of the prior of log sigma and log length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NoiseEstimate:
+class MapErrorEstimate:
     """Discrete posterior of the map error's sigma and correlation length."""
 
     sigma: Array
@@ -45,14 +41,14 @@ class NoiseEstimate:
     nothing was said."""
 
     @classmethod
-    def unknown(cls, batch: Batch, field_map: FieldMap) -> "NoiseEstimate":
+    def unknown(cls, batch: Batch, field_map: FieldMap) -> "MapErrorEstimate":
         """Return the prior of somebody who knows nothing: every sigma and length equally
         likely."""
         scale = max(field_scale(field_map), float(np.nanmedian(batch.sigma)))
         return cls(scale * _SHARES, _LENGTHS, np.zeros((len(_SHARES), len(_LENGTHS))))
 
     @classmethod
-    def told(cls, noise: NoiseModel, factor: float) -> "NoiseEstimate":
+    def told(cls, noise: NoiseModel, factor: float) -> "MapErrorEstimate":
         """Return the prior of somebody who was told sigma and length, right within a factor
         (1-sigma)."""
         prior = -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2)
@@ -96,7 +92,7 @@ class NoiseEstimate:
 
     def update(
         self, batch: Batch, likelihood: BatchLikelihood, field_map: FieldMap, mean: Array
-    ) -> "NoiseEstimate":
+    ) -> "MapErrorEstimate":
         """Add the evidence of the new readings of a batch given the older ones, linearised at the
         error mean (4,).
 
@@ -105,7 +101,7 @@ class NoiseEstimate:
         residual, slope = likelihood.linearise(mean)
         if not np.isfinite(residual).all():
             return self
-        first = max(likelihood.first_new - _BEFORE, 0)
+        first = max(likelihood.first_new - CONSTANTS.conditioning_readings, 0)
         rows = likelihood.rows[first:]
         slope = slope[first:]
         white = batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0
@@ -150,7 +146,7 @@ def field_scale(field_map: FieldMap) -> float:
     return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
 
 
-def differs(a: NoiseModel, b: NoiseModel, factor: float = 1.2) -> bool:
+def differs(a: NoiseModel, b: NoiseModel, factor: float = CONSTANTS.changed_noise_factor) -> bool:
     """Whether two noise models differ by more than a factor in the map error's sigma or length."""
     ratios = a.map_sigma / b.map_sigma, a.correlation_length / b.correlation_length
     return any(abs(math.log(ratio)) > math.log(factor) for ratio in ratios)

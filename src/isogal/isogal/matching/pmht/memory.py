@@ -1,35 +1,47 @@
-"""What `pmht` carries from batch to batch, and how a hypothesis about the navigator's error
-ages."""
+"""What `pmht` carries from batch to batch, and how hypotheses are carried to the next one."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import positive_part, symmetric
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.map_error import NoiseEstimate
+from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
-    """Variance of unit weight over the last batches, held at 1 by a prior until the residuals
-    clearly say more."""
+class VarianceFactor:
+    """Variance of unit weight over the last batches (docs/mathematics.md, section 8.4).
 
-    misfit: float = 60.0
-    freedom: float = 60.0
+    A prior holds it at 1 until the residuals clearly say more.
+    """
+
+    misfit: float = CONSTANTS.variance_factor_freedom
+    """Sum of chi-squares."""
+    freedom: float = CONSTANTS.variance_factor_freedom
+    """Sum of their degrees of freedom."""
+
+    @classmethod
+    def known(cls, value: float) -> "VarianceFactor":
+        """Return one that is known to have a value."""
+        return cls(value * CONSTANTS.variance_factor_freedom)
 
     @property
-    def factor(self) -> float:
-        """Variance to multiply R by, >= 1."""
+    def value(self) -> float:
+        """Factor to multiply R by, >= 1."""
         ratio = self.misfit / self.freedom
-        return ratio if ratio > 1.0 + 4.0 * math.sqrt(2.0 / self.freedom) else 1.0
+        chance = CONSTANTS.variance_factor_sigma * math.sqrt(2.0 / self.freedom)
+        return ratio if ratio > 1.0 + chance else 1.0
 
-    def seen(self, misfit: float, freedom: float) -> "Scale":
-        """Add the chi-square of a batch, forgetting over some ten batches."""
-        return Scale(0.9 * self.misfit + misfit, 0.9 * self.freedom + freedom)
+    def updated(self, misfit: float, freedom: float) -> "VarianceFactor":
+        """Add the chi-square of a batch; older batches count less and less."""
+        kept = CONSTANTS.variance_factor_memory
+        return VarianceFactor(kept * self.misfit + misfit, kept * self.freedom + freedom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,48 +49,51 @@ class Memory:
     """What one run's matcher knows from its earlier batches."""
 
     time: float
+    """s, end of the last batch."""
     prior: Array
-    """(4, 4) the navigator's covariance at that time, after the fix if one was published."""
-    belief: Mixture | None
-    """Hypotheses about the navigator's error at that time; None = the navigator's own prior is all
-    there is."""
-    suspicion: int = 0
-    """Inconsistent batches in a row."""
-    excluded: frozenset[float] = frozenset()
+    """(4, 4) the navigator's covariance there, before any fix."""
+    hypotheses: Mixture | None = None
+    """About the navigator's error there; None = its own prior is all there is."""
+    disagreements: int = 0
+    """Batches in a row that did not agree with the map."""
+    outlier_times: frozenset[float] = frozenset()
     """Stamps of readings left out."""
-    noise: NoiseEstimate | None = None
-    """Running estimate of the map's error, where it is not given."""
+    map_error: MapErrorEstimate | None = None
+    """Estimate of the map error, where it is not given."""
     bias: BiasEstimate | None = None
-    """The readings' bias, where it is not known to be nothing."""
-    scale: Scale = Scale()
-    """Running estimate of how much larger the residuals' variance is than assumed."""
-    evidence: float = 0.0
+    """Of the readings, where it is not known to be nothing."""
+    variance_factor: VarianceFactor = VarianceFactor()
+    """How much larger the residuals' variance is than assumed."""
+    log_evidence: float = 0.0
     """Log probability density of all readings so far, each batch given the ones before."""
+
+    @classmethod
+    def before(cls, batch: Batch) -> "Memory":
+        """Return the memory of a matcher whose first batch this is."""
+        return cls(float(batch.time[0]), batch.prior)
+
+    def with_bias(self, bias: BiasEstimate | None) -> "Memory":
+        """Return the memory with another belief about the readings' bias."""
+        return replace(self, bias=bias)
 
 
 def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
-    """Return the belief about xi before the batch: carried hypotheses moved to the batch end, or
-    the navigator's own prior."""
-    if memory is None or memory.belief is None:
+    """Return the prior of xi: hypotheses carried to the batch end, or the navigator's own."""
+    if memory is None or memory.hypotheses is None:
         return Mixture.gaussian(np.zeros(4), batch.prior)
-    gain, rest = _carry(batch, float(batch.time[-1]) - memory.time)
-    return memory.belief.moved(gain, rest)
+    gain, rest = _forecast(batch, float(batch.time[-1]) - memory.time)
+    return memory.hypotheses.moved(gain, rest)
 
 
-def _carry(batch: Batch, elapsed: float) -> tuple[Array, Array]:
-    """Return gain (4, 4) and covariance (4, 4): xi given the error x where the last batch ended is
-    N(gain x, covariance).
+def _forecast(batch: Batch, elapsed: float) -> tuple[Array, Array]:
+    """Return gain (4, 4) and covariance (4, 4): xi given the error x where the last batch ended
+    is N(gain x, covariance).
 
-    By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): whatever it knows
-    about how its errors go together, over priors of tens of km as well, a hypothesis about x
-    knows, too."""
-    back, drift = (array[:4] for array in batch.back(elapsed))
-    then = back @ batch.prior @ back.T + drift @ drift.T
+    By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): a hypothesis
+    about x keeps the correlations of errors that the navigator knows, over tens of km as well.
+    """
+    back, nuisance = (array[:4] for array in batch.back(elapsed))
+    then = back @ batch.prior @ back.T + nuisance @ nuisance.T
     gain = np.asarray(np.linalg.solve(then, back @ batch.prior).T, dtype=np.float64)
-    values, vectors = np.linalg.eigh(_symmetric(batch.prior - gain @ then @ gain.T))
-    rest = (vectors * np.maximum(values, 0.0)) @ vectors.T + 1e-12 * np.diag(np.diag(batch.prior))
-    return gain, rest
-
-
-def _symmetric(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)
+    rest = positive_part(symmetric(batch.prior - gain @ then @ gain.T))
+    return gain, rest + 1e-12 * np.diag(np.diag(batch.prior))

@@ -10,6 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.matching.matrices import symmetric
 from isogal.matching.quasi_random import standard_normal
 
 
@@ -41,7 +42,7 @@ def residual_covariance(
     if np.any(map_sigma > 0.0):
         apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        distance = 0.5 * (distance + distance.T)
+        distance = symmetric(distance)
         covariance = (
             covariance
             + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
@@ -83,7 +84,7 @@ def map_sigmas(
     taken; 0 where it has none."""
     if not uneven(field_map):
         return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    values, vectors = np.linalg.eigh(symmetric(covariance))
     xi = mean + standard_normal(64, 4) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     north, east = metres_per_radian(latitude)
     moved = np.einsum("tij,sj->sti", transition, xi)

@@ -1,13 +1,59 @@
-"""Readings that cannot be right, and whether a whole batch agrees with the map."""
+"""Stage 2 of `pmht`, and its second half after the update: readings that cannot be right.
+
+docs/mathematics.md, sections 8.1 and 8.2.
+"""
+
+import math
+from dataclasses import replace
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans
+from isogal.earth.frames import horizontal_difference
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.state import State
+
+
+def reject_outliers(state: State) -> State:
+    """Return the state without the readings whose innovations stand out from their neighbours'.
+
+    The place is not known yet: what a wrong place does to the innovations is smooth along the
+    track, an outlier is not.
+    """
+    likelihood, prior = state.likelihood, state.prior
+    mean, covariance = prior.moments()
+    innovation, slope = likelihood.linearise(mean)
+    if not np.isfinite(innovation).all():
+        return state
+    reach = slope @ covariance @ slope.T
+    smooth = smooth_covariance(
+        likelihood.latitude,
+        likelihood.longitude,
+        math.sqrt(float(np.diag(reach).mean())),
+        CONSTANTS.wrong_place_length_m,
+    )
+    smooth *= likelihood.channel[:, None] == likelihood.channel
+    nuisance = likelihood.nuisance_at(mean)
+    expected = likelihood.covariance + nuisance @ nuisance.T + reach + smooth
+    gate = state.settings.options.outlier_gate + CONSTANTS.innovation_gate_excess_sigma
+    return replace(state, outlier=outliers(innovation, expected, gate))
+
+
+def residual_outliers(likelihood: BatchLikelihood, posterior: Mixture, gate: float) -> Booleans:
+    """Return (T,) which readings stand out at the best hypothesis, all readings being tested."""
+    mean, covariance = posterior.mean[0], posterior.covariance[0]
+    residual, slope = likelihood.linearise(mean)
+    if not np.isfinite(residual).all():
+        return np.zeros(len(residual), dtype=np.bool_)
+    nuisance = likelihood.nuisance_at(mean)
+    expected = likelihood.covariance + nuisance @ nuisance.T + slope @ covariance @ slope.T
+    return outliers(residual, expected, gate)
 
 
 def leave_one_out(residual: Array, covariance: Array) -> Array:
-    """Return (T,) each residual's deviation from what the others predict for it, in its own
-    1-sigma.
+    """Return (T,) each residual's deviation from what the others predict for it, in its 1-sigma.
 
     For r ~ N(0, S): (S⁻¹ r)_i / sqrt((S⁻¹)_ii) (Rasmussen & Williams 2006, eqs. 5.10-5.12).
     """
@@ -15,9 +61,13 @@ def leave_one_out(residual: Array, covariance: Array) -> Array:
     return (inverse @ residual) / np.sqrt(np.diag(inverse))
 
 
-def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4) -> Booleans:
-    """Return (T,) which residuals are spikes: taken out worst first while the worst deviates by
-    more than the gate.
+def outliers(
+    residual: Array,
+    covariance: Array,
+    gate: float,
+    largest_share: float = CONSTANTS.largest_outlier_share,
+) -> Booleans:
+    """Return (T,) which residuals are outliers: the worst is taken out while it exceeds the gate.
 
     Parameters
     ----------
@@ -26,12 +76,11 @@ def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4)
         Of the residuals, with everything smooth along the track in it.
     gate : float
         In 1-sigma.
-    most : float
-        Share of the residuals at most; a batch with more is not cleaned at all: then the model is
-        wrong, not the readings.
+    largest_share : float
+        Of the residuals; with more of them none is taken out: then the model is wrong.
     """
     bad = np.zeros(len(residual), dtype=np.bool_)
-    for _ in range(int(most * len(residual)) + 1):
+    for _ in range(int(largest_share * len(residual)) + 1):
         keep = np.flatnonzero(~bad)
         if len(keep) < 3:
             break
@@ -43,13 +92,10 @@ def outliers(residual: Array, covariance: Array, gate: float, most: float = 0.4)
     return np.zeros(len(residual), dtype=np.bool_)
 
 
-def smooth_misfit(latitude: Array, longitude: Array, sigma: float, length: float) -> Array:
-    """Return (T, T) covariance sigma² exp(-d² / 2 length²) of a smooth misfit along the track
-    (positions rad, length m).
+def smooth_covariance(latitude: Array, longitude: Array, sigma: float, length: float) -> Array:
+    """Return (T, T) sigma² exp(-d² / 2 length²) between places (rad), length in m.
 
-    It stands for the wrong place's map values before the place is known: smooth over the map's
-    features, unlike a spike."""
-    from isogal.earth.frames import horizontal_difference
-
+    It stands for the map's values at a wrong place: smooth over the map's features.
+    """
     apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
     return sigma**2 * np.exp(-0.5 * (apart**2).sum(axis=-1) / length**2)

@@ -1,84 +1,115 @@
-"""Fixes that do not rest on the noise model alone: `pmht`'s, looked at twice.
+"""Monitor of recorded tracks: fixes that do not rest on the noise model alone.
 
 Maps are more wrong where the field varies more, their errors are not quite Gaussian, and nobody
-knows their correlation function. Two things follow, and neither of them narrows a fix.
+knows their correlation function. Two checks follow, neither of which narrows a fix
+(docs/mathematics.md, sections 10.2 and 10.3).
 
-Which place it is. Evidence between places kilometres apart counts every reading with the noise
-assumed. From a prior wide enough to hold several (`hypotheses.WIDE`) a fix is published only if
-the same place is the likely one with twice the noise as well, which is what a model wrong by two
-in sigma explains.
+Place. Evidence between places kilometres apart counts every reading with the noise assumed. From
+a prior wide enough to hold several places a fix is published only if the same place is the likely
+one with twice the noise as well, which is what a model wrong by a factor of two explains.
 
-How well it is known there. Where the noise model is wrong the curvature of the likelihood is not
-the covariance of its peak; the sandwich H⁻¹ J H⁻¹ is (Huber 1967, Proc. 5th Berkeley Symp.
-1:221-233; White 1982, Econometrica 50(1):1-25). With whitened residuals w and their derivatives G
-by the navigator's error, H = G'G, and J is the covariance of the score G'w, which the residuals
-show themselves:
+Covariance. Where the noise model is wrong, the inverse curvature of the likelihood is not the
+covariance of its peak; the sandwich H⁻¹ J H⁻¹ is (Huber 1967, Proc. 5th Berkeley Symp. 1:221-233;
+White 1982, Econometrica 50(1):1-25). With whitened residuals w and their derivatives G by the
+navigator's error, H = G'G, and J is the covariance of the score G'w with the terms s_t = w_t G_t,
+estimated from the residuals:
 
-    J = sum_t s_t s_t' + sum_k (1 - k / (m + 1)) sum_t (s_t s_{t-k}' + s_{t-k} s_t'),   s_t = w_t G_t,
+    J = sum_t s_t s_t' + sum_k (1 - k / (m + 1)) sum_t (s_t s_{t-k}' + s_{t-k} s_t')
 
 (Newey & West 1987, Econometrica 55(3):703-708; m = 4 (n / 100)^(2/9), their rule of 1994, Rev.
 Econ. Stud. 61(4):631-653; residuals over sqrt(1 - leverage), MacKinnon & White 1985, J.
-Econometrics 29(3):305-325). If the noise model is right J is H but for chance. So only what J has
-more than H, beyond two 1-sigmas of that chance, widens a fix."""
+Econometrics 29(3):305-325). If the noise model is right, J is H but for chance, so a direction is
+widened only where J exceeds H by more than two 1-sigmas of that chance.
+"""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
-from isogal.maps.field_map import FieldMap
-from isogal.matching.information import positive_part
+from isogal.maps.channels import AnyMap
+from isogal.matching.information import posterior_of
 from isogal.matching.interfaces import Batch, Fix, Information, declined
-from isogal.matching.pmht.hypotheses import WIDE
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.memory import Memory, Scale
-
-_DOUBT = 4.0
-"""Variance factor of twice the noise."""
-_CONFIDENCE = 0.9
-"""Probability that the place needs with it."""
-_INFORMED = 0.01
-"""Information in units of the prior's under which a direction is not looked at."""
-_CHANCE = 2.0
-"""1-sigmas by which J must exceed H."""
+from isogal.matching.matrices import positive_part, symmetric
+from isogal.matching.monitoring import Monitored
+from isogal.matching.pmht.constants import CONSTANTS
 
 
-def confirmed(
-    fix: Fix,
-    after: Memory,
-    before: Memory | None,
-    batch: Batch,
-    field_map: FieldMap,
-    matcher: Pmht,
-) -> tuple[Fix, Memory]:
-    """Return a published fix and the memory after it, or why twice the noise leaves it open, and
-    the hypotheses for the next batch.
+@dataclass(frozen=True)
+class TrackMonitor:
+    """A matcher of recorded tracks that publishes only what passes both checks."""
 
-    Parameters
-    ----------
-    fix : Fix
-    after, before : Memory
-        What the matcher knows after and before the batch.
-    batch : Batch
-        That the fix was made from.
-    """
-    if np.linalg.eigvalsh(batch.prior[:2, :2])[-1] < WIDE**2:
+    matcher: Monitored
+
+    @property
+    def name(self) -> str:
+        """Of the matcher that it watches."""
+        return self.matcher.name
+
+    @property
+    def context(self) -> int:
+        """Older scans that a batch brings along."""
+        return self.matcher.context
+
+    @property
+    def takes_channels(self) -> bool:
+        """As the matcher that it watches."""
+        return self.matcher.takes_channels
+
+    def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
+        """Match one batch; see `interfaces.Matcher`."""
+        fix, after = self.matcher.match(batch, field_map, memory)
+        if fix.published:
+            fix, after = self.confirmed(fix, batch, field_map, memory, after)
+        if fix.published:
+            fix = self.widened(fix, batch, field_map, after)
         return fix, after
-    noise = matcher.noise if after.noise is None else after.noise.model(matcher.noise)
-    unit = Scale()
-    scale = Scale(_DOUBT * (before.scale.factor if before else 1.0) * unit.freedom, unit.freedom)
-    start = before or Memory(time=float(batch.time[0]), prior=batch.prior, belief=None)
-    letter = matcher.settings.model_copy(update={"confidence": _CONFIDENCE, "trust": 1.0})
-    doubter = replace(matcher, adaptive=False, noise=noise, settings=letter)
-    doubtful, memory = doubter.match(batch, field_map, replace(start, noise=None, scale=scale))
-    if memory is None or (doubtful.published and _near(fix, doubtful)):
-        return fix, after
-    reason = doubtful.reason or "that finds it elsewhere"
-    return declined(
-        batch, f"not found with twice the noise: {reason}", **fix.diagnostics
-    ), replace(after, belief=memory.belief)
+
+    def confirmed(
+        self, fix: Fix, batch: Batch, field_map: AnyMap, before: Any, after: Any
+    ) -> tuple[Fix, Any]:
+        """Return a published fix and the memory after it; or why it is not confirmed with twice
+        the noise, and the hypotheses that this leaves open.
+
+        Parameters
+        ----------
+        fix, batch
+            The fix, and the batch that it was made from.
+        before, after
+            What the matcher remembers before and after the batch.
+        """
+        if np.linalg.eigvalsh(batch.prior[:2, :2])[-1] < CONSTANTS.wide_prior_m**2:
+            return fix, after
+        sceptic, start = self.matcher.sceptic(
+            batch,
+            before,
+            after,
+            CONSTANTS.sceptical_variance_factor,
+            CONSTANTS.sceptical_confidence,
+        )
+        other, memory = sceptic.match(batch, field_map, start)
+        if memory is None or (other.published and _near(fix, other)):
+            return fix, after
+        reason = f"not found with twice the noise: {other.reason or 'that finds it elsewhere'}"
+        after = self.matcher.with_hypotheses(after, of=memory)
+        return declined(batch, reason, **fix.diagnostics), after
+
+    def widened(self, fix: Fix, batch: Batch, field_map: AnyMap, after: Any) -> Fix:
+        """Return a published fix with a covariance that the residuals agree with."""
+        mean, covariance = posterior_of(fix, batch)
+        likelihood = self.matcher.likelihood(batch, field_map, after, (mean, covariance))
+        residual, slope = likelihood.linearise(mean)
+        if not np.isfinite(residual).all():
+            return fix
+        new = slice(likelihood.first_new, None)
+        white = np.asarray(
+            np.linalg.solve(likelihood.factor, np.column_stack([residual, slope])),
+            dtype=np.float64,
+        )[new]
+        excess = excess_covariance(white[:, 0], white[:, 1:], batch.prior)
+        return _with_excess(fix, excess, batch.new)
 
 
 def _near(fix: Fix, other: Fix) -> bool:
@@ -87,43 +118,8 @@ def _near(fix: Fix, other: Fix) -> bool:
     return float(apart @ np.linalg.solve(other.covariance, apart)) < 9.0
 
 
-def widened(
-    fix: Fix,
-    after: Memory,
-    batch: Batch,
-    field_map: FieldMap,
-    matcher: Pmht,
-    mean: Array,
-    covariance: Array,
-) -> Fix:
-    """Return a published fix with a covariance that the residuals agree with.
-
-    Parameters
-    ----------
-    fix, after, batch
-        As for `confirmed`.
-    mean, covariance : (4,), (4, 4) arrays
-        Of the batch's error, prior and fix together.
-    """
-    noise = matcher.noise if after.noise is None else after.noise.model(matcher.noise)
-    used = replace(
-        batch, reading=np.where(np.isin(batch.time, list(after.excluded)), np.nan, batch.reading)
-    )
-    likelihood = BatchLikelihood.of(used, field_map, noise, belief=(mean, covariance)).scaled(
-        after.scale.factor
-    )
-    residual, slope = likelihood.linearise(mean)
-    if not np.isfinite(residual).all():
-        return fix
-    new = slice(likelihood.first_new, None)
-    whitened: Array = np.asarray(np.linalg.solve(likelihood.factor, residual), dtype=np.float64)
-    derivative: Array = np.asarray(np.linalg.solve(likelihood.factor, slope), dtype=np.float64)
-    excess = excess_covariance(whitened[new], derivative[new], batch.prior)
-    return _with_excess(fix, excess, batch.new)
-
-
 def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
-    """Return (k, k) what the sandwich covariance has more than the inverse curvature; zeros where
+    """Return (k, k) the excess of the sandwich covariance over the inverse curvature; zeros where
     the residuals fit the noise model.
 
     Parameters
@@ -138,7 +134,7 @@ def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
     """
     scale = np.linalg.cholesky(prior)
     values, vectors = np.linalg.eigh(scale.T @ slope.T @ slope @ scale)
-    informed = values > _INFORMED
+    informed = values > CONSTANTS.informed_share
     if not informed.any():
         return np.zeros_like(prior)
     axes = (scale @ vectors[:, informed]) / np.sqrt(values[informed])  # of H⁻¹
@@ -150,7 +146,7 @@ def excess_covariance(whitened: Array, slope: Array, prior: Array) -> Array:
     chance = np.sqrt(
         2.0 * np.einsum("ti,tu,ui->i", (unit @ turn) ** 2, weight**2, (unit @ turn) ** 2)
     )
-    more = np.where(factors > 1.0 + _CHANCE * chance, factors - 1.0, 0.0)
+    more = np.where(factors > 1.0 + CONSTANTS.sandwich_sigma * chance, factors - 1.0, 0.0)
     along = axes @ turn
     return np.asarray((along * more) @ along.T, dtype=np.float64)
 
@@ -175,7 +171,7 @@ def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
         spread = np.eye(len(excess)) + told @ excess
         matrix = np.asarray(np.linalg.solve(spread, told), dtype=np.float64)
         vector = np.asarray(np.linalg.solve(spread, information.vector), dtype=np.float64)
-        information = Information(vector=vector, matrix=0.5 * (matrix + matrix.T))
+        information = Information(vector=vector, matrix=symmetric(matrix))
     return replace(
         fix,
         covariance=fix.covariance + excess[:2, :2],

@@ -17,10 +17,9 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.matching.batching import unconditioned
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import square_root, symmetric
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
-
-_SAME = 0.7, 1.5
-"""Ratios of variances between which a navigator has taken a fix as it was published."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +46,7 @@ class BiasEstimate:
         """Carry the state to the end of a batch."""
         end = float(batch.time[-1])
         forward = np.array([[1.0, end - self.time], [0.0, 1.0]])
-        own = forward @ _root(self.covariance)
+        own = forward @ square_root(self.covariance)
         mean, gain = forward @ self.mean, forward @ self.gain
         last = float(batch.time[-1 - batch.new]) if batch.new < len(batch) else math.nan
         back, drift = batch.back(end - self.time)
@@ -58,7 +57,7 @@ class BiasEstimate:
         # a batch is missing, or another correction was made than was published: how the errors go
         # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
-        own = _root(own @ own.T + gain @ before @ gain.T)
+        own = square_root(own @ own.T + gain @ before @ gain.T)
         return LinearBias(end, mean, np.zeros((2, 4)), np.zeros((2, drift.shape[1])), own)
 
     def _taken(self, last: float, then: Array) -> bool:
@@ -67,8 +66,9 @@ class BiasEstimate:
         if self.error is None:
             return True
         factor = np.linalg.cholesky(self.error[:4, :4])
+        least, most = CONSTANTS.taken_fix_variance_ratio
         ratio = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, then).T))
-        return bool(_SAME[0] < ratio[0] and ratio[-1] < _SAME[1])
+        return bool(least < ratio[0] and ratio[-1] < most)
 
     def figures(self) -> dict[str, float]:
         """Return the estimate for the diagnostics."""
@@ -119,7 +119,7 @@ class LinearBias:
     def unmeasured(self, batch: Batch) -> BiasEstimate:
         """Return the state where the batch gave no fix: as carried."""
         gain, rest = _by_state(batch, self.by_error, self.by_nuisance)
-        return BiasEstimate(self.time, self.mean, _symmetric(self.own @ self.own.T + rest), gain)
+        return BiasEstimate(self.time, self.mean, symmetric(self.own @ self.own.T + rest), gain)
 
     def measured(
         self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array
@@ -153,7 +153,7 @@ class LinearBias:
         return BiasEstimate(
             self.time,
             self.mean + self.by_error @ mean + learnt[:, 0] + by_nuisance @ expected,
-            _symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
+            symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
             gain,
             covariance,
         )
@@ -167,12 +167,3 @@ def _by_state(batch: Batch, by_error: Array, by_nuisance: Array) -> tuple[Array,
     by_state = unconditioned(batch, by_error, by_nuisance)
     rest = by_nuisance - by_state[:, 4:] @ batch.attitude[1]
     return by_state, rest @ rest.T
-
-
-def _root(covariance: Array) -> Array:
-    values, vectors = np.linalg.eigh(_symmetric(covariance))
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
-
-
-def _symmetric(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)

@@ -1,0 +1,163 @@
+"""The constants of `pmht` and its monitors, each with its unit and where it comes from.
+
+"measured" means: chosen by Monte Carlo runs over the two maps of docs/matchers.md, and results
+change little when it is varied by a half. What a user may want to change is in `settings` instead.
+Sections are those of docs/mathematics.md.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """See the module."""
+
+    # Outliers (sections 8.1, 8.2)
+    innovation_gate_excess_sigma: float = 2.0
+    """Added to the outlier gate before the place is known: a wrong place must not make outliers
+    of good readings. Measured."""
+    wrong_place_length_m: float = 1500.0
+    """Over which the residuals of a wrong place are smooth: features of the maps. Measured."""
+    largest_outlier_share: float = 0.4
+    """Of a batch's readings; with more the model is wrong, not the readings. Below one half, where
+    no method can tell which are right (Rousseeuw & Leroy 1987, section 1.2)."""
+    outlier_probability: float = 0.01
+    """A priori, for the evidence of a batch. Usual for field instruments."""
+
+    # Update (sections 6.2 to 6.8)
+    wide_prior_m: float = 600.0
+    """1-sigma of position beyond which a prior gets four times the samples. Measured."""
+    very_wide_prior_m: float = 1500.0
+    """Beyond this, four times as many again in the first round: fewer overlook a place of some
+    tenths of a percent. Measured."""
+    search_prior_m: float = 3000.0
+    """Beyond this a prior is searched on a grid at once, not only where sampling has failed.
+    Measured."""
+    more_samples: int = 4
+    """Factor of the samples for a wide prior, and for hypotheses sampled together."""
+    fewest_samples: int = 128
+    """Per hypothesis, however many there are. Measured."""
+    least_effective_samples: float = 20.0
+    """Of a resolved posterior: the error of its mean is then below a quarter of its 1-sigma."""
+    negligible_weight: float = 1e-6
+    """A hypothesis of less weight is dropped."""
+    sampled_hypotheses: int = 32
+    """Hypotheses sampled one by one; of more, those that a few points find most likely."""
+    screening_samples: int = 32
+    """Points of each hypothesis in that screening."""
+    screening_slack_log_evidence: float = 5.0
+    """What screening may be wrong by when it calls a hypothesis negligible. Measured."""
+    cut_effective_samples: float = 40.0
+    """A piece of a posterior with fewer is not cut: each half keeps at least 20."""
+    refinements: int = 6
+    """Times at most that the error of an uneven map is taken anew where the readings turn out to
+    be; more change nothing on real maps. Measured."""
+    agreement_variance_share: float = 0.25
+    """Two means agree when they are closer than half a 1-sigma: 0.5 squared."""
+
+    # Search on a grid (section 6.7)
+    search_reach_sigma: float = 3.0
+    """Half-width of the search in prior 1-sigmas."""
+    coarse_cells: int = 40_000
+    """Cells of the first grid at most: bounds the time of a search."""
+    fine_cells: int = 60_000
+    """Cells of each finer grid at most."""
+    finest_cell_m: float = 100.0
+    """Smallest cells: sampling takes over."""
+    fine_enough_sigma: float = 0.5
+    """Cells in which the map changes by less than this share of the residuals' 1-sigma are not
+    divided any more."""
+    tile_cells: int = 3
+    """Cells to a tile, each way."""
+    search_depth_log: float = 25.0
+    """Cells whose log posterior lies this far below the best are given up: e⁻²⁵ = 1e-11."""
+
+    # Posterior carried on in its own shape (section 6.8)
+    carried_shape_m: tuple[float, float] = (100.0, 1000.0)
+    """1-sigma between which the shape of a posterior is carried on: a narrower one is Gaussian, a
+    wider one goes on as separate hypotheses. Measured."""
+    shape_cuts: int = 3
+    """Times that it is cut in halves."""
+    least_shape_gain_log: float = -0.05
+    """Log density per sample by which the pieces must describe the samples better than one
+    Gaussian does. Of a Gaussian they are 0.1 worse; slight departures are carried, too, since
+    they add up from batch to batch. Measured."""
+
+    # Variance factor (section 8.4)
+    variance_factor_freedom: float = 60.0
+    """Degrees of freedom of the prior at 1: two batches of 30 readings."""
+    variance_factor_sigma: float = 4.0
+    """1-sigmas by which the estimate must exceed 1 before it counts."""
+    variance_factor_memory: float = 0.9
+    """What a batch's weight is multiplied by with each further batch: some ten batches count."""
+
+    # Batches that do not agree (section 8.5)
+    disagreements_tolerated: int = 1
+    """Batches in a row that are declined without a search, where the misfit is large."""
+    explained_variance_factor: float = 4.0
+    """Variance factor that a noise model wrong by two in sigma explains."""
+    elsewhere_log_evidence: float = 8.0
+    """By which a place elsewhere must beat the best one near the navigator; the wide prior itself
+    already counts against it. Measured: no false alarm in 100 runs of 3.6 h of any case."""
+    bias_log_evidence: float = 3.0
+    """By which a bias of the readings must beat a place elsewhere: "strong" (Kass & Raftery 1995,
+    J. Am. Stat. Assoc. 90:773)."""
+
+    # Map error learnt (section 9.1)
+    unknown_sigma_shares: tuple[float, float, int] = (0.002, 0.5, 13)
+    """Grid of an unknown sigma, least, largest and number, as shares of the map's standard
+    deviation."""
+    unknown_lengths_m: tuple[float, float, int] = (500.0, 16000.0, 6)
+    """Grid of an unknown correlation length: of the maps that are known to us."""
+    told_steps: tuple[int, int] = (9, 5)
+    """Points of the grids of sigma and length about what was told, over two 1-sigmas each way."""
+    conditioning_readings: int = 10
+    """Older residuals that new ones are conditioned on; still older ones say little more.
+    Measured."""
+    changed_noise_factor: float = 1.2
+    """Factor in sigma or length from which a batch is matched again with what was learnt."""
+
+    # Sensor bias (section 9.3)
+    unknown_bias_share: float = 0.5
+    """1-sigma of a bias that nobody has told of, as a share of the map's standard deviation."""
+    bias_drift_time_s: float = 10800.0
+    """Time in which an untold drift changes the bias by its own 1-sigma: three hours."""
+    taken_fix_variance_ratio: tuple[float, float] = (0.7, 1.5)
+    """Between which the navigator's variances show that it has taken a published fix.
+    Measured."""
+
+    # Lost-navigator monitor (section 8.7)
+    doubt_log_evidence: float = 4.0
+    """Log Bayes factor against the map error as told that starts the search; that of navigators
+    that are not lost stayed below 2.5. Measured."""
+    renewed_doubt_factor: float = 10.0
+    """By which it must have grown for the next search once the navigator's place was confirmed."""
+    moved_log_evidence: float = 8.0
+    """By which the other place must be ahead: as `elsewhere_log_evidence`."""
+    same_place_probability: float = 0.95
+    """That the search gives the navigator's own place before it ends."""
+    same_place_m: float = 500.0
+    """On top of `same_place_sigma` of its 1-sigmas: within this of the navigator is its place."""
+    same_place_sigma: float = 3.0
+    """See `same_place_m`."""
+    remembered_batches: int = 12
+    """Of the past, an hour at T = 30, which the search is given first."""
+    past_batches_at_once: int = 2
+    """Matched along with a new one: the search is wide, and the new fix must not wait for long."""
+    search_context_readings: int = 10
+    """Older readings that the search sees of a batch: they tell most about the map error."""
+    search_batches: int = 36
+    """After which a search that is still ambiguous is given up."""
+
+    # Recorded tracks (sections 10.2, 10.3)
+    sceptical_variance_factor: float = 4.0
+    """Of twice the noise."""
+    sceptical_confidence: float = 0.9
+    """Probability that the place needs with it."""
+    informed_share: float = 0.01
+    """Information in units of the prior's under which a direction is left alone."""
+    sandwich_sigma: float = 2.0
+    """1-sigmas of chance by which the score's covariance must exceed the curvature."""
+
+
+CONSTANTS = Constants()

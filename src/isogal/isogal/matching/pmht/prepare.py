@@ -1,0 +1,106 @@
+"""Stage 1 of `pmht`: what is assumed of a batch before it is matched."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.map_error import MapErrorEstimate, field_scale
+from isogal.matching.pmht.memory import Memory, prior_of
+from isogal.matching.pmht.noise_model import uneven
+from isogal.matching.pmht.sensor_bias import BiasEstimate
+from isogal.matching.pmht.settings import Settings
+from isogal.matching.pmht.state import State, Verdict, likelihood_of
+from isogal.matching.usability import unusable
+
+FEWEST_READINGS = 3
+"""New readings that a batch needs: two unknowns of position, and one to see whether they fit."""
+
+
+def refusal(batch: Batch, field_map: AnyMap, settings: Settings) -> str | None:
+    """Return why a batch cannot be matched at all, in one line; None where it can."""
+    if reason := unusable(batch):
+        return reason
+    channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+    if channels > len(channels_of(field_map)):
+        return f"the readings have {channels} channels, the map {len(channels_of(field_map))}"
+    if settings.adaptive and channels > 1:
+        return "the map error of several channels is not estimated; give map_sigma"
+    return None
+
+
+def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings) -> State:
+    """Return the state of a batch whose prior, noise model, bias and likelihood are known."""
+    batch = without(batch, memory.outlier_times if memory else frozenset())
+    estimate = _bias(batch, field_map, memory, settings)
+    bias = None if estimate is None else estimate.at_end(batch)
+    batch = batch if bias is None else bias.added_to(batch)
+    map_error = _map_error(batch, field_map, memory, settings)
+    noise = settings.noise if map_error is None else map_error.model(settings.noise)
+    noise = noise if bias is None else replace(noise, bias_sigma=0.0)
+    prior = prior_of(batch, memory)
+    factor = memory.variance_factor.value if memory else 1.0
+    likelihood = likelihood_of(batch, field_map, noise, prior, factor)
+    state = State(
+        batch=batch,
+        field_map=field_map,
+        settings=settings,
+        memory=memory,
+        prior=prior,
+        noise=noise,
+        bias=bias,
+        map_error=map_error,
+        likelihood=likelihood,
+        outlier=np.zeros(len(likelihood.rows), dtype=np.bool_),
+        learnt=map_error,
+        variance_factor=factor,
+    )
+    if np.isfinite(batch.reading[-batch.new :]).sum() < FEWEST_READINGS:
+        return state.decided(Verdict("fewer than three readings in the batch", hypotheses=prior))
+    return state
+
+
+def without(batch: Batch, stamps: frozenset[float]) -> Batch:
+    """Return the batch with the readings of the given stamps removed."""
+    if not stamps:
+        return batch
+    drop = np.isin(batch.time, list(stamps))
+    return replace(batch, reading=np.where(drop, np.nan, batch.reading))
+
+
+def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEstimate:
+    """Return the prior of the readings' bias: as told, else that of who knows nothing."""
+    sigma, drift = settings.noise.bias_sigma, settings.options.bias_drift_sigma
+    if not sigma > 0.0:
+        sigma = CONSTANTS.unknown_bias_share * field_scale(channels_of(field_map)[0])
+    drift = sigma / CONSTANTS.bias_drift_time_s if drift is None else drift
+    return BiasEstimate.unknown(float(batch.time[0]), sigma, drift)
+
+
+def _bias(
+    batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings
+) -> BiasEstimate | None:
+    """Return what is known of the readings' bias; that of several channels is in R instead."""
+    if len(channels_of(field_map)) > 1:
+        return None
+    estimate = memory.bias if memory else None
+    if estimate is None and (settings.adaptive or settings.noise.bias_sigma > 0.0):
+        estimate = unknown_bias(batch, field_map, settings)
+    return estimate
+
+
+def _map_error(
+    batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings
+) -> MapErrorEstimate | None:
+    """Return what is known of the map error; None where it is not in question."""
+    if memory is not None and memory.map_error is not None:
+        return memory.map_error
+    if settings.adaptive:
+        return MapErrorEstimate.unknown(batch, channels_of(field_map)[0])
+    several = len(channels_of(field_map)) > 1
+    exact = settings.options.trust == 1.0 or settings.noise.map_sigma == 0.0
+    if exact or several or uneven(field_map):
+        return None
+    return MapErrorEstimate.told(settings.noise, settings.options.trust)

@@ -1,0 +1,166 @@
+"""Stage 6 of `pmht`: the fix of a batch, and what is remembered of it.
+
+docs/mathematics.md, sections 6.8 and 7.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.variability import feature_variability
+from isogal.matching.channels import first_channel
+from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.contours import contour_candidates
+from isogal.matching.pmht.gaussian_mixture import Mixture, pieces
+from isogal.matching.pmht.hypotheses import Update
+from isogal.matching.pmht.memory import Memory, VarianceFactor
+from isogal.matching.pmht.sensor_bias import BiasEstimate
+from isogal.matching.pmht.state import State
+
+
+def publish(state: State) -> tuple[Fix, Memory]:
+    """Return the fix that the verdict allows, or why there is none, and the memory after it."""
+    verdict = state.verdict
+    assert verdict is not None
+    if state.posterior is None:
+        return declined(state.batch, verdict.reason or ""), _unmatched(state)
+    memory = _remembered(state)
+    figures = _figures(state, memory.variance_factor.value)
+    if verdict.reason is not None:
+        fix = declined(state.batch, verdict.reason, **figures)
+        return replace(fix, reset=verdict.lost), memory
+    information = likelihood_information(*state.with_attitude())
+    if not information.matrix.any():
+        reason = "the batch tells nothing that the navigator does not know"
+        return declined(state.batch, reason, **figures), memory
+    best = state.best
+    return _fix(state, information, figures), replace(
+        memory,
+        hypotheses=_shape(best, best.mixture.covariance[0]),
+        disagreements=0,
+        bias=_measured_bias(state),
+    )
+
+
+def _measured_bias(state: State) -> BiasEstimate | None:
+    """Return the readings' bias after the batch, for a navigator that takes its fix."""
+    if state.bias is None:
+        return None
+    mean, covariance, _ = state.with_attitude()
+    return state.bias.measured(state.batch, state.best.likelihood, mean, covariance)
+
+
+def _fix(state: State, information: Information, figures: dict[str, float]) -> Fix:
+    batch, best = state.batch, state.best
+    mean, covariance = best.mixture.mean[0], best.mixture.covariance[0]
+    error, error_covariance = measurement_only(mean, covariance, batch.prior)
+    north, east = metres_per_radian(batch.latitude[-1])
+    each, first = first_channel(batch, state.field_map)  # each scan once
+    new = slice(len(each) - each.new, None)
+    moved = np.full((len(each), 2), np.nan)
+    moved[new] = each.transition[new] @ mean
+    scan_north, scan_east = metres_per_radian(each.latitude)
+    scan_covariance = np.full((len(each), 2, 2), np.nan)
+    scan_covariance[new] = error_covariance * each.new
+    return Fix(
+        time=float(batch.time[-1]),
+        latitude=float(batch.latitude[-1] - error[0] / north),
+        longitude=float(batch.longitude[-1] - error[1] / east),
+        covariance=error_covariance,
+        candidates=contour_candidates(each, first, mean, covariance),
+        diagnostics=figures,
+        information=information,
+        scan_position=np.stack(
+            [each.latitude - moved[:, 0] / scan_north, each.longitude - moved[:, 1] / scan_east],
+            axis=-1,
+        ),
+        scan_covariance=scan_covariance,
+    )
+
+
+def _remembered(state: State) -> Memory:
+    """Return the memory after a batch that was matched, as if it gave no fix."""
+    batch, verdict, before = state.batch, state.verdict, state.memory
+    assert verdict is not None
+    published = verdict.reason is None
+    outliers = frozenset(t for t in (before.outlier_times if before else ()) if t >= batch.time[0])
+    factor = before.variance_factor if before else VarianceFactor()
+    if verdict.residual is not None:
+        residual = verdict.residual
+        factor = factor.updated(residual.value * factor.value, residual.freedom)
+    bias = None if state.bias is None else state.bias.unmeasured(batch)
+    return Memory(
+        time=float(batch.time[-1]),
+        prior=batch.prior,
+        hypotheses=None if published else verdict.hypotheses,
+        disagreements=(before.disagreements if before else 0) + verdict.unexplained,
+        # only where all agrees: what stands out at a wrong place may be right
+        outlier_times=outliers | state.outlier_times if published and state.agrees else outliers,
+        map_error=state.learnt if published else state.map_error,
+        bias=verdict.bias if verdict.lost else bias,
+        variance_factor=VarianceFactor() if verdict.lost else factor,
+        log_evidence=(before.log_evidence if before else 0.0) + state.log_evidence,
+    )
+
+
+def _unmatched(state: State) -> Memory:
+    """Return the memory after a batch that could not be matched."""
+    batch, before = state.batch, state.memory or Memory.before(state.batch)
+    return replace(
+        before,
+        time=float(batch.time[-1]),
+        prior=batch.prior,
+        hypotheses=None if before.hypotheses is None else state.prior,
+        bias=None if state.bias is None else state.bias.unmeasured(batch),
+    )
+
+
+def _figures(state: State, variance_factor: float) -> dict[str, float]:
+    """Return what the diagnostics say of a batch that was matched."""
+    best, agreement = state.best, state.agreement()
+    place = state.batch.latitude[-1:], state.batch.longitude[-1:]
+    figures = {
+        "hypotheses": float(len(best.mixture)),
+        "probability": float(best.mixture.weight[0]),
+        "effective_samples": best.effective,
+        "rounds": float(best.rounds),
+        "misfit": agreement.ratio,
+        "p_value": agreement.p_value,
+        "noise_scale": variance_factor,
+        "readings_left_out": float(len(state.outlier_times)),
+        "feature_variability": float(feature_variability(state.first_map, *place)[0]),
+    }
+    if state.learnt is not None:
+        figures |= state.learnt.figures(state.settings.noise)
+    if (bias := _measured_bias(state)) is not None:
+        figures |= bias.figures()
+    return figures
+
+
+def _shape(best: Update, covariance: Array) -> Mixture | None:
+    """Return the posterior's shape as hypotheses about the navigator that has taken the fix; None
+    where a Gaussian says it.
+
+    In a flat field with a poor map the posterior is a ridge or has a shoulder, and the Gaussian
+    that the navigator makes of it forgets the tail in which the truth may be. So it is carried on
+    as a sum of Gaussians (Sorenson & Alspach 1971, Automatica 7:465).
+    """
+    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    least, most = CONSTANTS.carried_shape_m
+    if best.drawn is None or len(best.mixture) > 1 or not least < sigma < most:
+        return None
+    x, weight = best.drawn
+    scale = np.sqrt(np.diag(covariance))
+    shape, gaussian = (pieces(x, weight, scale, cuts) for cuts in (CONSTANTS.shape_cuts, 0))
+    gain = float(weight @ (shape.log_density(x) - gaussian.log_density(x)))
+    if gain <= CONSTANTS.least_shape_gain_log:
+        return None
+    # the samples are a few hundred; as a whole the shape has the moments that were published
+    centre, spread = shape.moments()
+    turn = np.linalg.cholesky(covariance) @ np.linalg.inv(np.linalg.cholesky(spread))
+    return Mixture(shape.weight, (shape.mean - centre) @ turn.T, turn @ shape.covariance @ turn.T)
