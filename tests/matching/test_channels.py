@@ -14,7 +14,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
-from isogal.matching.channels import first_channel, channel_batch
+from isogal.matching.channels import channel_batch, first_channel
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -183,7 +183,11 @@ def test_what_does_not_fit_is_refused_or_declined():
     for bad, covariance, message in (
         (np.zeros((29, 2)), np.eye(2), r"must have shape \(30, channels\), have \(29, 2\)"),
         (np.zeros(30), np.eye(1), r"must have shape \(30, channels\), have \(30,\)"),
-        (readings, np.eye(3), r"covariance of vector readings must have shape \(2, 2\)"),
+        (
+            readings,
+            np.eye(3),
+            r"covariance of readings of several channels must have shape \(2, 2\)",
+        ),
         (readings, -np.eye(2), "must be positive definite"),
         (readings, np.full((2, 2), np.nan), "must be positive definite"),
     ):

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from helpers.batches import field_map_of, make_batch
 from helpers.navigators import random_covariance
-from isogal.matching.information import likelihood_information, measurement_only, with_attitude
+from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.pmht.attitude import with_attitude
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel
 

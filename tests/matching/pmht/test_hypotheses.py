@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.hypotheses import SAMPLED, SEARCH, WIDE, update
+from isogal.matching.pmht.hypotheses import update
 from isogal.matching.pmht.importance_sampling import Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -40,9 +41,9 @@ def test_the_wrong_place_dies_by_its_evidence(rough_map):
     result = update(
         likelihood, places(prior, [[4000.0, 4000.0, 0, 0], ERROR], [0.9, 0.1]), SAMPLING, 16
     )
-    assert len(result.belief) == 1
-    assert result.belief.weight[0] == 1.0
-    assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
+    assert len(result.mixture) == 1
+    assert result.mixture.weight[0] == 1.0
+    assert np.linalg.norm(result.mixture.mean[0, :2] - ERROR[:2]) < 100.0
     assert result.resolved
     assert result.effective > 0.3
 
@@ -58,8 +59,8 @@ def test_weights_go_by_prior_times_evidence():
     likelihood, prior = likelihood_of(waves, np.zeros(4))
     there = [8000.0, 0.4 * -8000.0 + 5000.0, 0.0, 0.0]
     result = update(likelihood, places(prior, [np.zeros(4), there], [0.3, 0.7]), SAMPLING, 16)
-    np.testing.assert_allclose(result.belief.weight, [0.7, 0.3], atol=0.05)
-    np.testing.assert_allclose(result.belief.mean[0, :2], there[:2], atol=60.0)
+    np.testing.assert_allclose(result.mixture.weight, [0.7, 0.3], atol=0.05)
+    np.testing.assert_allclose(result.mixture.mean[0, :2], there[:2], atol=60.0)
     one, _ = sample(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING)
     assert result.log_evidence == pytest.approx(one.log_evidence, abs=0.1)
 
@@ -68,11 +69,11 @@ def test_two_that_come_to_the_same_place_are_joined(rough_map):
     likelihood, prior = likelihood_of(rough_map)
     around = [ERROR + NORTH, ERROR - NORTH]
     result = update(likelihood, places(prior, around, [0.5, 0.5]), SAMPLING, 16)
-    assert len(result.belief) == 1
+    assert len(result.mixture) == 1
     whole, _ = sample(likelihood, places(prior, around, [0.5, 0.5]), SAMPLING)
     deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
     np.testing.assert_allclose(
-        (result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.2
+        (result.mixture.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.2
     )
     assert result.log_evidence == pytest.approx(whole.log_evidence, abs=0.1)
 
@@ -82,8 +83,8 @@ def test_at_most_so_many(rough_map):
     prior = np.diag([50.0**2, 50.0**2, 1e-4, 1e-4])
     means = [[2000.0 * i, 0.0, 0.0, 0.0] for i in range(6)]
     result = update(likelihood, places(prior, means, [1 / 6] * 6), SAMPLING, 4)
-    assert len(result.belief) == 4
-    assert result.belief.weight.sum() == pytest.approx(1.0)
+    assert len(result.mixture) == 4
+    assert result.mixture.weight.sum() == pytest.approx(1.0)
 
 
 def test_none_on_the_map(rough_map):
@@ -97,14 +98,14 @@ def test_none_on_the_map(rough_map):
     one_left = update(
         likelihood, places(prior, [[1e6, 0, 0, 0], ERROR], [0.999, 0.001]), SAMPLING, 16
     )
-    assert np.linalg.norm(one_left.belief.mean[0, :2] - ERROR[:2]) < 100.0
+    assert np.linalg.norm(one_left.mixture.mean[0, :2] - ERROR[:2]) < 100.0
 
 
 def test_a_wide_prior_is_searched(rough_map):
     error = np.array([9000.0, 7000.0, 0.0, 0.0])
     likelihood, prior = likelihood_of(rough_map, error, scans=60, prior_sigma=(10e3, 0.05))
     result = update(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING, 64)
-    assert np.linalg.norm(result.belief.mean[:, :2] - error[:2], axis=1).min() < 300.0
+    assert np.linalg.norm(result.mixture.mean[:, :2] - error[:2], axis=1).min() < 300.0
 
 
 def test_of_many_the_right_one_survives_a_glance(rough_map):
@@ -120,10 +121,10 @@ def test_of_many_the_right_one_survives_a_glance(rough_map):
         means,
         np.stack([np.diag([120.0**2, 120.0**2, 4e-4, 4e-4])] * len(means)),
     )
-    assert len(prior) > SAMPLED
+    assert len(prior) > CONSTANTS.sampled_hypotheses
     result = update(likelihood, prior, SAMPLING, 2048)
-    assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 100.0
-    assert result.belief.weight[0] > 0.99
+    assert np.linalg.norm(result.mixture.mean[0, :2] - ERROR[:2]) < 100.0
+    assert result.mixture.weight[0] > 0.99
     away = update(
         likelihood,
         Mixture(prior.weight, means + np.array([1e6, 0.0, 0.0, 0.0]), prior.covariance),
@@ -146,10 +147,10 @@ def test_those_that_are_not_sampled_keep_their_weight():
     )
     covariance = np.diag([100.0**2, 50.0**2, 1e-4, 1e-4])
     prior = Mixture(np.full(1000, 1e-3), means, np.stack([covariance] * 1000))
-    belief = update(likelihood, prior, SAMPLING, 2048).belief
-    assert len(belief) == 1000
-    np.testing.assert_allclose(belief.weight, 1e-3, rtol=0.02)
-    deviation = np.sqrt(np.diagonal(belief.covariance, axis1=1, axis2=2))
+    mixture = update(likelihood, prior, SAMPLING, 2048).mixture
+    assert len(mixture) == 1000
+    np.testing.assert_allclose(mixture.weight, 1e-3, rtol=0.02)
+    deviation = np.sqrt(np.diagonal(mixture.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(deviation / np.sqrt(np.diag(covariance)), 1.0, atol=0.25)
 
 
@@ -158,12 +159,12 @@ def test_neighbours_become_one(rough_map):
     likelihood, _ = likelihood_of(rough_map)
     tiles = tiles_around(ERROR)
     result = update(likelihood, tiles, SAMPLING, 16)
-    assert len(result.belief) == 1
+    assert len(result.mixture) == 1
     assert result.resolved
     whole, _ = sample(likelihood, tiles, Sampling(samples=8192))
     deviation = np.sqrt(np.diag(whole.mixture.moments()[1]))
     np.testing.assert_allclose(
-        (result.belief.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.1
+        (result.mixture.mean[0] - whole.mixture.moments()[0]) / deviation, 0.0, atol=0.1
     )
 
 
@@ -177,15 +178,15 @@ def test_the_right_place_wins_however_light_and_far_away_it_was(rough_map, light
     mixture = places(
         prior, [wrong, np.add(wrong, [60.0, -40.0, 0.0, 0.0]), ERROR], [0.5, 0.5 - light, light]
     )
-    assert np.sqrt(np.linalg.eigvalsh(mixture.moments()[1][:2, :2])[-1]) < WIDE
+    assert np.sqrt(np.linalg.eigvalsh(mixture.moments()[1][:2, :2])[-1]) < CONSTANTS.wide_prior_m
     result = update(likelihood, mixture, Sampling(samples=512), 16)
     apart = [
         sample(likelihood, mixture.component(k), Sampling(samples=4096))[0].log_evidence
         for k in range(3)
     ]
     assert apart[2] - max(apart[:2]) > 15.0
-    assert np.linalg.norm(result.belief.mean[0, :2] - ERROR[:2]) < 150.0
-    assert result.belief.weight[0] > 0.999
+    assert np.linalg.norm(result.mixture.mean[0, :2] - ERROR[:2]) < 150.0
+    assert result.mixture.weight[0] > 0.999
 
 
 def test_neighbours_become_one_whatever_else_is_possible():
@@ -198,10 +199,10 @@ def test_neighbours_become_one_whatever_else_is_possible():
     )
     tiles = tiles_around(ERROR)
     result = update(likelihood, Mixture.join([tiles, far], np.array([0.7, 0.3])), SAMPLING, 16)
-    np.testing.assert_allclose(result.belief.weight, [0.7, 0.3], atol=0.01)
-    np.testing.assert_allclose(result.belief.mean[:, :2], [ERROR[:2], far.mean[0, :2]], atol=10.0)
+    np.testing.assert_allclose(result.mixture.weight, [0.7, 0.3], atol=0.01)
+    np.testing.assert_allclose(result.mixture.mean[:, :2], [ERROR[:2], far.mean[0, :2]], atol=10.0)
     np.testing.assert_allclose(
-        np.sqrt(np.diag(result.belief.covariance[0])[:2]), np.hypot(80.0, 105.0), rtol=0.05
+        np.sqrt(np.diag(result.mixture.covariance[0])[:2]), np.hypot(80.0, 105.0), rtol=0.05
     )
 
 
@@ -219,9 +220,11 @@ def test_a_light_place_far_away_survives_the_search():
         )
     )
     error = np.array([3200.0, 0.0, 0.0, 0.0])
-    likelihood, prior = likelihood_of(waves, error, prior_sigma=(1.03 * SEARCH, 1e-3))
-    belief = update(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING, 64).belief
-    there = np.linalg.norm(belief.mean[:, :2] - (error[:2] - [12e3, 0.0]), axis=1) < 300.0
+    likelihood, prior = likelihood_of(
+        waves, error, prior_sigma=(1.03 * CONSTANTS.search_prior_m, 1e-3)
+    )
+    mixture = update(likelihood, Mixture.gaussian(np.zeros(4), prior), SAMPLING, 64).mixture
+    there = np.linalg.norm(mixture.mean[:, :2] - (error[:2] - [12e3, 0.0]), axis=1) < 300.0
     ratio = np.exp(-0.5 * (8800.0**2 - 3200.0**2) / prior[0, 0])
-    assert np.linalg.norm(belief.mean[0, :2] - error[:2]) < 100.0
-    assert belief.weight[there].sum() == pytest.approx(ratio / (1.0 + ratio), rel=0.4)
+    assert np.linalg.norm(mixture.mean[0, :2] - error[:2]) < 100.0
+    assert mixture.weight[there].sum() == pytest.approx(ratio / (1.0 + ratio), rel=0.4)

@@ -1,5 +1,5 @@
-"""The second opinion: a batch seen by another navigator, when one is asked for, and that a lost
-navigator is found on a wrong map."""
+"""The monitor of lost navigators: batches as another navigator would have them, when a search
+begins, and that a lost navigator is found on a wrong map."""
 
 from dataclasses import replace
 
@@ -11,12 +11,11 @@ from helpers.navigators import random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.information import joint_prior
 from isogal.matching.interfaces import LOST_SIGMA, Information, declined
-from isogal.matching.pmht.lost_navigator import _DOUBTED, Doubting, _seen_by
-from isogal.matching.pmht.map_error import NoiseEstimate
-from isogal.matching.pmht.memory import Memory
-from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.monitoring import Insight
+from isogal.matching.pmht.attitude import joint_prior
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor, _seen_from
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Matcher, Scenario
@@ -42,9 +41,9 @@ def builder(scans: int = 30) -> BatchBuilder:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_batch_seen_by_another_navigator_is_the_one_that_navigator_would_have_built(seed):
+def test_a_batch_seen_from_another_navigator_is_the_one_that_navigator_would_have_built(seed):
     own, other = random_covariance(SIGMA, seed), random_covariance(30.0 * SIGMA, seed + 10)
-    seen = _seen_by(builder().build(own), SHIFT, other)
+    seen = _seen_from(builder().build(own), SHIFT, other)
     corrected = builder()
     corrected.correct(290.0, -SHIFT)
     expected = corrected.build(other)
@@ -77,9 +76,9 @@ def test_a_batch_seen_by_another_navigator_is_the_one_that_navigator_would_have_
     np.testing.assert_allclose(joint_prior(seen), other, rtol=1e-6, atol=1e-9)
 
 
-def test_of_itself_a_navigator_sees_what_it_saw():
+def test_a_batch_seen_by_the_same_navigator_is_the_same():
     batch = builder().build(random_covariance(SIGMA, 0))
-    seen = _seen_by(batch, np.zeros(7), joint_prior(batch))
+    seen = _seen_from(batch, np.zeros(7), joint_prior(batch))
     for name in (
         "latitude",
         "longitude",
@@ -103,14 +102,8 @@ class Scripted:
 
     def match(self, batch, field_map, memory):
         prior, lost = joint_prior(batch), batch.prior[0, 0] > 1e6
-        count = (0 if memory is None else round(memory.evidence / (100.0 if lost else -100.0))) + 1
-        told = NoiseEstimate.told(NoiseModel(3e-5, 4000.0, 0.0), 2.0)
-        weight = told.log_weight.copy()
-        weight[-1] += 100.0
-        after = Memory(
-            float(batch.time[-1]), batch.prior, None,
-            noise=replace(told, log_weight=weight), evidence=count * (100.0 if lost else -100.0),
-        )  # fmt: skip
+        count = 1 if memory is None else memory[0] + 1
+        after = (count, count * (100.0 if lost else -100.0))
         if lost:
             self.seen_lost.append(batch)
             if count < self.sure:
@@ -125,14 +118,18 @@ class Scripted:
             after,
         )
 
+    def insight(self, memory):
+        """Doubts what was told of the map from the first batch on."""
+        return Insight(0.0 if memory is None else memory[1], 100.0, None)
+
 
 JUMP, FOUND = np.array([40.0, -30.0, 0, 0, 0, 0, 0]), np.array([3000.0, -2000.0, 0, 0, 0, 0, 0])
 
 
-def test_the_second_matcher_sees_the_track_without_the_fixes_and_its_place_becomes_the_navigators():
+def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigators():
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     script = Scripted(sure=4)
-    matcher, memory, fixes = Doubting(script), None, []
+    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
     aided = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=15)
     jumps, prior = np.zeros(7), random_covariance(SIGMA, 0)
     alone = []
@@ -189,14 +186,14 @@ class Watched:
         return self.seen[-1]
 
 
-def test_a_lost_navigator_is_told_where_it_is_though_the_map_could_be_just_bad(field_map):
+def test_a_lost_navigator_is_found_on_a_wrong_map(field_map):
     error, seen = flown(field_map, hidden=10e3)
     told = [fix for fix, _ in seen if fix.published and fix.reset]
     assert error[0] > 9e3
     assert len(told) == 1
-    assert any("second_opinion" in fix.diagnostics for fix, _ in seen)
+    assert any("search_batches" in fix.diagnostics for fix, _ in seen)
     assert error[-1] < 500.0
-    assert seen[-1][1].memory.noise.doubt < _DOUBTED
+    assert seen[-1][1].memory.map_error.doubt < CONSTANTS.doubt_log_evidence
 
 
 @pytest.mark.parametrize("assumed", [3e-5, 1.5e-5])
@@ -204,5 +201,5 @@ def test_a_navigator_that_is_right_stays_where_it_is(field_map, assumed):
     error, seen = flown(field_map, hidden=0.0, map_sigma=assumed)
     assert not any(fix.reset for fix, _ in seen)
     assert error[-600:].max() < 500.0
-    asked = any("second_opinion" in fix.diagnostics for fix, _ in seen)
-    assert asked == (assumed == 1.5e-5)
+    searched = any("search_batches" in fix.diagnostics for fix, _ in seen)
+    assert searched == (assumed == 1.5e-5)

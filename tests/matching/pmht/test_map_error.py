@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.map_error import NoiseEstimate, differs
+from isogal.matching.pmht.map_error import MapErrorEstimate, differs
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 
@@ -54,7 +54,7 @@ def estimate(
             np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
         )
         batch = replace(batch, reading=batch.reading + planted)
-        it = it or NoiseEstimate.unknown(batch, field_map)
+        it = it or MapErrorEstimate.unknown(batch, field_map)
         known = bias if told is None else told
         batch = (
             BiasEstimate.unknown(float(batch.time[0]), known, 0.0).at_end(batch).added_to(batch)
@@ -92,10 +92,10 @@ def test_it_sharpens_with_every_batch(rough_map):
 
 def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     batch, _ = make_batch(rough_map)
-    start = NoiseEstimate.unknown(batch, rough_map)
+    start = MapErrorEstimate.unknown(batch, rough_map)
     assert start.batches == 0
     assert np.ptp(start.probability) == 0.0
-    tenfold = NoiseEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
+    tenfold = MapErrorEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
     np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
     assert (
         start.sigma[0]
@@ -103,13 +103,13 @@ def test_start_knows_nothing_and_scales_with_the_map(rough_map):
         < 0.3 * rough_map.values.std()
         < start.sigma[-1]
     )
-    flat = NoiseEstimate.unknown(batch, replace(rough_map, values=0.0 * rough_map.values))
+    flat = MapErrorEstimate.unknown(batch, replace(rough_map, values=0.0 * rough_map.values))
     assert (flat.sigma > 0.0).all()
 
 
 def test_nothing_is_learnt_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
-    start = NoiseEstimate.unknown(batch, rough_map)
+    start = MapErrorEstimate.unknown(batch, rough_map)
     away = np.array([1e6, 0.0, 0.0, 0.0])
     assert (
         start.update(batch, BatchLikelihood.of(batch, rough_map, BASE), rough_map, away) is start
@@ -136,7 +136,7 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
         nuisance_position=20.0 * random.standard_normal((scans, 2, 2)),
         reading=batch.reading + 2e-5 * random.standard_normal(),
     )
-    start = NoiseEstimate.unknown(batch, rough_map)
+    start = MapErrorEstimate.unknown(batch, rough_map)
     likelihood = BatchLikelihood.of(batch, rough_map, replace(BASE, map_sigma=2e-5))
     mean = np.array([10.0, 10.0, 0.0, 0.0])
     got = start.update(batch, likelihood, rough_map, mean).log_weight
@@ -165,7 +165,7 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
 
 def test_differs_and_figures(rough_map):
     batch, _ = make_batch(rough_map)
-    start = NoiseEstimate.unknown(batch, rough_map)
+    start = MapErrorEstimate.unknown(batch, rough_map)
     model = start.model(BASE)
     assert not differs(model, model)
     assert not differs(model, replace(model, map_sigma=1.15 * model.map_sigma))
@@ -185,7 +185,7 @@ def test_what_was_told_is_set_right(rough_map, sigma, length):
     """The map errs by 3 mGal with 4 km; told twice or half of either, the estimate comes back
     towards the truth."""
     told = NoiseModel(map_sigma=sigma, correlation_length=length)
-    it = NoiseEstimate.told(told, 2.0)
+    it = MapErrorEstimate.told(told, 2.0)
     assert it.model(told) == told  # to the letter before there is evidence
     model = estimate(rough_map, 3e-5, 4000.0, it=it).model(told)
     assert 3e-5 / 1.3 < model.map_sigma < 3e-5 * 1.3
@@ -204,9 +204,9 @@ def test_what_was_told_is_set_right(rough_map, sigma, length):
     ],
 )
 def test_only_a_map_that_is_worse_than_told_is_doubted(rough_map, sigma, length, doubted):
-    it = NoiseEstimate.told(NoiseModel(map_sigma=sigma, correlation_length=length), 2.0)
+    it = MapErrorEstimate.told(NoiseModel(map_sigma=sigma, correlation_length=length), 2.0)
     assert it.doubt == pytest.approx(0.0, abs=1e-12)
     later = estimate(rough_map, 3e-5, 4000.0, it=it)
     assert (later.doubt > 4.0) if doubted else (later.doubt < 2.5)
     batch, _ = make_batch(rough_map)
-    assert NoiseEstimate.unknown(batch, rough_map).doubt == 0.0
+    assert MapErrorEstimate.unknown(batch, rough_map).doubt == 0.0

@@ -94,7 +94,7 @@ def test_on_a_plane_it_is_the_kalman_update(correlated):
     fix, memory = pmht(**settings).match(batch, PLANE, None)
     assert fix.published
     close(posterior_of(fix, batch.prior), kalman(batch, R), 0.1)
-    assert memory.belief is None
+    assert memory.hypotheses is None
     assert fix.diagnostics["hypotheses"] == 1.0
     assert fix.time == batch.time[-1]
     # the position alone, for those who cannot use more
@@ -182,9 +182,9 @@ def test_an_ambiguous_batch_waits_for_the_next():
         reasons.append(fix.reason)
         if fix.published:
             break
-        assert len(memory.belief) > 1
-        assert memory.belief.weight.sum() == pytest.approx(1.0)
-        nearest = np.linalg.norm(memory.belief.mean[:, :2] - error[:2], axis=1).min()
+        assert len(memory.hypotheses) > 1
+        assert memory.hypotheses.weight.sum() == pytest.approx(1.0)
+        nearest = np.linalg.norm(memory.hypotheses.mean[:, :2] - error[:2], axis=1).min()
         assert nearest < 50.0  # the right one is among them
     assert reasons[0].startswith("ambiguous: ")
     assert "places fit, the best with probability" in reasons[0]
@@ -193,7 +193,7 @@ def test_an_ambiguous_batch_waits_for_the_next():
     apart = error - mean
     assert apart @ np.linalg.solve(covariance, apart) < 20.0
     assert np.linalg.norm(apart[:2]) < 50.0
-    assert memory.belief is None
+    assert memory.hypotheses is None
 
 
 def test_a_lost_navigator_is_found_ten_kilometres_away(rough_map):
@@ -231,7 +231,7 @@ def test_spikes_are_left_out(rough_map):
     reading[[4, 15, 28]] += [3e-4, -5e-4, 4e-4]
     fix, memory = pmht().match(replace(batch, reading=reading), rough_map, None)
     assert fix.diagnostics["readings_left_out"] == 3.0
-    assert memory.excluded == {batch.time[4], batch.time[15], batch.time[28]}
+    assert memory.outlier_times == {batch.time[4], batch.time[15], batch.time[28]}
     close(posterior_of(fix, batch.prior), posterior_of(clean, batch.prior), 1.0)
 
 
@@ -281,8 +281,8 @@ def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
     assert fix.published
     posterior = np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix)
     assert 100.0 < np.sqrt(np.linalg.eigvalsh(posterior[:2, :2])[-1]) < 1000.0
-    assert len(memory.belief) == 8
-    mean, covariance = memory.belief.moments()  # of the navigator that has taken the fix
+    assert len(memory.hypotheses) == 8
+    mean, covariance = memory.hypotheses.moments()  # of the navigator that has taken the fix
     sigma = np.sqrt(np.diag(posterior))
     np.testing.assert_allclose(mean / sigma, 0.0, atol=1e-6)
     np.testing.assert_allclose(
@@ -291,4 +291,4 @@ def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
     sharp, _ = make_batch(
         rough_map, (20.0, -15.0, 0.05, 0.03), scans=30, sigma=1e-5, prior_sigma=(30.0, 0.1), seed=3
     )
-    assert pmht().match(sharp, rough_map, None)[1].belief is None
+    assert pmht().match(sharp, rough_map, None)[1].hypotheses is None

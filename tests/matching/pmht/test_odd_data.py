@@ -111,7 +111,7 @@ def test_a_flat_map_tells_nothing():
     fix, memory = Pmht.from_settings(Matcher()).match(batch, flat, None)
     assert not fix.published
     assert fix.reason == "the batch tells nothing that the navigator does not know"
-    assert memory.belief is None
+    assert memory.hypotheses is None
 
 
 def test_a_certain_navigator_learns_nothing(rough_map):
@@ -142,7 +142,7 @@ def test_more_noise_than_assumed_is_noticed_and_owned_up_to(rough_map):
         )
         batch = replace(batch, sigma=np.full(30, 1e-5))
         fix, memory = matcher.match(batch, rough_map, memory)
-        factors.append(memory.scale.factor)
+        factors.append(memory.variance_factor.value)
         if fix.published and number > 8:
             covariance = np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix)
             apart = error - covariance @ fix.information.vector

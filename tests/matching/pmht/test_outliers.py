@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from isogal.matching.pmht.outliers import leave_one_out, outliers, smooth_misfit
+from isogal.matching.pmht.outliers import leave_one_out, outliers, smooth_covariance
 
 T = 40
 LATITUDE, LONGITUDE = (
@@ -12,7 +12,7 @@ LATITUDE, LONGITUDE = (
     2.56 + 3e-5 * np.arange(T),
 )  # about 210 m from scan to scan
 WHITE = 1e-10 * np.eye(T)
-SMOOTH = smooth_misfit(LATITUDE, LONGITUDE, 5e-5, 1500.0)
+SMOOTH = smooth_covariance(LATITUDE, LONGITUDE, 5e-5, 1500.0)
 SMOOTH = WHITE + 0.5 * (SMOOTH + SMOOTH.T)  # metres east are counted at one of the two latitudes
 
 
@@ -55,7 +55,7 @@ def test_spikes_are_found_where_they_are(covariance, places):
     np.testing.assert_array_equal(found, places)
 
 
-def test_a_smooth_misfit_is_not_a_spike():
+def test_a_smooth_covariance_is_not_a_spike():
     """What a place 2 km away does to the residuals: tens of sigma, but smooth along the track."""
     wave = 4e-5 * np.sin(2.0 * np.pi * np.arange(T) / 30.0)
     residual = wave + draw(WHITE, 2)
@@ -68,7 +68,7 @@ def test_where_nearly_all_stick_out_the_model_is_wrong_and_nothing_is_removed():
     residual = draw(WHITE, 3)
     residual[:25] += 1e-3 * np.random.default_rng(4).choice([-1.0, 1.0], 25)
     assert not outliers(residual, WHITE, 4.5).any()
-    assert outliers(residual, WHITE, 4.5, most=0.7).sum() == 25
+    assert outliers(residual, WHITE, 4.5, largest_share=0.7).sum() == 25
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
@@ -77,8 +77,8 @@ def test_too_few_to_judge(count):
     assert not outliers(np.full(count, 100.0), np.eye(count), 4.5).any()
 
 
-def test_smooth_misfit_falls_off_with_distance():
-    covariance = smooth_misfit(LATITUDE, LONGITUDE, 3e-5, 1500.0)
+def test_smooth_covariance_falls_off_with_distance():
+    covariance = smooth_covariance(LATITUDE, LONGITUDE, 3e-5, 1500.0)
     np.testing.assert_allclose(np.diag(covariance), 9e-10)
     distance = np.hypot(6.36e6 * 2e-5, 6.387e6 * np.cos(0.63) * 3e-5) * np.arange(T)
     np.testing.assert_allclose(

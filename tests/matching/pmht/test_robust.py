@@ -1,5 +1,5 @@
-"""What a fix does not owe to its noise model: confirmed with twice the noise, widened by what the
-residuals show."""
+"""The monitor of recorded tracks: fixes confirmed with twice the noise, and widened where the
+residuals show that the noise model is wrong."""
 
 from dataclasses import dataclass, replace
 
@@ -10,10 +10,10 @@ from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.hypotheses import WIDE
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.robust import _with_excess, confirmed, excess_covariance
+from isogal.matching.pmht.robust import TrackMonitor, _with_excess, excess_covariance
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.batches import build_batch
@@ -110,14 +110,18 @@ def test_widening_makes_no_information_out_of_what_was_none(negative):
 
 
 @dataclass(frozen=True)
-class Doubter(Pmht):
-    """Answers as told instead of matching."""
+class Scripted(Pmht):
+    """Answers with a given fix instead of matching; None = ambiguous."""
 
     answer: Fix | None = None
 
     def match(self, batch, field_map, memory):
-        left = replace(memory, belief=Mixture.gaussian(np.zeros(4), batch.prior))
+        left = replace(memory, hypotheses=Mixture.gaussian(np.zeros(4), batch.prior))
         return self.answer or declined(batch, "ambiguous: 2 places fit"), left
+
+
+def monitored(answer: Fix | None = None) -> TrackMonitor:
+    return TrackMonitor(Scripted(Pmht.from_settings(Matcher()).settings, answer=answer))
 
 
 def batch_and_fix(position: float):
@@ -129,25 +133,23 @@ def batch_and_fix(position: float):
     return batch, fix, after
 
 
-def test_a_fix_that_twice_the_noise_leaves_open_is_none_and_its_hypotheses_go_on():
+def test_a_fix_not_confirmed_with_twice_the_noise_is_declined_and_its_hypotheses_go_on():
     batch, fix, after = batch_and_fix(1500.0)
-    matcher = Doubter(Pmht.from_settings(Matcher()).noise, False)
-    none, memory = confirmed(fix, after, None, batch, DISTURBANCE, matcher)
+    none, memory = monitored().confirmed(fix, batch, DISTURBANCE, None, after)
     assert none.reason == "not found with twice the noise: ambiguous: 2 places fit"
-    assert memory.belief is not None
-    same, memory = confirmed(fix, after, None, batch, DISTURBANCE, replace(matcher, answer=fix))
+    assert memory.hypotheses is not None
+    same, memory = monitored(fix).confirmed(fix, batch, DISTURBANCE, None, after)
     assert same is fix
     assert memory is after
     north = metres_per_radian(fix.latitude)[0]
     away = replace(fix, latitude=fix.latitude + 10.0 * np.sqrt(fix.covariance[0, 0]) / north)
-    none, _ = confirmed(fix, after, None, batch, DISTURBANCE, replace(matcher, answer=away))
+    none, _ = monitored(away).confirmed(fix, batch, DISTURBANCE, None, after)
     assert none.reason == "not found with twice the noise: that finds it elsewhere"
 
 
-def test_a_prior_too_narrow_for_two_places_is_not_doubted():
-    batch, fix, after = batch_and_fix(0.9 * WIDE)
-    matcher = Doubter(Pmht.from_settings(Matcher()).noise, False)
-    assert confirmed(fix, after, None, batch, DISTURBANCE, matcher) == (fix, after)
+def test_a_fix_from_a_narrow_prior_needs_no_confirmation():
+    batch, fix, after = batch_and_fix(0.9 * CONSTANTS.wide_prior_m)
+    assert monitored().confirmed(fix, batch, DISTURBANCE, None, after) == (fix, after)
 
 
 class Vague:
