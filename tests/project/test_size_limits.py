@@ -1,0 +1,137 @@
+"""Limits that keep every file and function small enough to read at once."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("src", "tests", "benchmarks", "examples")
+
+LINE_LENGTH = 99
+FILE_LINES = 350
+FUNCTION_LINES = 60
+KERNEL_LINES = 80
+COMMAND_LINES = 20
+"""Of the body of a command, which has a parameter for each of its options."""
+PARAMETERS = 8
+
+EXCEPTIONS: frozenset[str] = frozenset()
+"""``path:function`` or path, relative to the repository."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def sources() -> list[Path]:
+    return [
+        path
+        for folder in FOLDERS
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if "build" not in path.relative_to(ROOT).parts
+    ]
+
+
+def functions() -> Iterator[tuple[str, Function]]:
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, Function):
+                name = f"{path.relative_to(ROOT)}:{node.name}"
+                if name not in EXCEPTIONS:
+                    yield name, node
+
+
+def is_kernel(function: Function) -> bool:
+    return any("kernel" in ast.unparse(decorator) for decorator in function.decorator_list)
+
+
+def is_command(function: Function) -> bool:
+    return "typer." in ast.unparse(function.args)
+
+
+def parameters(function: Function) -> int:
+    arguments = function.args
+    named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    return sum(argument.arg not in ("self", "cls") for argument in named)
+
+
+def lines(function: Function) -> int:
+    """Lines of a function; of a command those of its body, without the docstring."""
+    assert function.end_lineno is not None
+    if not is_command(function):
+        return function.end_lineno - function.lineno + 1
+    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+    return function.end_lineno - body[0].lineno + 1 if body else 0
+
+
+def limit(function: Function) -> int:
+    if is_command(function):
+        return COMMAND_LINES
+    return KERNEL_LINES if is_kernel(function) else FUNCTION_LINES
+
+
+def text(found: list[str]) -> str:
+    """All of them, where pytest would leave some out."""
+    return "\n".join(["over the limit:", *found])
+
+
+def test_no_line_is_too_long() -> None:
+    too_long = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in sources()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > LINE_LENGTH
+    ]
+    assert not too_long, text(too_long)
+
+
+def test_no_file_is_too_long() -> None:
+    length = {
+        str(path.relative_to(ROOT)): path.read_text(encoding="utf-8").count("\n")
+        for path in sources()
+    }
+    too_long = [
+        f"{name}: {count}"
+        for name, count in length.items()
+        if count > FILE_LINES and name not in EXCEPTIONS
+    ]
+    assert not too_long, text(too_long)
+
+
+def test_no_function_is_too_long() -> None:
+    too_long = [
+        f"{name}: {lines(function)}"
+        for name, function in functions()
+        if lines(function) > limit(function)
+    ]
+    assert not too_long, text(too_long)
+
+
+def test_no_function_has_too_many_parameters() -> None:
+    too_many = [
+        f"{name}: {parameters(function)}"
+        for name, function in functions()
+        if parameters(function) > PARAMETERS
+        and not is_kernel(function)
+        and not is_command(function)
+    ]
+    assert not too_many, text(too_many)
+
+
+def test_exceptions_are_still_needed() -> None:
+    found = {str(path.relative_to(ROOT)) for path in sources()}
+    assert {name.partition(":")[0] for name in EXCEPTIONS} <= found
+
+
+@pytest.mark.parametrize(
+    ("source", "count", "most"),
+    [
+        ("def f(a, /, b, *, c):\n    return a\n", 3, FUNCTION_LINES),
+        ("class C:\n    def f(self, a):\n        return a\n", 1, FUNCTION_LINES),
+        ("@kernel\ndef f(a):\n    return a\n", 1, KERNEL_LINES),
+        ("def f(a: Annotated[int, typer.Option()]):\n    return a\n", 1, COMMAND_LINES),
+    ],
+)
+def test_what_is_counted(source: str, count: int, most: int) -> None:
+    function = next(n for n in ast.walk(ast.parse(source)) if isinstance(n, Function))
+    assert (parameters(function), limit(function)) == (count, most)
