@@ -2,7 +2,7 @@
 
 "measured" means: chosen by Monte Carlo runs over the two maps of docs/matchers.md, and results
 change little when it is varied by a half. What a user may want to change is in `settings` instead.
-Sections are those of docs/mathematics.md.
+Those of the sampler are in `importance_sampling.Sampling`. Sections are of docs/mathematics.md.
 """
 
 from dataclasses import dataclass
@@ -47,6 +47,10 @@ class Constants:
     """Points of each hypothesis in that screening."""
     screening_slack_log_evidence: float = 5.0
     """What screening may be wrong by when it calls a hypothesis negligible. Measured."""
+    mode_separation: float = 4.0
+    """Two groups of samples are different hypotheses where sqrt(2) |m1 - m2| / sqrt(s1² + s2²)
+    along an axis exceeds this (Ashman, Bird & Zepf 1994, AJ 108:2348, who call 2 clean for two
+    Gaussians; the two halves of one cut Gaussian already reach 2.7)."""
     cut_effective_samples: float = 40.0
     """A piece of a posterior with fewer is not cut: each half keeps at least 20."""
     refinements: int = 6

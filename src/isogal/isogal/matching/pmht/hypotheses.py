@@ -13,7 +13,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.matching.pmht.acquisition import acquire
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.gaussian_mixture import SEPARATION, Mixture
+from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.quasi_random import standard_normal
@@ -100,7 +100,7 @@ def _groups(prior: Mixture) -> list[Integers]:
     """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge,
     pieces of one peak.
 
-    Two overlap where the sampler would not call them separate modes (`mixture.SEPARATION`) along
+    Two overlap where the sampler would not call them separate modes (`clustering`) along
     the line between them."""
     groups = []
     left = np.arange(len(prior))
@@ -134,7 +134,7 @@ def _overlap(prior: Mixture, one: int, others: Integers) -> Booleans:
     square = np.einsum("ki,ki->k", apart, apart)
     both = prior.covariance[others, :2, :2] + prior.covariance[one, :2, :2]
     variance = np.einsum("ki,kij,kj->k", apart, both, apart)  # times the squared distance
-    return np.asarray(2.0 * square**2 <= SEPARATION**2 * variance)
+    return np.asarray(2.0 * square**2 <= CONSTANTS.mode_separation**2 * variance)
 
 
 def _screened(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:

@@ -17,7 +17,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.matching.pmht.gaussian_mixture import Mixture, fit
+from isogal.matching.pmht.clustering import fit
+from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.quasi_random import normal, sobol
 
 DIMENSIONS = 4

@@ -14,9 +14,10 @@ from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.pmht.clustering import pieces
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.contours import contour_candidates
-from isogal.matching.pmht.gaussian_mixture import Mixture, pieces
+from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.hypotheses import Update
 from isogal.matching.pmht.memory import Memory, VarianceFactor
 from isogal.matching.pmht.sensor_bias import BiasEstimate

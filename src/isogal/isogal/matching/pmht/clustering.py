@@ -1,0 +1,219 @@
+"""From weighted samples to Gaussians: one for each separate mode, or several for one mode that is
+not Gaussian (docs/mathematics.md, sections 6.4 and 6.8).
+"""
+
+import math
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.gaussian_mixture import Mixture
+
+SEPARATION = CONSTANTS.mode_separation  # kernels take constants of their module
+
+
+def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, Integers]:
+    """Split weighted samples into well separated groups and return a Gaussian for each, heaviest
+    first, and the samples' groups.
+
+    Parameters
+    ----------
+    x : (S, n) array
+        The first two coordinates (position) decide what is separate.
+    weight : (S,) array
+        Sums to 1.
+    most : int
+        Groups at most.
+    floor : (n,) array
+        Smallest 1-sigma of a Gaussian.
+    """
+    labels = _split(x, weight, most)
+    means, covariances, weights = [], [], []
+    for group in range(labels.max() + 1):
+        member = labels == group
+        total = float(weight[member].sum())
+        w = weight[member] / total
+        mean = w @ x[member]
+        apart = x[member] - mean
+        effective = 1.0 / float(w @ w)
+        # unbiased, and on the safe side where samples are few
+        few = 1.0 + 1.0 / effective + 100.0 / effective**2
+        covariance = (apart * w[:, None]).T @ apart * few + np.diag(floor**2)
+        means.append(mean)
+        covariances.append(covariance)
+        weights.append(total)
+    order = np.argsort(-np.array(weights), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    mixture = Mixture(
+        np.array(weights)[order], np.array(means)[order], np.array(covariances)[order]
+    )
+    return mixture, rank[labels]
+
+
+def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
+    """Describe samples by up to 2**cuts Gaussians: cut in halves of equal weight across the
+    longest axis, and these again.
+
+    Parameters
+    ----------
+    x, weight : (S, n), (S,) arrays
+    scale : (n,) array
+        Unit of each coordinate, in which axes are compared; a piece is at least a thousandth of it
+        wide.
+    cuts : int
+        Times; a piece whose samples would be too few is not cut.
+    """
+    parts = [np.flatnonzero(weight > 0.0)]
+    for _ in range(cuts):
+        parts = [half for part in parts for half in _halves(x[part] / scale, weight[part], part)]
+    total = np.array([weight[part].sum() for part in parts])
+    mean, covariance = (
+        np.empty((len(parts), x.shape[1])),
+        np.empty((len(parts), x.shape[1], x.shape[1])),
+    )
+    for k, part in enumerate(parts):
+        w = weight[part] / total[k]
+        mean[k] = w @ x[part]
+        apart = x[part] - mean[k]
+        covariance[k] = (apart * w[:, None]).T @ apart + np.diag((1e-3 * scale) ** 2)
+    return Mixture(total / total.sum(), mean, covariance)
+
+
+def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
+    w = weight / weight.sum()
+    if 1.0 / float((w**2).sum()) < CONSTANTS.cut_effective_samples:
+        return [part]
+    apart = x - w @ x
+    along = apart @ np.linalg.eigh((apart * w[:, None]).T @ apart)[1][:, -1]
+    order = np.argsort(along, kind="stable")
+    middle = int(np.searchsorted(np.cumsum(w[order]), 0.5)) + 1
+    return [part[order[:middle]], part[order[middle:]]] if middle < len(order) else [part]
+
+
+@kernel
+def _split(x, weight, most):  # type: ignore[no-untyped-def]
+    """Return the group of each sample: groups are cut in two, best separated cut first, until none
+    is well separated."""
+    samples = x.shape[0]
+    labels = np.zeros(samples, np.int64)
+    groups = 1
+    cut = np.zeros(most, np.bool_)  # groups known not to split
+    while groups < most:
+        best, chosen = SEPARATION, -1
+        side = np.zeros(samples, np.bool_)
+        for g in range(groups):
+            if cut[g]:
+                continue
+            separation, candidate = _best_cut(x, weight, labels, g)
+            if separation <= SEPARATION:
+                cut[g] = True
+            elif separation > best:
+                best, chosen, side = separation, g, candidate
+        if chosen < 0:
+            break
+        for s in range(samples):
+            if side[s]:
+                labels[s] = groups
+        groups += 1
+    return labels
+
+
+@kernel
+def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
+    """Return the separation of the best two-way cut of one group along its principal axes, and
+    which samples it cuts off.
+
+    Along an axis the cut is Otsu's: the one with the largest variance between the sides. Where
+    neither axis separates anything, the diagonals between them are tried, by two-means: four
+    places at the corners of a square overlap when seen along a diagonal."""
+    members = np.flatnonzero((labels == group) & (weight > 0.0))
+    side = np.zeros(labels.shape[0], np.bool_)
+    total = 0.0
+    mean = np.zeros(2)
+    for s in members:
+        total += weight[s]
+        mean[0] += weight[s] * x[s, 0]
+        mean[1] += weight[s] * x[s, 1]
+    if members.shape[0] < 16 or total <= 0.0:
+        return 0.0, side
+    mean /= total
+    a = b = c = 0.0
+    for s in members:
+        u, v = x[s, 0] - mean[0], x[s, 1] - mean[1]
+        a += weight[s] * u * u
+        b += weight[s] * u * v
+        c += weight[s] * v * v
+    angle = 0.5 * math.atan2(2.0 * b, a - c)
+    best = 0.0
+    for axis in range(2):
+        cx, cy = math.cos(angle + axis * 0.5 * math.pi), math.sin(angle + axis * 0.5 * math.pi)
+        along = np.empty(members.shape[0])
+        for i in range(members.shape[0]):
+            along[i] = (x[members[i], 0] - mean[0]) * cx + (x[members[i], 1] - mean[1]) * cy
+        order = np.argsort(along)
+        all_square = 0.0
+        for i in range(members.shape[0]):
+            all_square += weight[members[i]] * along[i] * along[i]
+        w1 = s1 = q1 = 0.0
+        between, at = -1.0, -1
+        separation = 0.0
+        for i in range(order.shape[0] - 1):
+            s = members[order[i]]
+            value = along[order[i]]
+            w1 += weight[s]
+            s1 += weight[s] * value
+            q1 += weight[s] * value * value
+            w2 = total - w1
+            if w1 < 1e-4 * total or w2 < 1e-4 * total:
+                continue
+            m1, m2 = s1 / w1, -s1 / w2
+            spread = w1 * w2 * (m1 - m2) ** 2
+            if spread > between:
+                between, at = spread, i
+                v1 = max(q1 / w1 - m1 * m1, 0.0)
+                v2 = max((all_square - q1) / w2 - m2 * m2, 0.0)
+                separation = math.sqrt(2.0) * abs(m1 - m2) / math.sqrt(v1 + v2 + 1e-12)
+        if at >= 0 and separation > best:
+            best = separation
+            side[:] = False
+            for i in range(at + 1):
+                side[members[order[i]]] = True
+    if best <= SEPARATION:
+        for axis in range(2):
+            turn = angle + (0.25 + 0.5 * axis) * math.pi
+            cx, cy = math.cos(turn), math.sin(turn)
+            threshold = mean[0] * cx + mean[1] * cy
+            separation = 0.0
+            for _ in range(5):
+                separation, threshold = _two_means(x, weight, members, cx, cy, threshold)
+            if separation > best:
+                best = separation
+                side[:] = False
+                for s in members:
+                    side[s] = x[s, 0] * cx + x[s, 1] * cy < threshold
+    return best, side
+
+
+@kernel
+def _two_means(x, weight, members, cx, cy, threshold):  # type: ignore[no-untyped-def]
+    """Return separation and middle of the means on both sides of a threshold along an axis (Ridler
+    & Calvard 1978, iterated)."""
+    w1 = s1 = q1 = w2 = s2 = q2 = 0.0
+    for s in members:
+        value = x[s, 0] * cx + x[s, 1] * cy
+        if value < threshold:
+            w1 += weight[s]
+            s1 += weight[s] * value
+            q1 += weight[s] * value * value
+        else:
+            w2 += weight[s]
+            s2 += weight[s] * value
+            q2 += weight[s] * value * value
+    if w1 <= 1e-4 * (w1 + w2) or w2 <= 1e-4 * (w1 + w2):
+        return 0.0, threshold
+    m1, m2 = s1 / w1, s2 / w2
+    spread = max(q1 / w1 - m1 * m1, 0.0) + max(q2 / w2 - m2 * m2, 0.0)
+    return math.sqrt(2.0) * (m2 - m1) / math.sqrt(spread + 1e-12), 0.5 * (m1 + m2)
