@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isogal.maps.interpolation import (
+    Grid,
     bilinear_at,
     column_position,
     value_and_gradient,
@@ -16,6 +17,10 @@ from isogal.maps.interpolation import (
 )
 
 LAT0, DLAT, LON0, DLON = -0.65, 3.5e-5, 2.5, 4.0e-5
+
+
+def grid_of(values, *axes):
+    return Grid(values, len(values), *axes)
 
 
 def noise_grid(n=30, m=40, seed=1):
@@ -27,7 +32,7 @@ def test_passes_through_the_nodes(dtype):
     values = noise_grid().astype(dtype)
     for i, j in [(2, 2), (5, 7), (26, 30), (27, 37)]:
         v, _, _ = value_and_gradient(
-            values, LAT0, DLAT, LON0, DLON, LAT0 + i * DLAT, LON0 + j * DLON
+            grid_of(values, LAT0, DLAT, LON0, DLON), LAT0 + i * DLAT, LON0 + j * DLON
         )
         assert v == pytest.approx(float(values[i, j]), abs=1e-7)
 
@@ -38,7 +43,7 @@ def test_exact_for_quadratics():
     values = 3.0 + 2.0 * i - j + 0.5 * i * j + 0.25 * i**2 - 0.125 * j**2
     y, x = 7.3, 11.8
     v, by_lat, by_lon = value_and_gradient(
-        values, 0.1, DLAT, LON0, DLON, 0.1 + y * DLAT, LON0 + x * DLON
+        grid_of(values, 0.1, DLAT, LON0, DLON), 0.1 + y * DLAT, LON0 + x * DLON
     )
     assert v == pytest.approx(
         3.0 + 2.0 * y - x + 0.5 * y * x + 0.25 * y**2 - 0.125 * x**2, abs=1e-9
@@ -50,21 +55,21 @@ def test_exact_for_quadratics():
 @settings(max_examples=200, deadline=None)
 @given(st.floats(1.001, 27.999), st.floats(1.001, 37.999))
 def test_gradient_is_the_derivative_of_the_value(y, x):
-    grid = (noise_grid(), 0.0, 1.0, 0.0, 0.01)
+    grid = grid_of(noise_grid(), 0.0, 1.0, 0.0, 0.01)
     step = 1e-5
     if any(abs(q - round(q)) < 2 * step for q in (y, x)):
         return  # the second derivative jumps at nodes, so central differences are less accurate there
-    _, by_lat, by_lon = value_and_gradient(*grid, y, 0.01 * x)
-    up, down = (value_and_gradient(*grid, y + s, 0.01 * x)[0] for s in (step, -step))
-    right, left = (value_and_gradient(*grid, y, 0.01 * (x + s))[0] for s in (step, -step))
+    _, by_lat, by_lon = value_and_gradient(grid, y, 0.01 * x)
+    up, down = (value_and_gradient(grid, y + s, 0.01 * x)[0] for s in (step, -step))
+    right, left = (value_and_gradient(grid, y, 0.01 * (x + s))[0] for s in (step, -step))
     assert by_lat == pytest.approx((up - down) / (2 * step), abs=1e-6)
     assert by_lon * 0.01 == pytest.approx((right - left) / (2 * step), abs=1e-6)
 
 
 def test_gradient_is_continuous_across_cells():
-    grid = (noise_grid(), 0.0, 1.0, 0.0, 0.01)
+    grid = grid_of(noise_grid(), 0.0, 1.0, 0.0, 0.01)
     for y in range(3, 20):
-        below, above = (value_and_gradient(*grid, y + s, 0.123) for s in (-1e-9, 1e-9))
+        below, above = (value_and_gradient(grid, y + s, 0.123) for s in (-1e-9, 1e-9))
         np.testing.assert_allclose(below, above, atol=1e-6)
 
 
@@ -72,9 +77,9 @@ def test_gradient_is_continuous_across_cells():
 def test_any_of_the_sixteen_nodes_missing_gives_nan(di, dj):
     values = noise_grid()
     values[10 + di, 12 + dj] = np.nan
-    out = value_and_gradient(values, 0.0, 1.0, 0.0, 0.01, 10.4, 0.126)
+    out = value_and_gradient(grid_of(values, 0.0, 1.0, 0.0, 0.01), 10.4, 0.126)
     assert all(math.isnan(x) for x in out)
-    assert np.isfinite(value_and_gradient(values, 0.0, 1.0, 0.0, 0.01, 20.4, 0.226)).all()
+    assert np.isfinite(value_and_gradient(grid_of(values, 0.0, 1.0, 0.0, 0.01), 20.4, 0.226)).all()
 
 
 @pytest.mark.parametrize(
@@ -95,16 +100,22 @@ def test_any_of_the_sixteen_nodes_missing_gives_nan(di, dj):
 def test_outside_is_nan_never_an_edge_value(y, x):
     assert all(
         math.isnan(v)
-        for v in value_and_gradient(noise_grid(), 0.0, 0.01, 0.0, 0.01, 0.01 * y, 0.01 * x)
+        for v in value_and_gradient(
+            grid_of(noise_grid(), 0.0, 0.01, 0.0, 0.01), 0.01 * y, 0.01 * x
+        )
     )
 
 
 @pytest.mark.parametrize("turns", [-2, -1, 1])
 def test_longitudes_differ_by_whole_circles(turns):
     values = noise_grid()
-    here = value_and_gradient(values, LAT0, DLAT, LON0, DLON, LAT0 + 7.2 * DLAT, LON0 + 9.1 * DLON)
+    here = value_and_gradient(
+        grid_of(values, LAT0, DLAT, LON0, DLON), LAT0 + 7.2 * DLAT, LON0 + 9.1 * DLON
+    )
     there = value_and_gradient(
-        values, LAT0, DLAT, LON0, DLON, LAT0 + 7.2 * DLAT, LON0 + 9.1 * DLON + turns * 2 * math.pi
+        grid_of(values, LAT0, DLAT, LON0, DLON),
+        LAT0 + 7.2 * DLAT,
+        LON0 + 9.1 * DLON + turns * 2 * math.pi,
     )
     np.testing.assert_allclose(here, there, rtol=1e-7)
 
@@ -115,7 +126,7 @@ def test_a_grid_round_the_earth_wraps():
     values = np.repeat(np.sin(3 * lon)[None, :], 8, axis=0)
     for degrees in (-0.3, 0.2, 359.7, 180.5, 719.9):
         v, _, by_lon = value_and_gradient(
-            values, 0.0, 0.01, 0.0, math.radians(1.0), 0.035, math.radians(degrees)
+            grid_of(values, 0.0, 0.01, 0.0, math.radians(1.0)), 0.035, math.radians(degrees)
         )
         assert v == pytest.approx(math.sin(3 * math.radians(degrees)), abs=1e-4)
         assert by_lon == pytest.approx(3 * math.cos(3 * math.radians(degrees)), abs=1e-2)
@@ -133,25 +144,29 @@ def test_array_versions_equal_the_single_point():
     lat, lon = rng.uniform(-1.0, 31.0, 500), 0.01 * rng.uniform(-1.0, 41.0, 500)
     single = np.array(
         [
-            value_and_gradient(values, 0.0, 1.0, 0.0, 0.01, a, b)
+            value_and_gradient(grid_of(values, 0.0, 1.0, 0.0, 0.01), a, b)
             for a, b in zip(lat, lon, strict=True)
         ]
     )
-    many = np.stack(values_and_gradients(values, 0.0, 1.0, 0.0, 0.01, lat, lon), axis=1)
+    many = np.stack(values_and_gradients(grid_of(values, 0.0, 1.0, 0.0, 0.01), lat, lon), axis=1)
     np.testing.assert_array_equal(single, many)
-    np.testing.assert_array_equal(single[:, 0], values_at(values, 0.0, 1.0, 0.0, 0.01, lat, lon))
+    np.testing.assert_array_equal(
+        single[:, 0], values_at(grid_of(values, 0.0, 1.0, 0.0, 0.01), lat, lon)
+    )
 
 
 def test_bilinear_stays_between_its_nodes_and_is_nan_outside():
     values = np.abs(noise_grid())
     rng = np.random.default_rng(4)
     lat, lon = rng.uniform(0.0, 29.0, 300), 0.01 * rng.uniform(0.0, 39.0, 300)
-    out = bilinear_at(values, 0.0, 1.0, 0.0, 0.01, lat, lon)
+    out = bilinear_at(grid_of(values, 0.0, 1.0, 0.0, 0.01), lat, lon)
     i, j = lat.astype(int), np.minimum((lon / 0.01).astype(int), 38)
     corners = np.stack([values[i, j], values[i + 1, j], values[i, j + 1], values[i + 1, j + 1]])
     assert (out >= corners.min(axis=0) - 1e-12).all() and (
         out <= corners.max(axis=0) + 1e-12
     ).all()
     assert np.isnan(
-        bilinear_at(values, 0.0, 1.0, 0.0, 0.01, np.array([-0.1, 29.1]), np.array([0.1, 0.1]))
+        bilinear_at(
+            grid_of(values, 0.0, 1.0, 0.0, 0.01), np.array([-0.1, 29.1]), np.array([0.1, 0.1])
+        )
     ).all()

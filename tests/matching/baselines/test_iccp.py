@@ -14,7 +14,7 @@ def test_contours_of_a_plane_are_straight_lines():
     batch.reading[:] += 5e-8 * 250.0  # the contour lies 250 m up the slope
     scans = Scans.of(batch, tilted, WhiteNoise(), whole=True)
     point, tangent, variance, scan = _crossings(
-        *scans.grid,
+        scans.grid,
         scans.latitude,
         scans.longitude,
         scans.radian,

@@ -14,7 +14,7 @@ def test_differences_by_hand(rough_map, remove_mean):
     scans = Scans.of(batch, rough_map, WhiteNoise(), whole=True)
     side = np.array([-100.0, 0.0, 250.0]), np.array([-50.0, 30.0])
     absolute, square = _differences(
-        *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
+        scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
         *side, remove_mean,
     )  # fmt: skip
     for i, north in enumerate(side[0]):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import make_batch
-from isogal.maps.interpolation import value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.viterbi import Viterbi, ViterbiOptions, _trellis
 
 
@@ -14,7 +14,7 @@ def test_trellis_equals_trying_all_paths():
     rng = np.random.default_rng(4)
     cells, scans, sigma, drift = 3, 4, 0.4, (0.3, 0.2)
     nodes = 0.05 * rng.standard_normal((12, 12)).cumsum(0).cumsum(1)
-    grid = (nodes, 0.0, 1e-3, 0.0, 1e-3)
+    grid = Grid(nodes, 12, 0.0, 1e-3, 0.0, 1e-3)
     side = np.array([-120.0, 0.0, 120.0])
     radian = np.full((scans, 2), 1e-5)
     latitude, longitude = 5e-3 + 3e-4 * np.arange(scans), np.full(scans, 6e-3)
@@ -22,7 +22,7 @@ def test_trellis_equals_trying_all_paths():
     jacobian = 1e-3 * rng.standard_normal((scans, 4))
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
     path, marginal = _trellis(
-        *grid,
+        grid,
         latitude,
         longitude,
         radian,
@@ -38,7 +38,7 @@ def test_trellis_equals_trying_all_paths():
     emission = np.zeros((scans, cells, cells))
     for t, (i, j) in itertools.product(range(scans), places):
         value, by_lat, by_lon = value_and_gradient(
-            *grid, latitude[t] - side[i] * radian[t, 0], longitude[t] - side[j] * radian[t, 1]
+            grid, latitude[t] - side[i] * radian[t, 0], longitude[t] - side[j] * radian[t, 1]
         )
         slope = np.array([by_lat * radian[t, 0], by_lon * radian[t, 1]]) - jacobian[t, :2]
         variance = sigma**2 + 120.0**2 / 12.0 * slope @ slope

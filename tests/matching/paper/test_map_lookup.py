@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from isogal.maps.interpolation import Grid
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window, subdivision
 
 # a grid with steps of 0.001 rad and 1e5 metres per radian: 100 m cells, node (i, j) at (100 i, 100
@@ -15,7 +16,7 @@ STEP, METRES, NODES = 1e-3, (1e5, 1e5), 41
 def grid_of(function):
     side = 100.0 * np.arange(NODES)
     values = function(side[:, None], side[None, :]) + np.zeros((NODES, NODES))
-    return values, 0.0, STEP, 0.0, STEP
+    return Grid(values, NODES, 0.0, STEP, 0.0, STEP)
 
 
 def look(
@@ -34,7 +35,7 @@ def look(
 ):
     shape, half_width = search_window(np.array(covariance, float), gamma, minimum, rectangle)
     return lookup(
-        *grid, north / METRES[0], east / METRES[1], METRES, shape, half_width, reading, slope, spacing, wanted
+        grid, north / METRES[0], east / METRES[1], METRES, shape, half_width, reading, slope, spacing, wanted
     )  # fmt: skip
 
 
@@ -125,10 +126,11 @@ def test_reduction_with_the_wrong_position_is_undone():
 def test_a_finer_lattice_finds_points_between_cells():
     assert subdivision(100.0, 40.0) == 3
     assert subdivision(100.0, 100.0) == 1
-    assert lattice_spacing(STEP, STEP, METRES, 40.0) == pytest.approx(100.0 / 3)
-    assert lattice_spacing(STEP, STEP, METRES, np.inf) == pytest.approx(100.0)
+    grid = grid_of(lambda n, e: n / 1000.0)
+    assert lattice_spacing(grid, METRES, 40.0) == pytest.approx(100.0 / 3)
+    assert lattice_spacing(grid, METRES, np.inf) == pytest.approx(100.0)
     offset, mismatch, _ = look(
-        grid_of(lambda n, e: n / 1000.0),
+        grid,
         2000.0,
         2000.0,
         np.diag([1e6, 1.0]),
@@ -176,6 +178,6 @@ def test_equals_sorting_all_cells_of_the_window(
     inside = (np.abs(d) <= half_width).all(-1) & (
         np.einsum("...i,ij,...j->...", d, shape, d) <= 1.0
     )
-    brute = np.sort(np.abs(reading - grid[0][i, j])[inside])[:wanted]
+    brute = np.sort(np.abs(reading - grid.values[i, j])[inside])[:wanted]
     np.testing.assert_allclose(np.abs(mismatch), brute, atol=1e-9)
     assert (np.abs(offset) <= half_width + 1e-6).all()

@@ -88,7 +88,7 @@ def _main(folder: Path) -> int:
     except InputError as error:
         sys.stdout.buffer.write(str(error).encode())
         return _REFUSED
-    np.save(folder / "values.npy", maps.grid[0])
+    np.save(folder / "values.npy", maps.values)
     names = [field.name for field in fields(FieldMap) if field.name != "values"]
     about = [{name: getattr(channel, name) for name in names} for channel in maps.channels]
     sys.stdout.buffer.write(pickle.dumps(about))

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap, Grid
-from isogal.maps.interpolation import Values
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid, Values
 
 
 class ChannelMap:
@@ -44,7 +44,7 @@ class ChannelMap:
                     f" {first.unit}"
                 )
             same = other.values.shape == first.values.shape and np.allclose(
-                other.grid[1:], first.grid[1:], rtol=1e-12
+                other.grid[2:], first.grid[2:], rtol=1e-12
             )
             if not same:
                 raise InputError(
@@ -56,7 +56,7 @@ class ChannelMap:
             self.channels = tuple(
                 replace(one, values=part) for one, part in zip(channels, values, strict=True)
             )
-        self._values = values
+        self.values = values
 
     def __len__(self) -> int:
         return len(self.channels)
@@ -76,8 +76,9 @@ class ChannelMap:
 
     @cached_property
     def grid(self) -> Grid:
-        """``(values (C, n, m), lat0, dlat, lon0, dlon)``, rad."""
-        return (self._values, *self.channels[0].grid[1:])
+        """The grid of all channels, as the kernels of `isogal.maps.interpolation` take it."""
+        columns = self.values.shape[2]
+        return self.channels[0].grid._replace(values=self.values.reshape(-1, columns))
 
     @property
     def unit(self) -> str:

@@ -14,6 +14,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
 from isogal.maps.interpolation import (
+    Grid,
     Values,
     bilinear_at,
     is_periodic,
@@ -21,8 +22,6 @@ from isogal.maps.interpolation import (
     values_at,
 )
 from isogal.maps.sparse import Spans, pack, unpack
-
-Grid = tuple[Values, float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +147,10 @@ class FieldMap:
 
     @cached_property
     def grid(self) -> Grid:
-        """``(values, lat0, dlat, lon0, dlon)``, rad, as the kernels of `isogal.maps.interpolation`
-        take it."""
-        return (
+        """The grid as the kernels of `isogal.maps.interpolation` take it."""
+        return Grid(
             self.values,
+            self.latitude.size,
             float(self.latitude[0]),
             float((self.latitude[-1] - self.latitude[0]) / (self.latitude.size - 1)),
             float(self.longitude[0]),
@@ -168,7 +167,7 @@ class FieldMap:
         """Interpolate at points (rad, any shapes that broadcast); NaN where the map says
         nothing."""
         lat, lon, shape = _flat(latitude, longitude)
-        return values_at(*self.grid, lat, lon).reshape(shape)[()]
+        return values_at(self.grid, lat, lon).reshape(shape)[()]
 
     def value_and_gradient(
         self, latitude: ArrayLike, longitude: ArrayLike
@@ -178,7 +177,7 @@ class FieldMap:
         Any shapes that broadcast, rad. NaN where the map says nothing.
         """
         lat, lon, shape = _flat(latitude, longitude)
-        value, by_lat, by_lon = values_and_gradients(*self.grid, lat, lon)
+        value, by_lat, by_lon = values_and_gradients(self.grid, lat, lon)
         north, east = metres_per_radian(lat)
         return (
             value.reshape(shape)[()],
@@ -192,7 +191,7 @@ class FieldMap:
         lat, lon, shape = _flat(latitude, longitude)
         if isinstance(self.sigma, float):
             return np.full(shape, self.sigma)[()]
-        return bilinear_at(self.sigma, *self.grid[1:], lat, lon).reshape(shape)[()]
+        return bilinear_at(self.grid._replace(values=self.sigma), lat, lon).reshape(shape)[()]
 
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
@@ -202,7 +201,7 @@ class FieldMap:
         """Return the distance between nodes (to the north, to the east), m, at a latitude
         (rad)."""
         north, east = metres_per_radian(latitude)
-        return float(self.grid[2] * north), float(self.grid[4] * east)
+        return float(self.grid.latitude_step * north), float(self.grid.longitude_step * east)
 
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
@@ -214,7 +213,7 @@ class FieldMap:
         InputError
             Nothing of the map lies there.
         """
-        _, lat0, dlat, lon0, dlon = self.grid
+        _, _, lat0, dlat, lon0, dlon = self.grid
         rows = latitude_slice(lat0, dlat, self.latitude.size, lat_min, lat_max)
         columns, first = longitude_slices(lon0, dlon, self.longitude.size, lon_min, lon_max)
         count = sum(part.stop - part.start for part in columns)

@@ -2,12 +2,12 @@
 
 Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in
 latitude and longitude: 4 x 4 nodes, passes through the nodes, continuous with its first
-derivatives, third-order accurate. A grid is the five arguments ``values, lat0, dlat, lon0, dlon``:
-``values`` (n, m) with latitude first, both axes increasing, node (0, 0) at (lat0, lon0), steps >
-0, all in radians. A grid that goes round the Earth (m * dlon = 2 pi) wraps in longitude. Whatever
-needs a node that is missing (NaN) or outside the grid is NaN: never an edge value."""
+derivatives, third-order accurate. A grid that goes round the Earth (m columns with m times the
+longitude step = 2 pi) wraps in longitude. Whatever needs a node that is missing (NaN) or outside
+the grid is NaN: never an edge value."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,24 @@ from isogal.compiled import kernel
 
 TWO_PI = 2.0 * math.pi
 Values = Array | NDArray[np.float32]
+
+
+class Grid(NamedTuple):
+    """Maps on a regular grid, as kernels take them: numbers at nodes, and where the nodes are."""
+
+    values: Values
+    """(C rows, m): the maps of C channels (one, of a single map) below one another; latitude
+    first, both axes increasing; NaN = missing."""
+    rows: int
+    """Rows of a map."""
+    latitude0: float
+    """Of the first row, rad."""
+    latitude_step: float
+    """From row to row, rad, > 0."""
+    longitude0: float
+    """Of the first column, rad."""
+    longitude_step: float
+    """From column to column, rad, > 0."""
 
 
 @kernel(error_model="numpy")
@@ -51,23 +69,26 @@ def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
 
 @kernel(error_model="numpy")
 def value_and_gradient(
-    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: float, lon: float
+    grid: Grid, lat: float, lon: float, channel: int = 0
 ) -> tuple[float, float, float]:
     """Interpolate at one point.
 
     Parameters
     ----------
-    values, lat0, dlat, lon0, dlon
-        The grid (see the module).
+    grid : Grid
+        See there.
     lat, lon : float
         Point, rad; longitudes may differ from the grid's by whole circles.
+    channel : int
+        Which of the maps on the grid, from 0.
 
     Returns
     -------
     value, d(value)/d(latitude), d(value)/d(longitude) : float
         Unit of the values, and per rad. All NaN where a node is missing or outside.
     """
-    n, m = values.shape
+    values, n, lat0, dlat, lon0, dlon = grid
+    m = values.shape[1]
     y = (lat - lat0) / dlat
     x = column_position(m, lon0, dlon, lon)
     j, u, inside = _locate(m, dlon, x)
@@ -75,6 +96,7 @@ def value_and_gradient(
         return math.nan, math.nan, math.nan
     i = min(int(y), n - 3)
     t = y - i
+    i += channel * n
 
     a0 = ((-0.5 * u + 1.0) * u - 0.5) * u
     a1 = (1.5 * u - 2.5) * u * u + 1.0
@@ -117,43 +139,36 @@ def value_and_gradient(
 
 
 @kernel(error_model="numpy")
-def values_and_gradients(
-    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
-) -> tuple[Array, Array, Array]:
-    """Interpolate at many points: ``value_and_gradient`` over ``lat`` (N,) and ``lon`` (N,)."""
+def values_and_gradients(grid: Grid, lat: Array, lon: Array) -> tuple[Array, Array, Array]:
+    """Interpolate a single map at many points: ``value_and_gradient`` over ``lat`` (N,) and ``lon`` (N,)."""
     count = lat.shape[0]
     value = np.empty(count)
     by_lat = np.empty(count)
     by_lon = np.empty(count)
     for k in range(count):
-        value[k], by_lat[k], by_lon[k] = value_and_gradient(
-            values, lat0, dlat, lon0, dlon, lat[k], lon[k]
-        )
+        value[k], by_lat[k], by_lon[k] = value_and_gradient(grid, lat[k], lon[k])
     return value, by_lat, by_lon
 
 
 @kernel(error_model="numpy")
-def values_at(
-    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
-) -> Array:
-    """Interpolate at many points, values only."""
+def values_at(grid: Grid, lat: Array, lon: Array) -> Array:
+    """Interpolate a single map at many points, values only."""
     count = lat.shape[0]
     out = np.empty(count)
     for k in range(count):
-        out[k] = value_and_gradient(values, lat0, dlat, lon0, dlon, lat[k], lon[k])[0]
+        out[k] = value_and_gradient(grid, lat[k], lon[k])[0]
     return out
 
 
 @kernel(error_model="numpy")
-def bilinear_at(
-    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, lat: Array, lon: Array
-) -> Array:
+def bilinear_at(grid: Grid, lat: Array, lon: Array) -> Array:
     """Interpolate linearly between the four nodes around each point; NaN where one is missing or
     outside.
 
     For fields that must not overshoot, such as a 1-sigma.
     """
-    n, m = values.shape
+    values, n, lat0, dlat, lon0, dlon = grid
+    m = values.shape[1]
     count = lat.shape[0]
     out = np.full(count, math.nan)
     for k in range(count):

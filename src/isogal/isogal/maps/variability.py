@@ -17,7 +17,7 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 
 WINDOW = 2000.0
 """Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some
@@ -56,11 +56,7 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
 
 @kernel(error_model="numpy")
 def variability_at(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     lat: float,
     lon: float,
     rad_north: Array,
@@ -71,16 +67,11 @@ def variability_at(
     ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template
     points without a value are left out; NaN where the place itself or more than half of the
     template has none."""
-    centre = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)[0]
+    centre = value_and_gradient(grid, lat, lon)[0]
     total = 0.0
     count = 0
     for k in range(rad_north.shape[0]):
-        difference = (
-            value_and_gradient(
-                values, lat0, dlat, lon0, dlon, lat + rad_north[k], lon + rad_east[k]
-            )[0]
-            - centre
-        )
+        difference = value_and_gradient(grid, lat + rad_north[k], lon + rad_east[k])[0] - centre
         if not math.isnan(difference):
             total += difference * difference
             count += 1
@@ -89,11 +80,7 @@ def variability_at(
 
 @kernel(error_model="numpy")
 def _variabilities(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     lat: Array,
     lon: Array,
     north: Array,
@@ -104,11 +91,7 @@ def _variabilities(
     out = np.empty(lat.shape[0])
     for k in range(lat.shape[0]):
         out[k] = variability_at(
-            values,
-            lat0,
-            dlat,
-            lon0,
-            dlon,
+            grid,
             lat[k],
             lon[k],
             north / metres_north[k],
@@ -151,7 +134,7 @@ def feature_variability(
     )
     metres_north, metres_east = metres_per_radian(flat_lat)
     return _variabilities(
-        *field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east
+        field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east
     ).reshape(lat.shape)
 
 

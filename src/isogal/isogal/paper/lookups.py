@@ -109,10 +109,10 @@ def search_window_example(field_map: FieldMap, latitude: float, longitude: float
     reading = value + sigma * random.standard_normal()
     half, spacing = np.full(2, 0.5 * FIGURE_54_SIDE), 250.0
     offset, _, gradient = lookup(
-        *field_map.grid, latitude, longitude, metres, np.zeros((2, 2)), half, reading, (0.0, 0.0), spacing,
+        field_map.grid, latitude, longitude, metres, np.zeros((2, 2)), half, reading, (0.0, 0.0), spacing,
         FIGURE_54_CANDIDATES,
     )  # fmt: skip
-    step = lattice_spacing(field_map.grid[2], field_map.grid[4], metres, spacing)
+    step = lattice_spacing(field_map.grid, metres, spacing)
     variance = candidate_variance(sigma, gradient, step, float(half[0] ** 2))
     # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre
     weight = association_weights(offset, np.zeros(2), variance + (half[0] / 3.0) ** 2)

@@ -104,7 +104,7 @@ def _drawn(field_map: "FieldMap", frame: _Frame) -> "FieldMap":
         part = field_map.window(*edges)
         return part.thinned(*(-(-size // _DOTS) for size in part.values.shape))
     # the window of a strip would be filled with its empty part, so that is thinned first
-    _, _, lat_step, _, lon_step = field_map.grid
+    lat_step, lon_step = field_map.grid.latitude_step, field_map.grid.longitude_step
     rows, columns = (frame.north - frame.south) / lat_step, (frame.east - frame.west) / lon_step
     return field_map.thinned(math.ceil(rows / _DOTS), math.ceil(columns / _DOTS)).window(*edges)
 

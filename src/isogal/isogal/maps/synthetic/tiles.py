@@ -41,7 +41,7 @@ from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import MARGIN, Window
 from isogal.maps.cache import cache_folder, read_or_make, read_part
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import values_at
+from isogal.maps.interpolation import Grid, values_at
 from isogal.maps.synthetic.lattice_noise import sum_of_octaves
 
 VERSION = 1
@@ -260,9 +260,8 @@ def _octaves(
     latitude, longitude = (axis.reshape(-1) for axis in np.meshgrid(*fine, indexing="ij"))
     step = math.radians(STEP_DEG * _STRIDE)
     for index, part in enumerate(nodes):
-        out[index] += values_at(
-            part, coarse[0][0], step, coarse[1][0], step, latitude, longitude
-        ).reshape(out.shape[1:])
+        grid = Grid(part, part.shape[0], coarse[0][0], step, coarse[1][0], step)
+        out[index] += values_at(grid, latitude, longitude).reshape(out.shape[1:])
     return out
 
 

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_measured, shift_covariance
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
@@ -92,7 +92,7 @@ class Iccp(Baseline[IccpOptions]):
         )
         sigma = np.sqrt(scans.sigma**2 + wrong)
         point, tangent, variance, scan = _crossings(
-            *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.jacobian, sigma,
+            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.jacobian, sigma,
             half, options.lattice, options.sharpness,
         )  # fmt: skip
         first = np.searchsorted(scan, np.arange(len(scans) + 1))
@@ -164,11 +164,7 @@ def _listed(scans: Scans, point: Array, nearest: Integers) -> Candidates:
 
 @kernel
 def _crossings(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -198,11 +194,7 @@ def _crossings(
             for j in range(nodes):
                 north, east = i * step - half, j * step - half
                 value, by_lat, by_lon = value_and_gradient(
-                    values,
-                    lat0,
-                    dlat,
-                    lon0,
-                    dlon,
+                    grid,
                     latitude[t] + north * radian[t, 0],
                     longitude[t] + east * radian[t, 1],
                 )

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching import quasi_random
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_posterior
@@ -77,7 +77,7 @@ class Particle(Baseline[ParticleOptions]):
         options = self.options
         normal, uniform = _random_numbers(options.particles, len(scans) + 1)
         position, velocity, spread, weight, smallest = _run(
-            *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**2, by_position, by_velocity,
+            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**2, by_position, by_velocity,
             move, drive, normal[0] @ start.T, velocity_gain, linear, normal[1:], uniform,
             options.noise**2, options.resample, options.roughening,
         )  # fmt: skip
@@ -130,11 +130,7 @@ def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
 
 @kernel
 def _run(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -180,11 +176,7 @@ def _run(
         largest = -np.inf
         for s in range(count):
             value = value_and_gradient(
-                values,
-                lat0,
-                dlat,
-                lon0,
-                dlon,
+                grid,
                 latitude[t] - p[s, 0] * radian[t, 0],
                 longitude[t] - p[s, 1] * radian[t, 1],
             )[0]

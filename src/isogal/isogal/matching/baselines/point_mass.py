@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -71,7 +71,7 @@ class PointMass(Baseline[PointMassOptions]):
         for level in range(1, options.levels + 1):
             position = centre + unit @ axes.T
             likelihood, velocity, spread = _nodes(
-                *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**-2.0,
+                scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**-2.0,
                 scans.transition, scans.jacobian, position, gain, linear,
             )  # fmt: skip
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
@@ -141,11 +141,7 @@ def _next_grid(
 
 @kernel
 def _nodes(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -184,11 +180,7 @@ def _nodes(
             north = f[0, 0] * x0 + f[0, 1] * x1 + f[0, 2] * x2 + f[0, 3] * x3
             east = f[1, 0] * x0 + f[1, 1] * x1 + f[1, 2] * x2 + f[1, 3] * x3
             value, by_lat, by_lon = value_and_gradient(
-                values,
-                lat0,
-                dlat,
-                lon0,
-                dlon,
+                grid,
                 latitude[t] - north * radian[t, 0],
                 longitude[t] - east * radian[t, 1],
             )

@@ -14,7 +14,8 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.field_map import FieldMap, Grid
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import Batch, Candidates, Fix, Information, declined
 from isogal.scenario import Matcher as MatcherSettings

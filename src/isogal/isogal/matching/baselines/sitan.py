@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -51,7 +51,7 @@ class Sitan(Baseline[SitanOptions]):
         start[4, 4] = self.noise.bias_sigma**2
         gate = np.inf if self.options.gate is None else self.options.gate
         mean, covariance, used, misfit = _filter(
-            *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**2, scans.transition,
+            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**2, scans.transition,
             scans.jacobian, start, self.options.region, gate,
         )  # fmt: skip
         figures = {"readings_used": float(used), "misfit": misfit / max(used, 1)}
@@ -62,7 +62,7 @@ class Sitan(Baseline[SitanOptions]):
 
 @kernel
 def plane(
-    values: Values, lat0: float, dlat: float, lon0: float, dlon: float, latitude: float, longitude: float,
+    grid: Grid, latitude: float, longitude: float,
     half_north: float, half_east: float, metres_north: float, metres_east: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Fit a plane to the map over a box: value and slopes (unit/m) at its centre, and variance of
@@ -74,7 +74,7 @@ def plane(
     for i in range(-2, 3):
         for j in range(-2, 3):
             value = value_and_gradient(
-                values, lat0, dlat, lon0, dlon,
+                grid,
                 latitude + 0.5 * i * half_north / metres_north, longitude + 0.5 * j * half_east / metres_east,
             )[0]  # fmt: skip
             total += value
@@ -92,11 +92,7 @@ def plane(
 
 @kernel
 def _filter(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -130,13 +126,11 @@ def _filter(
         half_north, half_east = region * np.sqrt(spread_north), region * np.sqrt(spread_east)
         if half_north > 1.0 and half_east > 1.0:  # below a metre a plane is the gradient
             value, slope_north, slope_east, left = plane(
-                values, lat0, dlat, lon0, dlon, here_lat, here_lon,
+                grid, here_lat, here_lon,
                 half_north, half_east, 1.0 / radian[t, 0], 1.0 / radian[t, 1],
             )  # fmt: skip
         else:
-            value, slope_north, slope_east = value_and_gradient(
-                values, lat0, dlat, lon0, dlon, here_lat, here_lon
-            )
+            value, slope_north, slope_east = value_and_gradient(grid, here_lat, here_lon)
             slope_north, slope_east, left = (
                 slope_north * radian[t, 0],
                 slope_east * radian[t, 1],

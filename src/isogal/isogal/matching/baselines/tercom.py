@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_measured, shift_covariance
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -96,7 +96,7 @@ class Tercom(Baseline[TercomOptions]):
             else self.options.remove_mean
         )
         return _differences(
-            *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
+            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
             centre[0] + side[0], centre[1] + side[1], remove,
         )  # fmt: skip
 
@@ -151,11 +151,7 @@ class Tercom(Baseline[TercomOptions]):
 
 @kernel
 def _differences(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -179,7 +175,7 @@ def _differences(
                 move_north = transition[t, 0, 0] * north[i] + transition[t, 0, 1] * east[j]
                 move_east = transition[t, 1, 0] * north[i] + transition[t, 1, 1] * east[j]
                 value = value_and_gradient(
-                    values, lat0, dlat, lon0, dlon,
+                    grid,
                     latitude[t] - move_north * radian[t, 0], longitude[t] - move_east * radian[t, 1],
                 )[0]  # fmt: skip
                 residual[t] = (

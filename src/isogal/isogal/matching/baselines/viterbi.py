@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import Scans, publish_posterior
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
@@ -62,7 +62,7 @@ class Viterbi(Baseline[ViterbiOptions]):
         )
         variance = scans.sigma**2 + len(batch) * (by_velocity + self.noise.bias_sigma**2)
         path, marginal = _trellis(
-            *scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, variance, scans.jacobian,
+            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, variance, scans.jacobian,
             side, start, drift[0], drift[1],
         )  # fmt: skip
         if path[-1, 0] < 0:
@@ -97,11 +97,7 @@ def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Ar
 
 @kernel
 def _emissions(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: float,
     longitude: float,
     radian: Array,
@@ -118,11 +114,7 @@ def _emissions(
     for i in range(side.shape[0]):
         for j in range(side.shape[0]):
             value, by_lat, by_lon = value_and_gradient(
-                values,
-                lat0,
-                dlat,
-                lon0,
-                dlon,
+                grid,
                 latitude - side[i] * radian[0],
                 longitude - side[j] * radian[1],
             )
@@ -143,11 +135,7 @@ def _emissions(
 
 @kernel
 def _trellis(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     radian: Array,
@@ -182,7 +170,7 @@ def _trellis(
     path = np.full((scans, 2), -1)
     for t in range(scans):
         largest = _emissions(
-            values, lat0, dlat, lon0, dlon, latitude[t], longitude[t], radian[t], level[t], variance[t], jacobian[t], side, emission
+            grid, latitude[t], longitude[t], radian[t], level[t], variance[t], jacobian[t], side, emission
         )  # fmt: skip
         if largest == -np.inf:
             return path, forward

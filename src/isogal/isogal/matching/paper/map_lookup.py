@@ -12,7 +12,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 
 
 @kernel
@@ -69,22 +69,15 @@ def subdivision(step: float, spacing: float) -> int:
 
 
 @kernel
-def lattice_spacing(
-    dlat: float, dlon: float, metres: tuple[float, float], spacing: float
-) -> float:
-    """Mean distance, m, between the map points that `lookup` uses, of a grid with these steps
-    (rad)."""
-    north, east = dlat * metres[0], dlon * metres[1]
+def lattice_spacing(grid: Grid, metres: tuple[float, float], spacing: float) -> float:
+    """Mean distance, m, between the map points that `lookup` uses."""
+    north, east = grid.latitude_step * metres[0], grid.longitude_step * metres[1]
     return 0.5 * (north / subdivision(north, spacing) + east / subdivision(east, spacing))
 
 
 @kernel
 def lookup(
-    values: Values,
-    lat0: float,
-    dlat: float,
-    lon0: float,
-    dlon: float,
+    grid: Grid,
     latitude: float,
     longitude: float,
     metres: tuple[float, float],
@@ -103,8 +96,8 @@ def lookup(
 
     Parameters
     ----------
-    values, lat0, dlat, lon0, dlon
-        The map's grid (`maps.interpolation`).
+    grid : Grid
+        The map's.
     latitude, longitude : float
         Centre of the window, rad.
     metres : (float, float)
@@ -130,6 +123,7 @@ def lookup(
     gradient : (n, 2) array
         d(predicted reading)/d(north), /d(east), unit/m.
     """
+    _, _, lat0, dlat, lon0, dlon = grid
     cut_lat = subdivision(dlat * metres[0], spacing)
     cut_lon = subdivision(dlon * metres[1], spacing)
     step_lat, step_lon = dlat / cut_lat, dlon / cut_lon
@@ -155,7 +149,7 @@ def lookup(
             ):
                 continue
             value, by_lat, by_lon = value_and_gradient(
-                values, lat0, dlat, lon0, dlon, lat0 + i * step_lat, lon0 + j * step_lon
+                grid, lat0 + i * step_lat, lon0 + j * step_lon
             )
             difference = reading - (value - slope[0] * north - slope[1] * east)
             if not abs(difference) < best[wanted - 1]:  # also where the map has no value

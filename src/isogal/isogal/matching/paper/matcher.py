@@ -37,7 +37,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.maps.variability import feature_variability
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 from isogal.matching.local import LocalPlane, too_few, unusable
@@ -212,7 +212,7 @@ def _listed(plane: LocalPlane, position: Array, weight: Array, count: Integers) 
 
 @kernel
 def _candidates(
-    grid: tuple[Values, float, float, float, float],
+    grid: Grid,
     latitude: Array,
     longitude: Array,
     navigator: Array,
@@ -230,14 +230,13 @@ def _candidates(
 ) -> tuple[Array, Array, Integers]:
     """Look up all scans: candidates' positions (T, wanted, 2) m, variances R_i (T, wanted) m², and
     how many there are (T,)."""
-    values, lat0, dlat, lon0, dlon = grid
     scans = reading.shape[0]
     position = np.zeros((scans, wanted, 2))
     variance = np.ones((scans, wanted))
     count = np.zeros(scans, np.int64)
-    step = lattice_spacing(dlat, dlon, metres, spacing)
+    step = lattice_spacing(grid, metres, spacing)
     for t in range(scans):
-        here = value_and_gradient(values, lat0, dlat, lon0, dlon, latitude[t], longitude[t])[0]
+        here = value_and_gradient(grid, latitude[t], longitude[t])[0]
         if np.isnan(reading[t]) or np.isnan(here):
             continue
         uncertainty = multiply_transposed(multiply(transition[t], prior), transition[t])
@@ -245,7 +244,7 @@ def _candidates(
         # as seen from a candidate, the vehicle has no other velocity error than the navigator
         # expects: none
         offset, _, gradient = lookup(
-            values, lat0, dlat, lon0, dlon, latitude[t], longitude[t], metres, shape, half_width,
+            grid, latitude[t], longitude[t], metres, shape, half_width,
             reading[t], (jacobian[t, 0], jacobian[t, 1]), spacing, wanted,
         )  # fmt: skip
         n = offset.shape[0]

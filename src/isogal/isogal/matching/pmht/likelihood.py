@@ -31,8 +31,8 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, channels_of
-from isogal.maps.field_map import FieldMap, Grid
-from isogal.maps.interpolation import value_and_gradient
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.noise_model import (
     NoiseModel,
@@ -146,7 +146,7 @@ class BatchLikelihood:
         """Return (S,) log-likelihood (without its constant) of the new readings at errors xi (S,
         4); -inf off the map."""
         return _log_likelihood(
-            *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian,
+            self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian,
             self.factor, self.projection, self.first_new, np.ascontiguousarray(xi),
         )  # fmt: skip
 
@@ -157,7 +157,7 @@ class BatchLikelihood:
     def linearise(self, xi: Array) -> tuple[Array, Array]:
         """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
         return _linearise(
-            *self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
+            self.grid, self.channel, self.latitude, self.longitude, self.radian, self.level, self.transition, self.jacobian, xi
         )  # fmt: skip
 
     def nuisance_at(self, xi: Array) -> Array:
@@ -165,7 +165,7 @@ class BatchLikelihood:
         map has no gradient."""
         position = xi @ self.transition.transpose(0, 2, 1)
         by_lat, by_lon = _slopes(
-            *self.grid,
+            self.grid,
             self.channel,
             self.latitude - position[:, 0] * self.radian[:, 0],
             self.longitude - position[:, 1] * self.radian[:, 1],
@@ -277,36 +277,17 @@ class BatchLikelihood:
 
 
 @kernel
-def _slopes(values, lat0, dlat, lon0, dlon, channel, latitude, longitude):  # type: ignore[no-untyped-def]
+def _slopes(grid, channel, latitude, longitude):  # type: ignore[no-untyped-def]
     """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
     by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
     for t in range(latitude.shape[0]):
-        _, by_lat[t], by_lon[t] = _at(
-            values, lat0, dlat, lon0, dlon, channel, t, latitude[t], longitude[t]
-        )
+        _, by_lat[t], by_lon[t] = value_and_gradient(grid, latitude[t], longitude[t], channel[t])
     return by_lat, by_lon
 
 
 @kernel
-def _at(values, lat0, dlat, lon0, dlon, channel, t, latitude, longitude):  # type: ignore[no-untyped-def]
-    """Return value and derivatives of a map (n, m), or of row t's among several (C, n, m); which
-    it is is settled when compiling."""
-    if values.ndim == 2:
-        result = value_and_gradient(values, lat0, dlat, lon0, dlon, latitude, longitude)
-    else:
-        result = value_and_gradient(
-            values[channel[t]], lat0, dlat, lon0, dlon, latitude, longitude
-        )
-    return result
-
-
-@kernel
 def _log_likelihood(  # type: ignore[no-untyped-def]
-    values,
-    lat0,
-    dlat,
-    lon0,
-    dlon,
+    grid,
     channel,
     latitude,
     longitude,
@@ -340,12 +321,7 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
             north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
             east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
             lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-            if values.ndim == 2:  # known when compiling; not by `_at`, which would not be inlined
-                value, _, _ = value_and_gradient(values, lat0, dlat, lon0, dlon, lat, lon)
-            else:
-                value, _, _ = value_and_gradient(
-                    values[channel[t]], lat0, dlat, lon0, dlon, lat, lon
-                )
+            value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
             if not diagonal:
                 for u in range(t):
@@ -365,11 +341,7 @@ def _log_likelihood(  # type: ignore[no-untyped-def]
 
 @kernel
 def _linearise(  # type: ignore[no-untyped-def]
-    values,
-    lat0,
-    dlat,
-    lon0,
-    dlon,
+    grid,
     channel,
     latitude,
     longitude,
@@ -391,7 +363,7 @@ def _linearise(  # type: ignore[no-untyped-def]
             east += transition[t, 1, i] * xi[i]
             known -= jacobian[t, i] * xi[i]
         lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-        value, by_lat, by_lon = _at(values, lat0, dlat, lon0, dlon, channel, t, lat, lon)
+        value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
         residual[t] = known - value
         for i in range(4):
             slope[t, i] = (
