@@ -1,5 +1,5 @@
-"""The scenario: defaults of the contract, files and overrides, one clear line for whatever is
-wrong."""
+"""Scenarios: the defaults that users rely on, files and overrides, one clear line for each kind of
+bad input."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario, known_keys, load_scenario, validate_scenario
 
 
-def test_defaults_are_those_of_the_contract():
+def test_defaults():
     it = load_scenario()
     assert it == Scenario()
     assert it.seed == 0
@@ -102,11 +102,11 @@ def test_waypoints():
     "name",
     ["pmht", "pmht-paper", "tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"],
 )
-def test_all_matchers_of_the_contract_may_be_named(name):
+def test_every_matcher_of_isogal_may_be_named(name):
     assert load_scenario(None, [f"matcher.name={name}"]).matcher.name == name
 
 
-def test_map_sigma_may_be_auto_or_a_number_either_way_it_is_written():
+def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
     assert load_scenario(None, ["matcher.map_sigma=3e-5"]).matcher.map_sigma == 3e-5
     assert load_scenario(None, ["matcher.map_sigma=3.0e-5"]).matcher.map_sigma == 3e-5
     assert (
@@ -118,42 +118,83 @@ def test_map_sigma_may_be_auto_or_a_number_either_way_it_is_written():
     assert load_scenario(None, ["matcher.map_sigma=auto"]).matcher.map_sigma == "auto"
 
 
-@pytest.mark.parametrize(("override", "message"), [
-    ("matcher.batch_lenght=15", "unknown key 'matcher.batch_lenght', did you mean 'matcher.batch_length'?"),
-    ("sead=1", "unknown key 'sead', did you mean 'seed'?"),
-    ("route.hight=1", "unknown key 'route.hight', did you mean 'route.height'?"),
-    ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
-    ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
-    ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
-    ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
-    ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.rate"),
-    ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
-    ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),
-    ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
-    ("gravimeter.sigma=much", "gravimeter.sigma: input should be a valid number, unable to parse string as a number, not 'much'"),
-    ("gravimeter.interval=10.5", "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)"),
-    ("gravimeter.interval=1e-12", "gravimeter.interval"),
-    ("gravimeter.quantity=magnetic", "gravimeter.quantity: input should be 'gravity' or 'disturbance', not 'magnetic'"),
-    ("imu.grade=best", "imu.grade: input should be 'precision', 'quantum_accelerometer' or 'quantum', not 'best'"),
-    ("matcher.name=magic", "matcher.name: unknown matcher 'magic'; allowed: iccp, particle, pmht, pmht-paper, "),
-    ("matcher.name=pmth", "matcher.name: unknown matcher 'pmth' (did you mean 'pmht'?); allowed: iccp, "),
-    ("matcher.name=5", "matcher.name: input should be a valid string, not 5"),
-    ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
-    ("matcher.stride=0", "matcher.stride: input should be greater than or equal to 1, not 0"),
-    ("matcher.batch_length=1", "matcher.batch_length: input should be greater than or equal to 2, not 1"),
-    ("matcher.batch_length=15.5", "matcher.batch_length: input should be a valid integer"),
-    ("matcher.map_sigma=-1", "matcher.map_sigma: input should be greater than or equal to 0, not -1"),
-    ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
-    ("route.start=[95, 0]", "route.start.0: input should be less than or equal to 89, not 95"),
-    ("route.start=[-38]", "route.start.1: field required"),
-    ("route.start=null", "route: give start and end, or waypoints"),
-    ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
-    ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
-    ("route.waypoints=[[-38, 144, 22], [-37, 145, 0]]", "route.waypoints.1.2: input should be greater than 0, not 0"),
-    ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
-    ("initial_error.position=-1", "initial_error.position: input should be greater than or equal to 0, not -1"),
-    ("map_error.correlation_length=0", "map_error.correlation_length: input should be greater than 0, not 0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "matcher.batch_lenght=15",
+            "unknown key 'matcher.batch_lenght', did you mean 'matcher.batch_length'?",
+        ),
+        ("sead=1", "unknown key 'sead', did you mean 'seed'?"),
+        ("route.hight=1", "unknown key 'route.hight', did you mean 'route.height'?"),
+        ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
+        ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
+        ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
+        ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
+        ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.rate"),
+        ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
+        ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),
+        ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
+        (
+            "gravimeter.sigma=much",
+            "gravimeter.sigma: input should be a valid number, unable to parse string as a number,"
+            " not 'much'",
+        ),
+        (
+            "gravimeter.interval=10.5",
+            "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)",
+        ),
+        ("gravimeter.interval=1e-12", "gravimeter.interval"),
+        (
+            "gravimeter.quantity=magnetic",
+            "gravimeter.quantity: input should be 'gravity' or 'disturbance', not 'magnetic'",
+        ),
+        (
+            "imu.grade=best",
+            "imu.grade: input should be 'precision', 'quantum_accelerometer' or 'quantum', not"
+            " 'best'",
+        ),
+        (
+            "matcher.name=magic",
+            "matcher.name: unknown matcher 'magic'; allowed: iccp, particle, pmht, pmht-paper, ",
+        ),
+        (
+            "matcher.name=pmth",
+            "matcher.name: unknown matcher 'pmth' (did you mean 'pmht'?); allowed: iccp, ",
+        ),
+        ("matcher.name=5", "matcher.name: input should be a valid string, not 5"),
+        ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
+        ("matcher.stride=0", "matcher.stride: input should be greater than or equal to 1, not 0"),
+        (
+            "matcher.batch_length=1",
+            "matcher.batch_length: input should be greater than or equal to 2, not 1",
+        ),
+        ("matcher.batch_length=15.5", "matcher.batch_length: input should be a valid integer"),
+        (
+            "matcher.map_sigma=-1",
+            "matcher.map_sigma: input should be greater than or equal to 0, not -1",
+        ),
+        ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
+        ("route.start=[95, 0]", "route.start.0: input should be less than or equal to 89, not 95"),
+        ("route.start=[-38]", "route.start.1: field required"),
+        ("route.start=null", "route: give start and end, or waypoints"),
+        ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
+        ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
+        (
+            "route.waypoints=[[-38, 144, 22], [-37, 145, 0]]",
+            "route.waypoints.1.2: input should be greater than 0, not 0",
+        ),
+        ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
+        (
+            "initial_error.position=-1",
+            "initial_error.position: input should be greater than or equal to 0, not -1",
+        ),
+        (
+            "map_error.correlation_length=0",
+            "map_error.correlation_length: input should be greater than 0, not 0",
+        ),
+    ],
+)
 def test_bad_values_give_one_line_that_names_the_key(override, message):
     with pytest.raises(InputError) as caught:
         load_scenario(None, [override])

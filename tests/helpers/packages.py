@@ -26,9 +26,10 @@ APT = {
     "setuptools": "python3-setuptools",
 }
 ROS = {
-    "rclpy", "ament_index_python", "launch", "launch_ros", "rosidl_runtime_py",
-    "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs",
-}  # fmt: skip
+    *("rclpy", "ament_index_python", "launch", "launch_ros", "rosidl_runtime_py"),
+    *("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "rcl_interfaces"),
+    *("rosgraph_msgs", "sensor_msgs", "std_msgs"),
+}
 
 
 def pip_only() -> set[str]:

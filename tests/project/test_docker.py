@@ -15,7 +15,8 @@ from helpers.packages import APT, ROOT, executables
 
 DOCKER = ROOT / "docker"
 INSTALLED = re.compile(
-    r"^/opt/isogal/install/(?:lib/(?P<package>\w+)/(?P<executable>\w+)|share/(?P<share>\w+)/(?P<file>.+))$"
+    r"^/opt/isogal/install/"
+    r"(?:lib/(?P<package>\w+)/(?P<executable>\w+)|share/(?P<share>\w+)/(?P<file>.+))$"
 )
 
 

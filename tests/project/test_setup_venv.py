@@ -1,5 +1,4 @@
-"""The installer behind `make`: what it does when, with a stand-in for the interpreter that only
-notes what it is asked."""
+"""What `make` installs when, with a stand-in interpreter that notes what it is asked."""
 
 import shutil
 import subprocess
@@ -9,14 +8,18 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Answers -V, makes a venv that holds a copy of itself, notes every pip call, and fails in pip
-# while the file `fail` exists.
+# Answers -V, makes a venv that holds a copy of itself and notes every call of pip and of uv.
+# While the file `fail` exists, both fail; with `no uv` uv cannot be had, with `bad uv` it fails.
 STAND_IN = """#!/bin/sh
+note() {{ echo "$1" >> "{state}/calls"; }}
 case "$*" in
   -V) echo "Python $(cat "{state}/version")" ;;
   *ensurepip*) exit 0 ;;
-  "-m venv "*) mkdir -p "$3/bin"; cp "$0" "$3/bin/python"; echo venv >> "{state}/calls" ;;
-  *pip*install*) echo "${{*#*install }}" >> "{state}/calls"; [ ! -e "{state}/fail" ] ;;
+  "-m venv "*) mkdir -p "$3/bin"; cp "$0" "$3/bin/python"; note venv ;;
+  *pip*install*requirements-installer.lock) note "get uv"; [ ! -e "{state}/no uv" ] ;;
+  .ci/uv.py*install*)
+    note "uv ${{*#*--no-deps }}"; [ ! -e "{state}/bad uv" ] && [ ! -e "{state}/fail" ] ;;
+  *pip*install*) note "pip ${{*#*--no-deps }}"; [ ! -e "{state}/fail" ] ;;
   *) exit 3 ;;
 esac
 """
@@ -34,6 +37,7 @@ class Clone:
         (self.root / ".ci").mkdir(parents=True)
         shutil.copy2(ROOT / ".ci" / "setup-venv", self.root / ".ci")
         (self.root / "requirements.lock").write_text("numpy==2.0.0\n")
+        (self.root / "requirements-development.lock").write_text("pytest==9.2.0\n")
         for name in ("first", "second"):
             (self.root / "src" / name).mkdir(parents=True)
             (self.root / "src" / name / "setup.py").write_text(f"# {name}\n")
@@ -45,26 +49,32 @@ class Clone:
     def version(self, version: str) -> None:
         (self.state / "version").write_text(version)
 
-    def install(self) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [self.root / ".ci" / "setup-venv"],
+    def start(self, *words: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [self.root / ".ci" / "setup-venv", *words],
             env={"PATH": self.path, "PYTHON": str(self.python)},
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            timeout=60,
-            check=False,
         )
+
+    def install(self, *words: str) -> subprocess.CompletedProcess[str]:
+        process = self.start(*words)
+        out, err = process.communicate(timeout=60)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def calls(self) -> list[str]:
         """Return what was called since the last question."""
         log = self.state / "calls"
         lines = log.read_text().splitlines() if log.exists() else []
         log.unlink(missing_ok=True)
-        return [line.replace("--quiet ", "") for line in lines]
+        return lines
 
 
 LOCK = "--requirement requirements.lock"
-PACKAGES = "--no-deps --no-build-isolation --editable src/first --editable src/second"
+TOOLS = "--requirement requirements-development.lock"
+PACKAGES = "--no-build-isolation --editable src/first --editable src/second"
+EVERYTHING = ["venv", "get uv", f"uv {LOCK}", f"uv {PACKAGES}"]
 
 
 @pytest.fixture
@@ -79,10 +89,10 @@ def installed(clone: Clone) -> Clone:
     return clone
 
 
-def test_a_first_call_installs_everything(clone: Clone) -> None:
+def test_a_first_call_installs_what_runs_need(clone: Clone) -> None:
     done = clone.install()
     assert (done.returncode, done.stderr) == (0, "")
-    assert clone.calls() == ["venv", LOCK, PACKAGES]
+    assert clone.calls() == EVERYTHING
 
 
 def test_a_second_call_does_nothing(installed: Clone) -> None:
@@ -91,10 +101,72 @@ def test_a_second_call_does_nothing(installed: Clone) -> None:
     assert installed.calls() == []
 
 
+def test_development_tools_are_added_once(installed: Clone) -> None:
+    assert installed.install("development").returncode == 0
+    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
+    for words in ([], ["development"]):
+        done = installed.install(*words)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+        assert installed.calls() == []
+
+
+def test_a_first_call_with_development_tools_installs_all_at_once(clone: Clone) -> None:
+    assert clone.install("development").returncode == 0
+    assert clone.calls() == ["venv", "get uv", f"uv {LOCK} {TOOLS}", f"uv {PACKAGES}"]
+
+
+def test_a_run_does_not_wait_for_new_development_tools(installed: Clone) -> None:
+    installed.install("development")
+    (installed.root / "requirements-development.lock").write_text("pytest==9.3.0\n")
+    installed.calls()
+    installed.install()
+    assert installed.calls() == []
+    (installed.root / "requirements.lock").write_text("numpy==2.1.0\n")
+    installed.install()
+    assert installed.calls() == ["get uv", f"uv {LOCK}"]
+    installed.install("development")
+    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
+
+
+def test_development_tools_are_gone_with_their_venv(installed: Clone) -> None:
+    installed.install("development")
+    installed.root = installed.root.rename(installed.root.with_name("moved"))
+    installed.calls()
+    installed.install()
+    assert installed.calls() == EVERYTHING
+    installed.install("development")
+    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
+
+
+def test_an_unknown_word_is_one_clear_line(clone: Clone) -> None:
+    done = clone.install("develop")
+    assert done.returncode == 1
+    assert done.stderr.endswith("setup-venv knows the word development, not develop\n")
+    assert clone.calls() == []
+
+
+def test_pip_installs_where_uv_cannot_be_had(clone: Clone) -> None:
+    (clone.state / "no uv").touch()
+    done = clone.install("development")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert clone.calls() == ["venv", "get uv", f"pip {LOCK} {TOOLS}", f"pip {PACKAGES}"]
+    assert done.stdout.count("pip") == 1
+    clone.install("development")
+    assert clone.calls() == []
+
+
+def test_pip_installs_where_uv_fails(clone: Clone) -> None:
+    (clone.state / "bad uv").touch()
+    done = clone.install()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert clone.calls() == ["venv", "get uv", f"uv {LOCK}", f"pip {LOCK}", f"pip {PACKAGES}"]
+    assert done.stdout.count("pip") == 1
+
+
 def test_a_new_lock_file_is_installed_in_place(installed: Clone) -> None:
     (installed.root / "requirements.lock").write_text("numpy==2.1.0\n")
     installed.install()
-    assert installed.calls() == [LOCK, PACKAGES]
+    assert installed.calls() == ["get uv", f"uv {LOCK}"]
     installed.install()
     assert installed.calls() == []
 
@@ -102,37 +174,39 @@ def test_a_new_lock_file_is_installed_in_place(installed: Clone) -> None:
 def test_a_changed_or_new_package_is_installed(installed: Clone) -> None:
     (installed.root / "src" / "first" / "setup.py").write_text("# another\n")
     installed.install()
-    assert installed.calls() == [PACKAGES]
+    assert installed.calls() == ["get uv", f"uv {PACKAGES}"]
     (installed.root / "src" / "third").mkdir()
     (installed.root / "src" / "third" / "setup.py").write_text("# third\n")
     installed.install()
-    assert installed.calls() == [PACKAGES + " --editable src/third"]
+    assert installed.calls() == ["get uv", f"uv {PACKAGES} --editable src/third"]
 
 
 def test_an_interrupted_first_install_is_made_anew(clone: Clone) -> None:
     (clone.state / "fail").touch()
     assert clone.install().returncode != 0
-    assert clone.calls() == ["venv", LOCK]
+    assert clone.calls() == ["venv", "get uv", f"uv {LOCK}", f"pip {LOCK}"]
     (clone.state / "fail").unlink()
     assert clone.install().returncode == 0
-    assert clone.calls() == ["venv", LOCK, PACKAGES]
+    assert clone.calls() == EVERYTHING
 
 
-def test_an_interrupted_update_is_made_anew(installed: Clone) -> None:
+@pytest.mark.parametrize("words", [[], ["development"]])
+def test_an_interrupted_update_is_made_anew(installed: Clone, words: list[str]) -> None:
     (installed.state / "fail").touch()
     (installed.root / "requirements.lock").write_text("numpy==2.1.0\n")
-    assert installed.install().returncode != 0
+    assert installed.install(*words).returncode != 0
     (installed.state / "fail").unlink()
     installed.calls()
     installed.install()
-    assert installed.calls() == ["venv", LOCK, PACKAGES]
+    assert installed.calls() == EVERYTHING
 
 
 def test_an_interrupted_deletion_is_made_anew(installed: Clone) -> None:
     # Another interpreter is asked for, and rm ends before it has deleted anything.
     python = installed.root / ".venv" / "bin" / "python"
     answers = python.read_text()
-    python.write_text(answers.replace('$(cat "' + str(installed.state) + '/version")', "3.11.9"))
+    version = f'$(cat "{installed.state}/version")'
+    python.write_text(answers.replace(version, "3.11.9"))
     rm = installed.root.parent / "rm"
     rm.write_text('#!/bin/sh\ncase "$*" in -rf*) exit 1 ;; *) exec /bin/rm "$@" ;; esac\n')
     rm.chmod(0o755)
@@ -142,41 +216,43 @@ def test_an_interrupted_deletion_is_made_anew(installed: Clone) -> None:
     installed.path = "/usr/bin:/bin"
     installed.calls()
     installed.install()
-    assert installed.calls() == ["venv", LOCK, PACKAGES]
+    assert installed.calls() == EVERYTHING
+
+
+def test_two_calls_at_once_wait_for_each_other(clone: Clone) -> None:
+    both = [clone.start(), clone.start()]
+    assert [process.wait(60) for process in both] == [0, 0]
+    assert clone.calls() == EVERYTHING
 
 
 def test_a_moved_clone_is_installed_anew(installed: Clone) -> None:
     installed.root = installed.root.rename(installed.root.with_name("moved"))
     installed.install()
-    assert installed.calls() == ["venv", LOCK, PACKAGES]
+    assert installed.calls() == EVERYTHING
 
 
 def test_another_interpreter_is_installed_anew(installed: Clone) -> None:
     # The venv's own stand-in would follow the version file, so it gets an answer of its own.
     venv_python = installed.root / ".venv" / "bin" / "python"
-    venv_python.write_text(
-        venv_python.read_text().replace('$(cat "' + str(installed.state) + '/version")', "3.11.9")
-    )
+    version = f'$(cat "{installed.state}/version")'
+    venv_python.write_text(venv_python.read_text().replace(version, "3.11.9"))
     installed.install()
-    assert installed.calls() == ["venv", LOCK, PACKAGES]
+    assert installed.calls() == EVERYTHING
 
 
 @pytest.mark.parametrize("version", ["3.10.13", "3.13.0", "2.7.18"])
 def test_an_unsupported_interpreter_is_one_clear_line(clone: Clone, version: str) -> None:
     clone.version(version)
     done = clone.install()
+    needs = "isogal: Isogal needs Python 3.11 or 3.12"
     assert done.returncode == 1
-    assert (
-        done.stderr
-        == f"isogal: Isogal needs Python 3.11 or 3.12; PYTHON={clone.python} is Python {version}\n"
-    )
+    assert done.stderr == f"{needs}; PYTHON={clone.python} is Python {version}\n"
     assert clone.calls() == []
 
 
 def test_a_missing_interpreter_is_one_clear_line(clone: Clone) -> None:
     clone.python = Path("no-such-python")
     done = clone.install()
-    assert (done.returncode, done.stderr) == (
-        1,
-        "isogal: Isogal needs Python 3.11 or 3.12; PYTHON=no-such-python is not found\n",
-    )
+    needs = "isogal: Isogal needs Python 3.11 or 3.12"
+    assert done.returncode == 1
+    assert done.stderr == f"{needs}; PYTHON=no-such-python is not found\n"

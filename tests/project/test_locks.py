@@ -1,0 +1,116 @@
+"""The lock files, and where uv looks for what they name: where pip is configured to look."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def load_uv() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("uv_like_pip", ROOT / ".ci" / "uv.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+uv = load_uv()
+
+
+def test_uv_hears_what_pip_is_told(tmp_path: Path) -> None:
+    (tmp_path / "wheels").mkdir()
+    (tmp_path / "pip.conf").write_text(
+        "[global]\n"
+        "index-url = https://user:word@mirror.example.org/simple\n"
+        "extra-index-url =\n  https://more.example.org/a\n  https://more.example.org/b\n"
+        "[install]\ntrusted-host = more.example.org\n[list]\ntimeout = 5\n"
+    )
+    environment = {
+        "HOME": str(tmp_path),
+        "PIP_CONFIG_FILE": str(tmp_path / "pip.conf"),
+        "PIP_FIND_LINKS": f"{tmp_path}/wheels {tmp_path}/gone file://{tmp_path}/wheels",
+        "PIP_DEFAULT_TIMEOUT": "40",
+        "PIP_NO_CACHE_DIR": "1",
+        "PIP_CERT": "ca.pem",
+    }
+    listing = subprocess.run(
+        [sys.executable, "-m", "pip", "config", "list"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert uv.uv_variables(uv.pip_options(listing.stdout)) == {
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_DEFAULT_INDEX": "https://user:word@mirror.example.org/simple",
+        "UV_INDEX": "https://more.example.org/a https://more.example.org/b",
+        "UV_FIND_LINKS": f"{tmp_path}/wheels,file://{tmp_path}/wheels",
+        "UV_NO_CACHE": "1",
+        "UV_HTTP_TIMEOUT": "40",
+        "UV_INSECURE_HOST": "more.example.org",
+        "SSL_CERT_FILE": "ca.pem",
+    }
+
+
+def test_variables_of_uv_itself_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PIP_INDEX_URL", "https://mirror.example.org/simple")
+    monkeypatch.setenv("PIP_TRUSTED_HOST", "mirror.example.org")
+    monkeypatch.setenv("UV_DEFAULT_INDEX", "https://own.example.org/simple")
+    monkeypatch.delenv("UV_INSECURE_HOST", raising=False)
+    monkeypatch.setattr(uv.os, "environ", uv.os.environ.copy())
+    monkeypatch.setattr(sys, "argv", ["uv.py", "pip", "list"])
+    calls: list[list[str]] = []
+    monkeypatch.setattr(uv.os, "execv", lambda program, words: calls.append([program, *words]))
+    uv.main()
+    program = str(Path(sys.executable).with_name("uv"))
+    assert calls == [[program, program, "pip", "list"]]
+    assert uv.os.environ["UV_DEFAULT_INDEX"] == "https://own.example.org/simple"
+    assert uv.os.environ["UV_INSECURE_HOST"] == "mirror.example.org"
+
+
+def test_uv_is_not_used_where_pip_may_ask_no_index() -> None:
+    with pytest.raises(ValueError, match="no-index"):
+        uv.uv_variables(uv.pip_options("global.no-index='true'\n"))
+
+
+def test_options_of_a_command_override_those_of_all() -> None:
+    listing = ":env:.proxy='c'\nglobal.proxy='a'\nglobal.timeout='9'\ninstall.proxy='b'\n"
+    assert uv.pip_options(listing) == {"proxy": "c", "timeout": "9"}
+    assert uv.pip_options(listing.partition("\n")[2]) == {"proxy": "b", "timeout": "9"}
+
+
+def pins(name: str) -> dict[str, set[str]]:
+    """Package -> its lines in a lock file, one for each environment marker."""
+    found: dict[str, set[str]] = {}
+    for line in (ROOT / name).read_text(encoding="utf-8").splitlines():
+        if re.match(r"[a-z]", line):
+            found.setdefault(line.split("==")[0], set()).add(line)
+    return found
+
+
+def test_the_locks_agree() -> None:
+    run, tools = pins("requirements.lock"), pins("requirements-development.lock")
+    assert {name: tools[name] for name in tools if name in run} == {
+        name: run[name] for name in run if name in tools
+    }
+
+
+def test_every_tool_is_locked_and_none_is_in_the_way_of_a_run() -> None:
+    wanted = (ROOT / "requirements-development.in").read_text(encoding="utf-8").splitlines()
+    direct = {line.split("==")[0].lower() for line in wanted if re.match(r"[A-Za-z]", line)}
+    assert direct <= set(pins("requirements-development.lock"))
+    assert not {"pytest", "ruff", "mypy", "import-linter"} & set(pins("requirements.lock"))
+
+
+def test_the_installer_is_pinned_by_its_hashes() -> None:
+    text = (ROOT / "requirements-installer.lock").read_text(encoding="utf-8")
+    assert list(pins("requirements-installer.lock")) == ["uv"]
+    assert "--hash=sha256:" in text
