@@ -1,4 +1,5 @@
-"""Figures: what they show, how they look in grey, and that they leave no trace."""
+"""Figures: what they show, whether they are legible in grey, and that they change no global
+settings."""
 
 import io
 import subprocess
@@ -12,13 +13,7 @@ import pytest
 from PIL import Image
 
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import (
-    Curve,
-    aided_curve,
-    ensemble_figure,
-    rms_figure,
-    unaided_curve,
-)
+from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
@@ -53,7 +48,7 @@ def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
         "track": track_figure(runs, field_map),
         "errors": error_figure(runs),
         "nees": nees_figure(runs),
-        "variability": variability_figure(runs, field_map, threshold=0.2),
+        "variability": variability_figure(runs, field_map),
         "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
     }
     if runs.detail is not None:
@@ -164,31 +159,29 @@ def test_the_ensemble_shows_the_rms_over_runs(make_runs):
     np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
 
 
-def test_studies_side_by_side(make_runs):
-    curves = [aided_curve(make_runs(seed=seed), f"T = {seed}") for seed in range(8)] + [
-        unaided_curve(make_runs())
+def test_long_labels_fit_into_the_legend():
+    time = np.arange(200.0) * 60.0
+    curves = [
+        Curve(f"a matcher with many settings, sigma = {k}", time, np.full(200, 10.0 + k), line)
+        for k, line in enumerate(style.SERIES)
     ]
-    figure = rms_figure(curves, logarithmic=False, title="both batch lengths")
-    assert len(figure.axes[0].lines) == 9
-    colours = [line.get_color() for line in figure.axes[0].lines]
-    assert colours[-1] not in colours[:-1] and len(set(colours[:5])) == 5
-    assert figure.axes[0].get_ylim()[0] == 0.0
-    long = [
-        Curve(f"a matcher with many settings, sigma = {k}", c.time, c.rms)
-        for k, c in enumerate(curves[:3])
-    ]
-    picture = np.asarray(Image.open(io.BytesIO(style.png(rms_figure(long), dpi=100))).convert("L"))
+    picture = np.asarray(
+        Image.open(io.BytesIO(style.png(rms_figure(curves), dpi=100))).convert("L")
+    )
     assert min(picture[:, 0].min(), picture[:, -1].min()) == 255
-    short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5))])
+
+
+def test_a_short_record_has_its_time_in_minutes():
+    short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5), style.AIDED)])
     assert short.axes[0].get_xlabel().endswith("(min)")
 
 
 def test_errors_and_band_are_those_of_the_record(make_runs):
     runs = make_runs(runs=2)
-    north = error_figure(runs, run=1).axes[0]
+    north = error_figure(runs).axes[0]
     drawn = {line.get_label(): line.get_ydata() for line in north.lines}
-    np.testing.assert_allclose(drawn["aided"], runs.error[1, :, 0])
-    np.testing.assert_allclose(drawn["unaided INS"], runs.unaided_error[1, :, 0])
+    np.testing.assert_allclose(drawn["aided"], runs.error[0, :, 0])
+    np.testing.assert_allclose(drawn["unaided INS"], runs.unaided_error[0, :, 0])
     top = north.collections[0].get_paths()[0].vertices[:, 1].max()
     assert top == pytest.approx(150.0)
 
@@ -212,7 +205,7 @@ def test_nice_limits():
 
 def test_signal_needs_a_detail(make_runs):
     with pytest.raises(ValueError, match="detail"):
-        signal_figure(make_runs(), field())
+        signal_figure(make_runs(), field(), 2e-5)
 
 
 def test_importing_the_reports_does_not_import_matplotlib():

@@ -12,7 +12,9 @@ from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.errors import error_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.records import Runs
 from isogal.evaluation.run_report import run_report
+from isogal.evaluation.summary import summarise
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
 
@@ -49,7 +51,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_pictures():
-    """Pictures of a quarter of the size, for speed; test_figures looks at full ones."""
+    """Pictures of a quarter of the size, for speed; test_figures checks full ones."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "DPI", 40)
         yield
@@ -58,8 +60,13 @@ def coarse_pictures():
 @pytest.fixture(scope="module")
 def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    run_report(make_runs(runs=1, detail=True), Scenario(), field(), bound(), folder)
+    write(make_runs(runs=1, detail=True), folder)
     return folder
+
+
+def write(runs: Runs, folder: Path) -> Path:
+    summary = summarise(runs, Scenario(), bound().rms_at(runs.time - runs.time[0]))
+    return run_report(runs, Scenario(), field(), bound(), folder, summary)
 
 
 def field() -> FieldMap:
@@ -131,7 +138,7 @@ def test_equal_runs_give_equal_reports_whenever_they_started(report_of_a_run, ma
     shift = 2.0**20
     detail = replace(runs.detail, scan_time=runs.detail.scan_time + shift)
     later = replace(runs, time=runs.time + shift, fix_time=runs.fix_time + shift, detail=detail)
-    run_report(later, Scenario(), field(), bound(), tmp_path)
+    write(later, tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in report_of_a_run.iterdir()}
     for file in tmp_path.iterdir():
         assert file.read_bytes() == (report_of_a_run / file.name).read_bytes(), file.name
@@ -169,9 +176,7 @@ def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_pat
         ("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),
     ) * 3
     runs = make_runs(runs=3, fix_reason=reasons)
-    page = Page(
-        run_report(runs, Scenario(), field(), bound(), tmp_path).read_text(encoding="utf-8")
-    )
+    page = Page(write(runs, tmp_path).read_text(encoding="utf-8"))
     assert page.text.count("flat (misfit … per degree)") == 1
     assert "3 runs" in page.text and "66 / 6" in page.text
     assert {p.stem for p in tmp_path.glob("*.png")} == {
@@ -185,8 +190,18 @@ def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_pat
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(None, "–"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1234"), (99.96, "100"), (0.01234, "0.0123"),
-     (1.2e-5, "1.20e-05"), (-61.04, "-61.0"), (3.4e7, "3.40e+07"), (2.0, "2.00")],
-)  # fmt: skip
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (0.0, "0"),
+        (1234.5, "1234"),
+        (99.96, "100"),
+        (0.01234, "0.0123"),
+        (1.2e-5, "1.20e-05"),
+        (-61.04, "-61.0"),
+        (3.4e7, "3.40e+07"),
+        (2.0, "2.00"),
+    ],
+)
 def test_numbers(value, text):
     assert number(value) == text

@@ -9,7 +9,6 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import (
     canonical_json,
     diverged,
-    fix_nees,
     posterior_nees,
     summarise,
     write_json,
@@ -81,11 +80,10 @@ def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
     runs = make_runs(runs=4)
     error = runs.error.copy()
     error[1, -31:] = [1900.0, 1000.0]  # 2147 m over the last 30 min
-    error[2, :-31] = 5000.0  # lost, but found again in time
+    error[2, :-31] = 5000.0  # far off, but recovered before the last 30 min
     error[3, -5:] = np.nan
     runs = replace(runs, error=error)
     np.testing.assert_array_equal(diverged(runs), [False, True, False, True])
-    np.testing.assert_array_equal(diverged(runs, limit=2200.0), [False, False, False, True])
     assert summarise(runs, Scenario(), np.ones(121))["diverged"] == 2
 
 
@@ -108,10 +106,9 @@ def test_nees_is_that_of_the_navigator_after_published_fixes(make_runs):
     assert kept["nees_per_axis"]["mean"] < 1.1
     assert kept["fixes"] == {"published": 200 * 23, "declined": 200}
     assert np.isnan(posterior_nees(with_declined(runs, 5))[:, 5]).all()
-    assert np.nanmean(fix_nees(runs)) == pytest.approx(1.0, abs=0.1)
 
 
-def test_what_is_not_there_is_null(make_runs):
+def test_figures_that_do_not_exist_are_null(make_runs):
     runs = make_runs(runs=1, states=10, batches=0)
     result = summarise(runs, Scenario(), np.full(10, np.nan))
     assert result["position_error"]["mean_after_1h"] is None
@@ -121,7 +118,7 @@ def test_what_is_not_there_is_null(make_runs):
     assert "NaN" not in canonical_json(result)
 
 
-def test_senseless_arguments_are_refused(make_runs):
+def test_a_bound_of_another_shape_and_no_runs_are_refused(make_runs):
     with pytest.raises(ValueError, match="bound_rms"):
         summarise(make_runs(), Scenario(), np.ones(3))
     with pytest.raises(ValueError, match="no runs"):

@@ -1,11 +1,12 @@
-"""Reports: one self-contained HTML page with its figures inside, and the same figures as PNG files
-beside it."""
+"""HTML reports: one page with its figures embedded, and the same figures as PNG files beside
+it."""
 
 import base64
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,12 +97,17 @@ def write_report(
     sections : sequence of Section
         The body.
     tables : sequence of Table
-        Stand between title and first section.
+        Between title and first section.
 
     Returns
     -------
     Path
         Of the page.
+
+    Raises
+    ------
+    ValueError
+        Where two figures have the same name.
     """
     from jinja2 import Environment, StrictUndefined
 
@@ -109,26 +115,11 @@ def write_report(
     names = [picture.name for section in sections for picture in section.illustrations]
     if len(set(names)) != len(names):
         raise ValueError(f"two figures of a report have the same name: {sorted(names)}")
-    count = 0
-    pages: list[dict[str, Any]] = []
+    numbers = count(1)
+    bodies = []
     for section in sections:
-        pictures = []
-        for illustration in section.illustrations:
-            count += 1
-            data = style.png(illustration.figure)
-            write_atomic(folder / f"{illustration.name}.png", data, make_folder=True)
-            text = base64.b64encode(data).decode("ascii")
-            pictures.append({"data": text, "caption": illustration.caption, "number": count})
-        pages.append(
-            {
-                "heading": section.heading,
-                "paragraphs": section.paragraphs,
-                "pictures": pictures,
-                "tables": section.tables,
-                "listing": section.listing,
-                "listing_title": section.listing_title,
-            }
-        )
+        pictures = [_picture(picture, folder, numbers) for picture in section.illustrations]
+        bodies.append({"section": section, "pictures": pictures})
     in_order = [*tables, *(table for section in sections for table in section.tables)]
     page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False).from_string(
         PAGE
@@ -137,10 +128,21 @@ def write_report(
         title=title,
         subtitle=subtitle,
         tables=tables,
-        sections=pages,
+        bodies=bodies,
         numbers={table: index for index, table in enumerate(in_order, start=1)},
         footer=f"Isogal {isogal.__version__}. An isogal is a line of equal gravity.",
     )
     path = folder / "report.html"
     write_atomic(path, html, make_folder=True)
     return path
+
+
+def _picture(illustration: Illustration, folder: Path, numbers: Iterator[int]) -> dict[str, Any]:
+    """Write the PNG file of a figure; return what the page needs of it."""
+    data = style.png(illustration.figure)
+    write_atomic(folder / f"{illustration.name}.png", data, make_folder=True)
+    return {
+        "data": base64.b64encode(data).decode("ascii"),
+        "caption": illustration.caption,
+        "number": next(numbers),
+    }

@@ -1,5 +1,5 @@
-"""The report of `isogal run` and of `isogal montecarlo`: what a record of runs shows, drawn and
-tabulated."""
+"""The report of `isogal run` and of `isogal montecarlo`: figures and tables of a record of
+runs."""
 
 import math
 import re
@@ -16,7 +16,6 @@ from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
 from isogal.scenario import Scenario
@@ -32,15 +31,14 @@ def run_report(
     field_map: "AnyMap",
     bound: BoundResult,
     out_dir: str | Path,
-    summary: dict[str, Any] | None = None,
+    summary: dict[str, Any],
 ) -> Path:
     """Write `report.html` and its PNG figures for one run or many.
 
     Parameters
     ----------
     runs : Runs
-        One run is shown in detail; of many, the ensemble and, where it has a detail, the first
-        run.
+        One run is shown in detail; of many, the ensemble and the first run.
     scenario : Scenario
         What they were runs of.
     field_map : FieldMap or ChannelMap
@@ -49,8 +47,8 @@ def run_report(
         `posterior_cramer_rao` of the scenario.
     out_dir : path
         Folder to write into.
-    summary : dict, optional
-        `summarise` of the runs, where it is there already.
+    summary : dict
+        `summarise` of the runs.
 
     Returns
     -------
@@ -58,28 +56,13 @@ def run_report(
         Of the page.
     """
     bound_rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
-    summary = summary or summarise(runs, scenario, bound_rms)
     many = len(runs) > 1
     sections = [
         _accuracy(runs, bound_rms, many),
         *_single(runs, scenario, channels_of(field_map)[0], many),
-        _batches(runs, many),
+        _declined(runs) if many else _batches(runs),
+        _scenario(scenario, field_map),
     ]
-    channels = len(channels_of(field_map))
-    first = (
-        f", the first of {channels} that are matched; figures show it alone"
-        if channels > 1
-        else ""
-    )
-    listing = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
-    sections.append(
-        Section(
-            "Scenario",
-            [f"Map: {field_map.provenance or field_map.quantity}{first}."],
-            listing=listing,
-            listing_title="All settings",
-        )
-    )
     what = f"{len(runs)} runs" if many else "Run"
     subtitle = (
         f"Matcher {scenario.matcher.name}, batches of {scenario.matcher.batch_length} scans, "
@@ -89,6 +72,23 @@ def run_report(
     sigma = f"{reading_sigma(scenario):g}".replace("e-0", "e-")
     title = f"{what}: {scenario.measured_field} matching, sigma {sigma} {field_map.unit}"
     return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
+
+
+def _scenario(scenario: Scenario, field_map: "AnyMap") -> Section:
+    channels = len(channels_of(field_map))
+    first = (
+        f", the first of {channels} that are matched; figures show it alone"
+        if channels > 1
+        else ""
+    )
+    return Section(
+        "Scenario",
+        [f"Map: {field_map.provenance or field_map.quantity}{first}."],
+        listing=yaml.safe_dump(
+            scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True
+        ),
+        listing_title="All settings",
+    )
 
 
 def _key_figures(summary: dict[str, Any]) -> Table:
@@ -189,9 +189,7 @@ def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -
     return sections
 
 
-def _batches(runs: Runs, many: bool) -> Section:
-    if many:
-        return _declined(runs)
+def _batches(runs: Runs) -> Section:
     rows = []
     for batch, time in enumerate(runs.fix_time):
         reason = runs.fix_reason[0][batch]
@@ -209,8 +207,14 @@ def _batches(runs: Runs, many: bool) -> Section:
             )
         )
     header = (
-        *("time (min)", "fix error (m)", "sigma north (m)", "sigma east (m)"),
-        *("navigator after it (m)", "computed in (ms)", "feature variability", "outcome"),
+        "time (min)",
+        "fix error (m)",
+        "sigma north (m)",
+        "sigma east (m)",
+        "navigator after it (m)",
+        "computed in (ms)",
+        "feature variability",
+        "outcome",
     )
     return Section("Fixes", tables=[Table("Every batch of the run.", header, rows, folded=True)])
 
@@ -227,9 +231,8 @@ def _declined(runs: Runs) -> Section:
     for reasons in runs.fix_reason:
         for reason in reasons:
             if reason is not None:
-                kind = re.sub(
-                    r"\d[\d.]*(e[-+]?\d+)?", "…", reason
-                )  # figures differ from batch to batch
+                # without its figures, which differ from batch to batch
+                kind = re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)
                 counts[kind] = counts.get(kind, 0) + 1
     if not counts:
         return Section("Fixes", ["Every batch of every run gave a fix."])

@@ -14,12 +14,12 @@ from isogal.files import write_atomic
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
-"""m; a run whose mean error over its last stretch is above this has diverged (about twice the
-unaided INS there)."""
+"""m; a run whose mean error over its last part is above this has diverged (about twice that of the
+unaided INS there; docs/mathematics.md, section 11.4)."""
 DIVERGENCE_WINDOW = 1800.0
-"""s, length of that last stretch."""
+"""s, length of that last part."""
 SETTLED_AFTER = 3600.0
-"""s; figures "after 1 h" leave out what lies before."""
+"""s; figures "after 1 h" are of the time after this."""
 OVER_TIME_STEP = 60.0
 """s between the entries of rms_over_time."""
 
@@ -30,10 +30,8 @@ def summarise(
     bound_rms: Array,
     *,
     wall_seconds: float = math.nan,
-    divergence_limit: float = DIVERGENCE_LIMIT,
-    divergence_window: float = DIVERGENCE_WINDOW,
 ) -> dict[str, Any]:
-    """Figures of merit of the runs, plain JSON numbers (null where there is none).
+    """Figures of merit of the runs, plain JSON numbers (None where there is none).
 
     Parameters
     ----------
@@ -42,37 +40,36 @@ def summarise(
     scenario : Scenario
         What they were runs of.
     bound_rms : (K,) array
-        m, square root of the trace of the posterior Cramér–Rao bound at `runs.time`; NaN where not
-        known.
+        m, RMS bound at `runs.time` (`BoundResult.rms_at`); NaN where not known.
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
-    divergence_limit, divergence_window : float
-        See `diverged`.
 
     Returns
     -------
     dict
         Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m:
         mean and RMS over time and runs, both also after the first hour), `unaided`, `bound`,
-        `nees_per_axis` (navigator right after the published fixes; the interval is the chi-square
-        one for as many independent values as the fixes are worth), `fixes`, `time`,
-        `rms_over_time`.
+        `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
+        many independent values as they are worth; docs/mathematics.md, section 11.3), `fixes`,
+        `time`, `rms_over_time`.
+
+    Raises
+    ------
+    ValueError
+        Without runs, or where `bound_rms` has another shape than `runs.time`.
     """
     if len(runs) == 0:
         raise ValueError("no runs to summarise")
     if bound_rms.shape != runs.time.shape:
         raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
-    settled = runs.elapsed > SETTLED_AFTER
-    published = runs.published
+    settled, published = runs.elapsed > SETTLED_AFTER, runs.published
     nees = mean_nees(posterior_nees(runs))
-    step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
-    entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
     result = {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
         "runs": len(runs),
-        "diverged": int(diverged(runs, divergence_limit, divergence_window).sum()),
+        "diverged": int(diverged(runs).sum()),
         "position_error": {
             "mean": _mean(aided),
             "rms": _rms(aided),
@@ -84,23 +81,28 @@ def summarise(
         "nees_per_axis": {"mean": nees.mean, "interval": list(nees.interval)},
         "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
-        "rms_over_time": {
-            "time": runs.elapsed[entries],
-            "aided": np.sqrt(np.mean(aided[:, entries] ** 2, axis=0)),
-            "unaided": np.sqrt(np.mean(unaided[:, entries] ** 2, axis=0)),
-            "bound": bound_rms[entries],
-        },
+        "rms_over_time": _rms_over_time(runs, bound_rms),
     }
     return cast(dict[str, Any], plain(result))
 
 
-def diverged(
-    runs: Runs, limit: float = DIVERGENCE_LIMIT, window: float = DIVERGENCE_WINDOW
-) -> Booleans:
-    """(R,) whether the mean horizontal error over the last `window` seconds is above `limit`
-    metres, or not finite."""
-    last = runs.time >= runs.time[-1] - window
-    return cast(Booleans, ~(runs.horizontal_error[:, last].mean(axis=1) <= limit))
+def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:
+    step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
+    entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
+    aided, unaided = runs.horizontal_error[:, entries], runs.unaided_horizontal_error[:, entries]
+    return {
+        "time": runs.elapsed[entries],
+        "aided": np.sqrt(np.mean(aided**2, axis=0)),
+        "unaided": np.sqrt(np.mean(unaided**2, axis=0)),
+        "bound": bound_rms[entries],
+    }
+
+
+def diverged(runs: Runs) -> Booleans:
+    """(R,) whether the mean horizontal error over the last `DIVERGENCE_WINDOW` is above
+    `DIVERGENCE_LIMIT`, or not finite."""
+    last = runs.time >= runs.time[-1] - DIVERGENCE_WINDOW
+    return cast(Booleans, ~(runs.horizontal_error[:, last].mean(axis=1) <= DIVERGENCE_LIMIT))
 
 
 def posterior_nees(runs: Runs) -> Array:
@@ -111,14 +113,8 @@ def posterior_nees(runs: Runs) -> Array:
     )
 
 
-def fix_nees(runs: Runs) -> Array:
-    """(R, B) NEES per axis of the fixes themselves, by their own covariance; NaN where a batch
-    gave none."""
-    return np.where(runs.published, nees_per_axis(runs.fix_error, runs.fix_covariance), np.nan)
-
-
 def plain(value: Any) -> Any:
-    """Reduce arrays, NumPy scalars and tuples to what JSON knows; a number that is not finite
+    """Convert arrays, NumPy scalars and tuples to the types of JSON; a number that is not finite
     becomes None."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}

@@ -1,6 +1,14 @@
-"""Figures, drawn as for a journal: SI units on the axes, readable for the colour-blind and in
-grey.
+"""Figures in a journal's style: units on the axes, legible with any colour vision and in grey.
 
 Each function takes records or arrays and returns a matplotlib Figure that belongs to no window and
-to no global state; `isogal.evaluation.figures.style.png` turns it into bytes. Importing these
-modules does not import matplotlib."""
+to no global state; `style.png` turns it into bytes. Importing these modules does not import
+matplotlib.
+
+========  ==================================================================================
+style     Palette, line styles, sizes, axes of time and of map values, legends
+ensemble  RMS errors of many runs over time, aided and unaided, with the bound
+errors    North and east errors of one run with the filter's 3-sigma band; NEES after fixes
+signal    Readings against the map; map feature variability along the track
+track     The track on the map, with close-ups of single batches
+========  ==================================================================================
+"""

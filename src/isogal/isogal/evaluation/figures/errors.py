@@ -1,4 +1,4 @@
-"""Errors of one run over time, and whether the navigator knew them."""
+"""Errors of a navigator over time, and whether its covariance agrees with them."""
 
 from typing import TYPE_CHECKING
 
@@ -15,16 +15,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+CONFIDENCE = 0.95
+"""Of the interval of the NEES."""
+
+
 @style.journal
-def error_figure(runs: Runs, run: int = 0) -> "Figure":
-    """North and east error of one run with its 3-sigma band and the fixes; left against the
+def error_figure(runs: Runs) -> "Figure":
+    """North and east error of the first run with its 3-sigma band and the fixes; left against the
     unaided INS, right enlarged."""
     figure = style.new_figure(4.6)
     axes = figure.subplots(2, 2, sharex=True)
     time = style.hours(runs.elapsed)
     fix_time = style.hours(runs.fix_time - runs.time[0])
-    deviation = 3.0 * np.sqrt(np.diagonal(runs.covariance[run], axis1=1, axis2=2))
-    close = _enlarged_limit(runs.error[run], deviation, runs.elapsed)
+    deviation = 3.0 * np.sqrt(np.diagonal(runs.covariance[0], axis1=1, axis2=2))
+    close = _enlarged_limit(runs.error[0], deviation, runs.elapsed)
     for axis, name in enumerate(("North", "East")):
         for column in range(2):
             panel = axes[axis, column]
@@ -38,13 +42,13 @@ def error_figure(runs: Runs, run: int = 0) -> "Figure":
             )
             panel.plot(
                 time,
-                runs.unaided_error[run, :, axis],
+                runs.unaided_error[0, :, axis],
                 **style.UNAIDED.options(),
                 label="unaided INS",
             )
-            panel.plot(time, runs.error[run, :, axis], **style.AIDED.options(), label="aided")
+            panel.plot(time, runs.error[0, :, axis], **style.AIDED.options(), label="aided")
             if column == 1:
-                _fix_marks(panel, fix_time, runs, run, axis)
+                _fix_marks(panel, fix_time, runs, axis)
                 panel.set_ylim(-close, close)
         axes[axis, 0].set_ylabel(f"{name} error (m)")
     axes[0, 0].set_title("against the unaided INS", loc="left")
@@ -55,9 +59,9 @@ def error_figure(runs: Runs, run: int = 0) -> "Figure":
     return figure
 
 
-def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, run: int, axis: int) -> None:
-    error = runs.fix_error[run, :, axis]
-    sigma = np.sqrt(runs.fix_covariance[run, :, axis, axis])
+def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, axis: int) -> None:
+    error = runs.fix_error[0, :, axis]
+    sigma = np.sqrt(runs.fix_covariance[0, :, axis, axis])
     panel.errorbar(
         *(fix_time, error, sigma),
         fmt="o",
@@ -71,17 +75,17 @@ def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, run: int, axis: int) 
 
 
 def _enlarged_limit(error: Array, deviation: Array, elapsed: Array) -> float:
-    """Half height of the enlarged panels: what band and error reach in the second half, once the
-    aiding has settled."""
+    """Half height (m) of the enlarged panels: what band and error reach in the second half of the
+    run, when the aiding has settled."""
     settled = elapsed >= 0.5 * elapsed[-1]
     reach = np.maximum(np.abs(error), deviation)[settled]
     return style.nice_limit(1.2 * float(np.nanpercentile(reach, 99.0)))
 
 
 @style.journal
-def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
-    """NEES per axis right after each published fix: of the one run, or averaged over runs, with
-    its chi-square interval."""
+def nees_figure(runs: Runs) -> "Figure":
+    """NEES per axis right after each published fix (docs/mathematics.md, section 11.3): of the one
+    run, or averaged over runs, with its chi-square interval."""
     figure = style.new_figure(2.7)
     panel = figure.subplots()
     time = style.hours(runs.fix_time - runs.time[0])
@@ -91,8 +95,8 @@ def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
     total = np.where(np.isnan(values), 0.0, values).sum(axis=0)
     mean = np.divide(total, counts, out=np.full(counts.shape, np.nan), where=known)
     if known.any():
-        band = np.array([chi_square_interval(float(n), 2, confidence) for n in counts[known]])
-        label = f"{confidence:.0%} of consistent navigators"
+        band = np.array([chi_square_interval(float(n), 2, CONFIDENCE) for n in counts[known]])
+        label = f"{CONFIDENCE:.0%} of consistent navigators"
         panel.fill_between(
             time[known],
             band[:, 0],
@@ -105,11 +109,11 @@ def nees_figure(runs: Runs, confidence: float = 0.95) -> "Figure":
     who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
     panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
     panel.axhline(1.0, **style.BOUND.options(), label="1: right")
-    overall = mean_nees(values, confidence=confidence)
+    overall = mean_nees(values, confidence=CONFIDENCE)
     if np.isfinite(overall.mean):
         low, high = overall.interval
         panel.set_title(
-            f"mean {overall.mean:.2f}; {confidence:.0%} interval {low:.2f} to {high:.2f}",
+            f"mean {overall.mean:.2f}; {CONFIDENCE:.0%} interval {low:.2f} to {high:.2f}",
             loc="left",
         )
     style.logarithmic(panel)

@@ -1,11 +1,11 @@
-"""What the sensor read along the track, and how much the map has to say there."""
+"""Readings along the track, and how much the map varies there."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isogal.evaluation.figures import style
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import Runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @style.journal
-def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None) -> "Figure":
+def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float) -> "Figure":
     """Measured values against the map's at the true and at the navigated position, and their
     differences below.
 
@@ -24,10 +24,12 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
         With a detail.
     field_map : FieldMap
         Gives unit and name of the field.
-    sigma : float, optional
+    sigma : float
         1-sigma of a reading's white noise, drawn as a band.
     """
-    detail = _detail(runs)
+    detail = runs.detail
+    if detail is None:
+        raise ValueError("this figure needs a record with detail (a single run)")
     scale = style.field_scale(field_map)
     figure = style.new_figure(4.2)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -44,16 +46,15 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
     )
     top.set_ylabel(scale.two_lines)
 
-    if sigma is not None:
-        band = 3.0 * sigma / scale.unit
-        bottom.axhspan(
-            -band,
-            band,
-            color=style.SKY,
-            alpha=0.35,
-            linewidth=0,
-            label=r"$\pm3\sigma$ of the noise",
-        )
+    band = 3.0 * sigma / scale.unit
+    bottom.axhspan(
+        -band,
+        band,
+        color=style.SKY,
+        alpha=0.35,
+        linewidth=0,
+        label=r"$\pm3\sigma$ of the noise",
+    )
     difference = (detail.reading - detail.map_value) / scale.unit
     bottom.plot(
         time,
@@ -76,23 +77,9 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float | None = None)
 
 
 @style.journal
-def variability_figure(
-    runs: Runs, field_map: "FieldMap", run: int = 0, threshold: float | None = None
-) -> "Figure":
-    """Noiseless signal and map feature variability along the true track (paper fig-60), with the
-    batches that gave no fix.
-
-    Parameters
-    ----------
-    runs : Runs
-        Gives track and batches.
-    field_map : FieldMap
-        The field.
-    run : int
-        Whose batches.
-    threshold : float, optional
-        Variability, in units of its mean over the track, below which the aiding stops.
-    """
+def variability_figure(runs: Runs, field_map: "FieldMap") -> "Figure":
+    """Noiseless signal and map feature variability along the true track (paper fig-60;
+    docs/mathematics.md, section 12.5), with the batches of the first run that gave no fix."""
     from isogal.maps.variability import feature_variability
 
     scale = style.field_scale(field_map)
@@ -113,9 +100,7 @@ def variability_figure(
     )
     if known.size and known.min() > 0.0:
         style.logarithmic(bottom)  # it ranges over decades, and what matters is where it is small
-    if threshold is not None:
-        bottom.axhline(threshold, **style.BOUND.options(), label="aiding stops below")
-    declined = style.hours(runs.fix_time[~runs.published[run]] - runs.time[0])
+    declined = style.hours(runs.fix_time[~runs.published[0]] - runs.time[0])
     if declined.size:
         bottom.plot(
             *(declined, np.full(declined.size, 0.03), "x"),
@@ -128,9 +113,3 @@ def variability_figure(
     style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
     style.legend_below(figure)
     return figure
-
-
-def _detail(runs: Runs) -> RunDetail:
-    if runs.detail is None:
-        raise ValueError("this figure needs a record with detail (a single run)")
-    return runs.detail

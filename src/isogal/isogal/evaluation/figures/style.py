@@ -1,11 +1,10 @@
-"""The look all figures share: palette, line styles, sizes, axes of time and of map values."""
+"""What all figures share: palette, line styles, sizes, axes of time and of map values."""
 
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from itertools import cycle
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -27,10 +26,10 @@ DPI = 150
 MGAL = 1e-5
 """m/s²."""
 
-# Okabe and Ito, "Color universal design", 2008: eight colours that people with any colour vision
-# tell apart.
+# Of the eight of Okabe and Ito, "Color universal design", 2008, which can be told apart with any
+# colour vision.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 
 FIELD_COLOURS = "cividis"
 """Colour map of fields: even in lightness, the same to all colour vision, rising grey in print."""
@@ -57,25 +56,14 @@ SERIES = (
     Line(BLUE, "-", 1.5),
     Line(VERMILION, (0, (5, 2))),
     Line(GREEN, (0, (5, 1.5, 1, 1.5))),
-    Line(PURPLE, (0, (2.5, 1.2))),
-    Line(ORANGE, (0, (8, 2))),
-    Line(SKY, (0, (5, 1.5, 1, 1.5, 1, 1.5))),
 )
-"""Lines for curves that stand side by side, in order."""
-
-
-def series(taken: Iterable[Line | None] = ()) -> Iterator[Line]:
-    """Return lines for further curves beside those taken, without end; colours come again only
-    when all are used."""
-    used = {line.colour for line in taken if line is not None}
-    return cycle([line for line in SERIES if line.colour not in used] or SERIES)
+"""Lines for curves side by side, in order."""
 
 
 _JOURNAL: dict[str, Any] = {
     "font.family": "sans-serif",
-    "font.sans-serif": [
-        "DejaVu Sans"
-    ],  # comes with matplotlib, so a figure looks the same everywhere
+    # comes with matplotlib, so a figure looks the same on every machine
+    "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.labelsize": 8.5,
@@ -145,9 +133,9 @@ def hours(seconds: Array) -> Array:
     return seconds / 3600.0
 
 
-def time_axis(axes: "Axes", end: float, label: bool = True) -> None:
-    """Label a time axis in hours or, for records under 20 minutes, minutes; the data are in hours.
-    `end` in hours."""
+def time_axis(axes: "Axes", end: float) -> None:
+    """Label a time axis of data in hours, which ends at `end` hours; records under 20 minutes get
+    a scale in minutes."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
     axes.set_xlim(0.0, end)
@@ -158,8 +146,7 @@ def time_axis(axes: "Axes", end: float, label: bool = True) -> None:
     else:
         axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
         unit = "h"
-    if label:
-        axes.set_xlabel(f"time since start ({unit})")
+    axes.set_xlabel(f"time since start ({unit})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +173,7 @@ class FieldScale:
 
 
 _MEDIAN_OF = 500
-"""Rows and columns that the middle of a map's values is taken from."""
+"""Rows and columns, about, that the median of a map's values is taken from."""
 _NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity disturbance"}
 
 
@@ -199,9 +186,8 @@ def field_scale(field_map: "FieldMap") -> FieldScale:
     if field_map.unit != "m/s²":
         return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
     rows, columns = (1 + size // _MEDIAN_OF for size in field_map.values.shape)
-    some = field_map.thinned(
-        rows, columns
-    ).values  # a large map is not read, nor copied, for a round number
+    # thinned: a large map is neither read nor copied as a whole for a round number
+    some = field_map.thinned(rows, columns).values
     middle = float(np.nanmedian(some if np.isfinite(some).any() else field_map.values))
     if abs(middle) < 0.1:
         return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
@@ -220,11 +206,10 @@ def logarithmic(axis: "Axes") -> None:
 
 
 def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" = None) -> None:
-    """Put one legend for all panels under a figure or subfigure, where it hides nothing; a shared
-    label comes once.
+    """Put one legend for all panels under a figure or subfigure, where it hides nothing.
 
-    It has as many columns as fit, up to `columns`.
-    """
+    A label that panels share is listed once; there are as many columns as fit, up to
+    `columns`."""
     entries: dict[str, Any] = {}
     for panel in panels or figure.axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
