@@ -1,1 +1,20 @@
-"""Map matching: batches of readings against a map give fixes."""
+"""Map matching: batches of readings in, position fixes out.
+
+    interfaces             what a matcher is given and what it gives back
+    registry               matchers by name (entry points `isogal.matchers`)
+    batching               from scans, one by one, to batches
+    channels               batches of readings that are several numbers each
+    usability              whether a batch can be used at all
+    monitoring             what watches a matcher, and what it may ask of it
+    information            from a posterior back to what the measurements alone said
+    local_plane            north and east metres about a place
+    matrices               symmetric matrices: positive part, square root
+    quasi_random           Sobol points, uniform and normal
+    chi_square             survival function of the chi-square distribution
+
+Matchers:
+
+    pmht                   the default
+    paper                  `pmht-paper`, the published algorithm to the letter
+    baselines              tercom, iccp, sitan, particle, point-mass, viterbi
+"""

@@ -1,1 +1,35 @@
-"""To be written."""
+"""The default matcher: probabilistic multi-hypothesis matching with an exact batch likelihood.
+
+The way of a batch, one stage a file (docs/mathematics.md gives the mathematics by section):
+
+    matcher                the six stages in order; what monitors may ask
+    prepare                1  prior, noise model, sensor bias and likelihood of the batch
+    outliers               2  readings that cannot be right, before and after the place is known
+    update                 3  posterior; uneven map error; does the batch agree with the map?
+    learn                  4  what the batch says about the map error
+    assess                 5  fix, ambiguity, bias, lost navigator or larger noise
+    publish                6  the fix and what is remembered
+    state                  what the stages hand on, and `rematch`: matching under other assumptions
+    memory                 what is carried from batch to batch
+    settings, constants    what a user may change; what he should not have to
+
+What the stages use:
+
+    likelihood             log-likelihood of a batch given the navigator's error
+    likelihood_kernels     its compiled loops
+    noise_model            residual covariance: sensor, correlated map error, bias
+    map_error              sigma and correlation length of the map error, learnt
+    sensor_bias            bias and drift of the readings, learnt
+    attitude               the attitude error that goes with position and velocity
+    hypotheses             update of several hypotheses
+    importance_sampling    posterior of one of them by tempered importance sampling
+    acquisition            search on a grid for a very uncertain navigator
+    gaussian_mixture       sums of Gaussians
+    clustering             from samples to Gaussians
+    contours               candidates on iso-value contours, for display
+
+What watches the matcher from outside (`isogal.matching.monitoring`):
+
+    lost_navigator         finds a navigator that is lost without knowing it
+    robust                 fixes of recorded tracks that do not rest on the noise model alone
+"""
