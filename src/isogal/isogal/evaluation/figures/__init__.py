@@ -10,5 +10,6 @@ ensemble  RMS errors of many runs over time, aided and unaided, with the bound
 errors    North and east errors of one run with the filter's 3-sigma band; NEES after fixes
 signal    Readings against the map; map feature variability along the track
 track     The track on the map, with close-ups of single batches
+close_up  One batch end on the map: candidates, fix and navigator
 ========  ==================================================================================
 """

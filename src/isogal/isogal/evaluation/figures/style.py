@@ -94,6 +94,15 @@ _JOURNAL: dict[str, Any] = {
 }
 
 
+LABEL_BOX = {
+    "boxstyle": "round,pad=0.15",
+    "facecolor": "white",
+    "edgecolor": "none",
+    "alpha": 0.85,
+}
+"""Of text on a map."""
+
+
 def journal(draw: Callable[P, T]) -> Callable[P, T]:
     """Run a drawing function with the journal's settings; the caller's matplotlib settings are
     untouched."""

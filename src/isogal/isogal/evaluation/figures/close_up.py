@@ -1,0 +1,192 @@
+"""One batch end on the map: candidates, fix and navigator, in kilometres from the truth."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.figures import style
+from isogal.evaluation.records import Runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from isogal.maps.field_map import FieldMap
+
+
+_LATTICE = 90
+"""Points along each side of the picture of the map."""
+_AROUND = 600.0
+"""s of the tracks before and after the batch end."""
+_FIX = style.Line("black", (0, (3, 1.5)), 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchEnd:
+    """The end of a batch of the first run, and where the vehicle truly is then."""
+
+    runs: Runs
+    batch: int
+    time: float
+    """s."""
+    latitude: float
+    """rad."""
+    longitude: float
+    """rad, unwrapped like the route's."""
+    metres: Array
+    """(2,) metres per radian of latitude and longitude."""
+
+    @classmethod
+    def of(cls, runs: Runs, batch: int) -> "BatchEnd":
+        """Interpolate the true place."""
+        time = float(runs.fix_time[batch])
+        latitude = float(np.interp(time, runs.time, runs.latitude))
+        longitude = float(np.interp(time, runs.time, np.unwrap(runs.longitude)))
+        metres = np.array([float(m) for m in metres_per_radian(latitude)])
+        return cls(runs, batch, time, latitude, longitude, metres)
+
+    @property
+    def published(self) -> bool:
+        """Whether the batch gave a fix."""
+        return self.runs.fix_reason[0][self.batch] is None
+
+    def candidates(self) -> tuple[Array, Array]:
+        """Return (N, 2) m north and east of the truth and (N,) weights of the batch's candidates.
+
+        Those of the last scan alone where the matcher gives them for it: they belong to the place
+        that the close-up shows."""
+        detail = self.runs.detail
+        if detail is None:
+            return np.empty((0, 2)), np.empty(0)
+        mine = detail.candidate_batch == self.batch
+        last = mine & (detail.candidate_scan == detail.candidate_scan.max(initial=-1))
+        mine = last if last.any() else mine
+        offset = np.stack(
+            [
+                detail.candidate_latitude[mine] - self.latitude,
+                detail.candidate_longitude[mine] - self.longitude,
+            ],
+            axis=1,
+        )
+        offset[:, 1] = np.remainder(offset[:, 1] + math.pi, 2.0 * math.pi) - math.pi
+        return offset * self.metres, detail.candidate_weight[mine]
+
+    def track(self, error: Array | float) -> tuple[Array, Array]:
+        """Return the true track about the batch end plus an error (K, 2), m north and east of the
+        truth at the batch end."""
+        runs = self.runs
+        near = np.abs(runs.time - self.time) <= _AROUND
+        moved = np.broadcast_to(error, (runs.time.size, 2))[near]
+        north = (runs.latitude[near] - self.latitude) * self.metres[0] + moved[:, 0]
+        east = (np.unwrap(runs.longitude)[near] - self.longitude) * self.metres[1] + moved[:, 1]
+        return north, east
+
+
+def close_up(panel: "Axes", end: BatchEnd, field_map: "FieldMap", letter: str) -> None:
+    """Draw one batch end."""
+    runs, batch = end.runs, end.batch
+    candidates, weights = end.candidates()
+    half = _half_width(end, candidates)
+    _background(panel, end, field_map, half)
+    if candidates.size:
+        panel.scatter(
+            candidates[:, 1] / 1e3,
+            candidates[:, 0] / 1e3,
+            s=4.0 + 26.0 * weights / max(float(weights.max()), 1e-300),
+            marker="+",
+            color=style.BLUE,
+            linewidths=0.8,
+            label="candidates",
+        )
+    for error, line in (
+        (0.0, style.TRUTH),
+        (runs.unaided_error[0], style.UNAIDED),
+        (runs.error[0], style.Line(style.AIDED.colour, "-", 0.8)),
+    ):
+        north, east = end.track(error)
+        panel.plot(east / 1e3, north / 1e3, **line.options())
+    error, covariance = runs.posterior_error[0, batch], runs.posterior_covariance[0, batch]
+    _ellipse(panel, error, covariance, style.AIDED, r"navigator, $3\sigma$")
+    if end.published:
+        error, covariance = runs.fix_error[0, batch], runs.fix_covariance[0, batch]
+        _ellipse(panel, error, covariance, _FIX, r"fix, $3\sigma$")
+        panel.plot(
+            *(error[1] / 1e3, error[0] / 1e3, "o"),
+            color=style.SKY,
+            markeredgecolor="black",
+            markeredgewidth=0.5,
+            markersize=3.5,
+        )
+    panel.plot(0.0, 0.0, "x", color="black", markersize=5, label="truth (batch end)")
+    panel.set_xlim(-half / 1e3, half / 1e3)
+    panel.set_ylim(-half / 1e3, half / 1e3)
+    panel.set_aspect("equal")
+    panel.grid(False)
+    status = "" if end.published else ", no fix"
+    panel.set_title(f"{letter}  {(end.time - runs.time[0]) / 60:.0f} min{status}", loc="left")
+    panel.set_xlabel("east (km)")
+
+
+def image_edges(nodes: Array) -> tuple[float, float]:
+    """Outer edges of the cells about regular nodes, for the picture of a map."""
+    half = 0.5 * float(nodes[1] - nodes[0])
+    return float(nodes[0]) - half, float(nodes[-1]) + half
+
+
+def _background(panel: "Axes", end: BatchEnd, field_map: "FieldMap", half: float) -> None:
+    """Draw the map within `half` metres, and its contours."""
+    lattice = np.linspace(-half, half, _LATTICE)
+    north, east = np.meshgrid(lattice, lattice, indexing="ij")
+    values = style.field_scale(field_map)(
+        field_map.value(end.latitude + north / end.metres[0], end.longitude + east / end.metres[1])
+    )
+    edges = image_edges(lattice / 1e3)
+    panel.imshow(
+        values,
+        extent=(*edges, *edges),
+        origin="lower",
+        cmap=style.FIELD_COLOURS,
+        interpolation="bilinear",
+        alpha=0.55,
+    )
+    if np.isfinite(values).sum() > 4:
+        panel.contour(
+            lattice / 1e3, lattice / 1e3, values, levels=10, colors="0.45", linewidths=0.4
+        )
+
+
+def _half_width(end: BatchEnd, candidates: Array) -> float:
+    """Distance (m) from the centre to the edge, so that the 3-sigma ellipses of batch and
+    navigator, and their errors, fit in."""
+    runs, batch = end.runs, end.batch
+    reaches = [200.0]
+    for error, covariance in (
+        (runs.posterior_error[0, batch], runs.posterior_covariance[0, batch]),
+        (runs.fix_error[0, batch], runs.fix_covariance[0, batch]),
+    ):
+        reach = float(
+            np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
+        )
+        if math.isfinite(reach):
+            reaches.append(reach)
+    near = np.abs(candidates).max(axis=1, initial=0.0)
+    near = near[near <= 4.0 * max(reaches)]  # those further out would make the rest too small
+    return style.nice_limit(min(max([*reaches, *(1.05 * near)]), 2e4))
+
+
+def _ellipse(
+    panel: "Axes", centre: Array, covariance: Array, line: style.Line, label: str
+) -> None:
+    """Draw the 3-sigma ellipse of a north-east covariance (m²)."""
+    if not (np.isfinite(centre).all() and np.isfinite(covariance).all()):
+        return
+    values, vectors = np.linalg.eigh(covariance)
+    if values[0] < 0.0:
+        return
+    angle = np.linspace(0.0, 2.0 * math.pi, 90)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edge = centre + 3.0 * (circle * np.sqrt(values)) @ vectors.T
+    panel.plot(edge[:, 1] / 1e3, edge[:, 0] / 1e3, **line.options(), label=label)
