@@ -4,14 +4,12 @@ Means of the same runs are compared in pairs (the same random numbers), and a di
 from two of its standard errors. Shares of diverged runs are compared by their exact binomial 95 %
 intervals. The claims are about the paper's own matcher, and so are the verdicts.
 
-============  =================================================================
-judge         All claims in the paper's order, and their verdicts
-verdicts      What is a claim, a rule, a verdict?
-statistics    Which statistics decide?
-reasons       Why does a claim not hold?
-method        Map look-up, iterations, retrodiction, variability
-navigator     The navigator's error over time, unaided and aided
-errors        Errors and divergence by noise, batch length and map
-discussion    The claims of the paper's discussion
-============  =================================================================
+    judge         all claims, decided in the paper's order
+    verdicts      what a claim, a rule and a verdict are
+    statistics    statistics by which claims are decided
+    reasons       likely causes where a claim does not hold
+    method        map look-up, iterations, retrodiction, variability
+    navigator     the navigator's error over time, unaided and aided
+    errors        errors and divergence by noise, batch length and map
+    discussion    claims of the paper's discussion
 """
