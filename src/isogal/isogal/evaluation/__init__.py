@@ -1,1 +1,12 @@
-"""What runs achieved: errors, consistency, the bound, figures and reports."""
+"""How good a navigator was: errors, consistency, the bound, figures, reports.
+
+records            what runs leave behind, as arrays; files of them
+summary            figures of merit of a set of runs: results.json, summary.json
+consistency        NEES and NIS, and the chi-square intervals they must lie in
+bound              posterior Cramér–Rao bound; covariance of the unaided navigator
+ins_error_model    the navigator's linear error model along a trajectory
+figures            figures of runs
+run_report         the report of `isogal run` and of `isogal montecarlo`
+html_report        HTML reports in general: sections, tables, figures, numbers as text
+report_template    the report's page
+"""

@@ -4,12 +4,10 @@ Each function takes records or arrays and returns a matplotlib Figure that belon
 to no global state; `style.png` turns it into bytes. Importing these modules does not import
 matplotlib.
 
-========  ==================================================================================
-style     Palette, line styles, sizes, axes of time and of map values, legends
-ensemble  RMS errors of many runs over time, aided and unaided, with the bound
-errors    North and east errors of one run with the filter's 3-sigma band; NEES after fixes
-signal    Readings against the map; map feature variability along the track
-track     The track on the map, with close-ups of single batches
-close_up  One batch end on the map: candidates, fix and navigator
-========  ==================================================================================
+    style       palette, line styles, sizes, axes of time and of map values, legends
+    ensemble    RMS errors of many runs over time, aided and unaided, with the bound
+    errors      errors of one run with the filter's 3-sigma band; NEES after fixes
+    signal      readings against the map; map feature variability along the track
+    track       the track on the map, with close-ups of single batches
+    close_up    one batch end on the map: candidates, fix and navigator
 """
