@@ -25,8 +25,14 @@ SCANS, STEP = 30, 10
 PRIOR_SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
 TRAJECTORY = build_trajectory(Scenario(route=ROUTE))
 CORNER = build_trajectory(
-    Scenario(route=ROUTE.model_copy(update={"waypoints": ((-36.5, 147.0, 22.0), (-36.48, 147.02, 35.0), (-36.52, 147.2, 22.0))}))
-)  # fmt: skip
+    Scenario(
+        route=ROUTE.model_copy(
+            update={
+                "waypoints": ((-36.5, 147.0, 22.0), (-36.48, 147.02, 35.0), (-36.52, 147.2, 22.0))
+            }
+        )
+    )
+)
 
 
 @pytest.mark.parametrize(("length", "stride", "due"), [

@@ -84,8 +84,8 @@ def test_velocity_and_bias_are_integrated_out(rough_map):
     linear = np.diag([0.3**2, 0.2**2, 2e-5**2])
     position = np.array([[0.0, 0.0], [400.0, -300.0], [-700.0, 900.0]])
     log, velocity, spread = _nodes(
-        scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**-2.0, scans.transition,
-        scans.jacobian, position, gain, linear,
+        scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level,
+        scans.sigma**-2.0, scans.transition, scans.jacobian, position, gain, linear,
     )  # fmt: skip
     dense = np.empty(3)
     for k, p in enumerate(position):

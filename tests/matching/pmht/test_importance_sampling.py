@@ -83,8 +83,9 @@ def _moments(result):
 def two_modes(height=0.0):
     return Gaussians(
         np.array([[-700.0, 300.0, 0.1, 0.0], [800.0, -100.0, -0.1, 0.1]]),
-        np.stack([random_covariance(0.1 * SIGMA, 1), random_covariance(0.15 * SIGMA, 2)]), np.array([0.0, height]),
-    )  # fmt: skip
+        np.stack([random_covariance(0.1 * SIGMA, 1), random_covariance(0.15 * SIGMA, 2)]),
+        np.array([0.0, height]),
+    )
 
 
 @pytest.mark.parametrize("height", [0.0, 2.0, -3.0])

@@ -113,8 +113,10 @@ def test_no_reading_counts_twice():
     settings = {"map_sigma": 2e-5, "map_correlation_length": 3000.0}
     whole, _ = batch_at(PLANE, prior_sigma=(2000.0, 0.3))
     R = np.diag(whole.sigma**2) + 2e-5**2 * np.exp(-distances(whole) / 3000.0)
-    rows = ("time", "latitude", "longitude", "velocity", "reading", "sigma", "offset", "reading_jacobian",
-            "nuisance_position", "nuisance_reading")  # fmt: skip
+    rows = (
+        "time", "latitude", "longitude", "velocity", "reading", "sigma", "offset",
+        "reading_jacobian", "nuisance_position", "nuisance_reading",
+    )  # fmt: skip
     first = replace(
         whole,
         new=18,

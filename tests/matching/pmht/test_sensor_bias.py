@@ -177,7 +177,7 @@ def test_attitude_of_the_navigator_is_part_of_what_a_bias_goes_together_with():
     np.testing.assert_allclose(state.covariance, bias.own @ bias.own.T, rtol=1e-6, atol=1e-22)
 
 
-# ------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------
 # in the matcher
 
 ROUGH = field_map_of(wavy)

@@ -49,7 +49,7 @@ def test_of_a_place_that_is_known_the_error_there_counts(xi):
     there = UNEVEN.sigma_at(
         batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east
     )
-    likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE, belief=(xi, 1e-12 * np.eye(4)))
+    likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE, place=(xi, 1e-12 * np.eye(4)))
     np.testing.assert_allclose(likelihood.covariance, expected_covariance(batch, there), rtol=1e-6)
 
 
@@ -67,7 +67,7 @@ def test_of_a_place_that_is_not_known_the_mean_variance_counts():
 
 def test_log_is_that_of_the_multivariate_normal():
     batch = batch_on_the_plane()
-    likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE, belief=(XI[1], 1e-12 * np.eye(4)))
+    likelihood = BatchLikelihood.of(batch, UNEVEN, NOISE, place=(XI[1], 1e-12 * np.eye(4)))
     residual = batch.reading - UNEVEN.value(batch.latitude, batch.longitude)
     log = multivariate_normal(cov=likelihood.covariance).logpdf(residual)
     assert likelihood.log(XI[:1])[0] + likelihood.log_normaliser == pytest.approx(log, rel=1e-7)

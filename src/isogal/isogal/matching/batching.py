@@ -1,5 +1,6 @@
 """From scans, one by one, to batches: the only place that knows when a batch is due and what the
-navigator's error does over it."""
+navigator's error does over it.
+"""
 
 from collections import deque
 from dataclasses import dataclass
@@ -88,7 +89,8 @@ class BatchBuilder:
         reading (NaN = none).
 
         A reading of several channels is (C,), NaN where a channel has none, and its noise is
-        `covariance` instead of sigma."""
+        `covariance` instead of sigma.
+        """
         self._scans.append(
             _Scan(time, latitude, longitude, np.array(velocity, float), reading, sigma, offset)
         )
@@ -165,7 +167,8 @@ class BatchBuilder:
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height
-        is known."""
+        is known.
+        """
         return self.reduction.jacobian(
             State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
         )
@@ -220,7 +223,8 @@ def unconditioned(batch: Batch, by_xi: Array, by_nuisance: Array) -> Array:
     seven states, (..., 7).
 
     Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A
-    xi)."""
+    xi).
+    """
     assert batch.attitude is not None
     attitude_by_xi, root = batch.attitude
     by_attitude = by_nuisance @ np.linalg.pinv(root, rcond=1e-9)
@@ -233,7 +237,8 @@ def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
 
     The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4),
     the error per unit of xi, and (T, R, 3), the error per unit-variance component of e; of a prior
-    of position and velocity alone (T, 4, 4) and (T, 4, 0)."""
+    of position and velocity alone (T, 4, 4) and (T, 4, 0).
+    """
     if prior.shape[0] == 4:
         return backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
     gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T

@@ -3,7 +3,8 @@ gravity gradient tensor.
 
 Rows of a batch are scans times channels. A row names its channel, the map of that channel predicts
 it (`isogal.maps.channels`), and the channels of a scan may have correlated noise. Everything else
-a matcher does with a batch stays as it is for one channel."""
+a matcher does with a batch stays as it is for one channel.
+"""
 
 from dataclasses import replace
 

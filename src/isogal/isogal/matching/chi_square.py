@@ -1,5 +1,6 @@
 """Chi-square distribution: how probable a misfit this large is. scipy has it, for 13 MB of memory
-in a node (scipy.stats: 60 MB)."""
+in a node (scipy.stats: 60 MB).
+"""
 
 import math
 
@@ -13,7 +14,8 @@ def survival(value: float, freedom: float) -> float:
 
     The regularised incomplete gamma function Q(freedom / 2, value / 2): below the mean by the
     series of P = 1 - Q (DLMF 8.11.4), above it by the continued fraction of Q (even part of DLMF
-    8.9.2; evaluated as Lentz 1976, Appl. Opt. 15:668, does). NaN gives NaN."""
+    8.9.2; evaluated as Lentz 1976, Appl. Opt. 15:668, does). NaN gives NaN.
+    """
     a, x = 0.5 * freedom, 0.5 * value
     if x <= 0.0:
         return 1.0

@@ -1,11 +1,12 @@
-"""From a posterior back to what the measurements alone said (no double counting: SCIENCE 3).
+"""From a posterior back to what the measurements alone said, so that nothing counts twice.
 
 Information of the measurements = posterior information - prior information. It is negative in a
 direction in which the posterior is wider than the prior: of two places that fit, a prior between
 them knew neither. A navigator that is Gaussian has the posterior's mean and covariance only if it
 is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
 Bayesian inference", where such terms have negative variances). A position fix with a covariance
-cannot say it: there, those directions tell nothing."""
+cannot say it: there, those directions tell nothing (docs/mathematics.md, section 7).
+"""
 
 import numpy as np
 
@@ -14,13 +15,12 @@ from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, Information
 from isogal.matching.matrices import symmetric
 
-_NOTHING = 1.0 - 1e-4
-"""A variance ratio posterior / prior above this counts as no information in that direction of a
-position fix."""
-_SLIGHT = 0.01
-"""Variance ratios this close to 1 in every direction tell nothing."""
-_WIDEST = 4.0
-"""Variance ratio at most."""
+_UNINFORMED_RATIO = 1.0 - 1e-4
+"""Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
+_LEAST_CHANGE = 0.01
+"""Change of the variance ratio, in some direction, that a batch needs to tell anything."""
+_LARGEST_RATIO = 4.0
+"""Variance ratio at most: a posterior is taken to be at most twice as wide as the prior."""
 
 
 def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Information:
@@ -37,10 +37,10 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
         Positive definite.
     """
     _, ratio, vectors = _relative(covariance, prior)
-    if (np.abs(ratio - 1.0) < _SLIGHT).all():
+    if (np.abs(ratio - 1.0) < _LEAST_CHANGE).all():
         return Information(vector=np.zeros(len(mean)), matrix=np.zeros_like(prior))
     factor = np.linalg.cholesky(prior)
-    ratio = np.minimum(ratio, _WIDEST)
+    ratio = np.minimum(ratio, _LARGEST_RATIO)
     back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
     coordinate = np.linalg.solve(factor, mean) @ vectors
     return Information(
@@ -81,7 +81,7 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
         direction without information has ten thousand times the prior's variance.
     """
     factor, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
-    informed = ratio < _NOTHING
+    informed = ratio < _UNINFORMED_RATIO
     coordinate = np.linalg.solve(factor, mean[:2]) @ vectors
     weight = np.where(informed, 1.0 / ratio - 1.0, 1e-4)
     z = np.where(informed, coordinate / (ratio * weight), 0.0)
@@ -91,7 +91,8 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
 
 def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the prior's Cholesky factor, and eigenvalues and vectors of the posterior covariance
-    in prior units."""
+    in prior units.
+    """
     factor = np.asarray(np.linalg.cholesky(prior), dtype=np.float64)
     whitened = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
     values, vectors = np.linalg.eigh(symmetric(whitened))

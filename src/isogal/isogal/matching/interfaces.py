@@ -3,9 +3,10 @@
 A batch is T scans of one sensor with the navigator's own estimate of where each was taken. The
 unknown is the navigator's horizontal error at the last scan, xi = (d_north m, d_east m, dv_north
 m/s, dv_east m/s), estimate minus truth. Over a batch the navigator's increments are good to about
-a metre (SCIENCE 3), so the position error at scan t is ``transition[t] @ xi`` plus what its tilt
-adds (``nuisance_position``). A matcher answers with a fix, measurement information only: the
-navigator's prior is not in its covariance."""
+a metre (docs/mathematics.md, section 4.1), so the position error at scan t is
+``transition[t] @ xi`` plus what its tilt adds (``nuisance_position``). A matcher answers with a
+fix, measurement information only: the navigator's prior is not in its covariance.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -85,13 +86,15 @@ class Batch:
 
     def part(self, rows: int | Integers) -> "Batch":
         """Return the batch with some of its rows only: from a first one on, or those of (K,)
-        indices. How many of them are new is kept; `reading_covariance` is not cut."""
+        indices. How many of them are new is kept; `reading_covariance` is not cut.
+        """
         which = slice(rows, None) if isinstance(rows, int) else rows
         return replace(self, **{name: getattr(self, name)[which] for name in PER_ROW})
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
         """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those
-        of a straight line over a time (s)."""
+        of a straight line over a time (s).
+        """
         if self.back_transition is not None and self.back_nuisance is not None:
             return self.back_transition, self.back_nuisance
         straight = np.eye(4)
@@ -135,7 +138,8 @@ class Information:
     x - x' matrix x / 2.
 
     x is the error at the batch end relative to the estimate that the batch was built with: xi (n =
-    4), or xi and attitude about north, east, down in rad (n = 7)."""
+    4), or xi and attitude about north, east, down in rad (n = 7).
+    """
 
     vector: Array
     """(n,)."""
@@ -147,7 +151,8 @@ class Information:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fix:
     """What a batch says about the position at its last scan, from the measurements alone, or why
-    it says nothing."""
+    it says nothing.
+    """
 
     time: float
     """s, stamp of the last scan."""
@@ -183,7 +188,8 @@ class Fix:
 
 class Matcher(Protocol):
     """A matching algorithm. Holds settings only; what it carries from batch to batch is the memory
-    it returns."""
+    it returns.
+    """
 
     @property
     def name(self) -> str:
@@ -193,7 +199,8 @@ class Matcher(Protocol):
     @property
     def context(self) -> int:
         """How many scans before the batch it wants to see as well (rows of the batch that are not
-        new)."""
+        new).
+        """
         ...
 
     @property
@@ -209,7 +216,8 @@ class Matcher(Protocol):
         matcher takes (`takes_channels`).
 
         Pure: the same batch, map and memory give the same fix. Never raises on odd data: it
-        declines with a reason."""
+        declines with a reason.
+        """
         ...
 
 

@@ -14,7 +14,8 @@ class LocalPlane:
     """North and east metres from a point, on a plane whose scale is that of the point's latitude.
 
     Over the 7 km of a batch the plane is off by 0.1 % of a distance at most, which for the offset
-    of a candidate is a metre or two."""
+    of a candidate is a metre or two.
+    """
 
     latitude: float
     """Origin, rad."""

@@ -61,7 +61,8 @@ class Monitored(Protocol):
         self, batch: Batch, before: Any, after: Any, variance: float, confidence: float
     ) -> tuple[Self, Any]:
         """Return the matcher that takes the noise model known after a batch to the letter, with
-        R times a variance, and asks a place for a probability; and its memory before the batch."""
+        R times a variance, and asks a place for a probability; and its memory before the batch.
+        """
         ...
 
     def with_hypotheses(self, memory: Any, of: Any) -> Any:
@@ -72,5 +73,6 @@ class Monitored(Protocol):
         self, batch: Batch, field_map: AnyMap, memory: Any, place: tuple[Array, Array]
     ) -> BatchLikelihood:
         """Return the likelihood of a batch by what is known after it, at a place: mean (4,) and
-        covariance (4, 4) of xi."""
+        covariance (4, 4) of xi.
+        """
         ...

@@ -4,7 +4,8 @@ SIAM J. Sci. Comput. 30:2635), scrambled.
 Scrambling is Matoušek's (1998, J. Complexity 14:527): each coordinate's binary digits are
 multiplied by a random lower triangular matrix and shifted by random digits, modulo 2. It keeps the
 points' even spread and takes away the order that the plain sequence has. scipy.stats.qmc has the
-like, at 50 MB of memory in every node."""
+like, at 50 MB of memory in every node.
+"""
 
 from functools import lru_cache
 from statistics import NormalDist
@@ -35,7 +36,8 @@ def sobol(count: int, dimensions: int, seed: int) -> Array:
     any other.
 
     A power of two as `count` gives the most even points. Coordinates are multiples of 2⁻³² less
-    one half of that, so never 0 or 1."""
+    one half of that, so never 0 or 1.
+    """
     if not 1 <= dimensions <= MOST_DIMENSIONS or not 1 <= count <= 2**DIGITS:
         raise ValueError(
             f"{count} points of {dimensions} coordinates; at most {MOST_DIMENSIONS} coordinates"
@@ -71,7 +73,8 @@ def standard_normal(count: int, dimensions: int) -> Array:
 
 def _directions(dimension: int, count: int) -> Bits:
     """Return the first `count` direction numbers of a coordinate as columns of binary digits
-    (DIGITS, count), the first digit on top."""
+    (DIGITS, count), the first digit on top.
+    """
     if dimension == 0:  # van der Corput's sequence
         return np.eye(DIGITS, count, dtype=np.uint8)
     polynomial, first = _PRIMITIVE[dimension - 1]

@@ -61,7 +61,8 @@ def _takes_channels(name: str) -> bool:
 
 def check_options(matcher: str, options: Mapping[str, Any], model: type[BaseModel]) -> Any:
     """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError
-    with one line."""
+    with one line.
+    """
     try:
         return model(**options)
     except ValidationError as error:

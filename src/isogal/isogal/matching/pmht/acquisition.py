@@ -5,7 +5,8 @@ prior, with the residual covariance widened by what the map changes within a cel
 hold the navigator are divided and evaluated again, finer. What is left is described by tiles, a
 Gaussian each: where the readings follow a contour for long the posterior is a curved ridge that no
 single Gaussian fits, and the tiles are the hypotheses that the next batches decide between. The
-cost is bounded by the number of cells."""
+cost is bounded by the number of cells.
+"""
 
 import math
 
@@ -87,7 +88,8 @@ def _with_velocity(place: Array, follow: Array) -> Array:
 
 def _typical_slope(likelihood: BatchLikelihood, xi: Array) -> float:
     """RMS gradient of the map (unit per m) over the search area, from some two hundred of the
-    errors xi (S, 4)."""
+    errors xi (S, 4).
+    """
     squares = []
     for place in xi[:: max(1, len(xi) // 200)]:
         _, slope = likelihood.linearise(place)

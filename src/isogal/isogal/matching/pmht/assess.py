@@ -35,8 +35,8 @@ def assess(state: State) -> State:
 def _assess_disagreement(state: State) -> State:
     """Return the verdict on a batch that does not agree with the map where the prior allows.
 
-    Three explanations are compared by their evidence. The readings have a bias that nobody has
-    told of: then it is estimated from now on. Or the navigator is elsewhere: its own covariance
+    Three explanations are compared by their evidence. The readings have an
+    untold bias: then it is estimated from now on. Or the navigator is elsewhere: its own covariance
     is wrong, and is widened, so that the next batches search as from any uncertain start and its
     errors keep the correlations that the filter gives them; where it may be either, a bias is
     allowed for in the search. Or neither: then the noise is larger than assumed, which is learnt
@@ -82,7 +82,8 @@ def _explanations(state: State, inflation: float) -> tuple[float, float, float]:
 
 def _with_larger_noise(state: State, reason: str) -> State:
     """Return the verdict on a batch that nothing but larger noise explains: it may give a fix,
-    with a covariance that says so."""
+    with a covariance that says so.
+    """
     state = learn_from(state)
     left = state.consistency()
     if left.rejects(state.settings):

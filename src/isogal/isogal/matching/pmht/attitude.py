@@ -19,7 +19,8 @@ def with_attitude(
 
     Given xi ~ N(mean (4,), covariance (4, 4)) the navigator's drift is what the readings say of
     it, linearised at the mean. Without the attitude a navigator would go on believing it
-    independent of what it has just learnt."""
+    independent of what it has just learnt.
+    """
     if batch.attitude is None:
         return mean, covariance, batch.prior
     by_xi, root = batch.attitude
@@ -36,7 +37,8 @@ def with_attitude(
 
 def joint_prior(batch: Batch) -> Array:
     """Return the navigator's covariance (n, n) of its position, velocity and, where the batch
-    knows it, attitude error; n = 7 or 4."""
+    knows it, attitude error; n = 7 or 4.
+    """
     if batch.attitude is None:
         return batch.prior
     by_xi, root = batch.attitude

@@ -96,7 +96,8 @@ def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
 @kernel
 def _split(x, weight, most):  # type: ignore[no-untyped-def]
     """Return the group of each sample: groups are cut in two, best separated cut first, until none
-    is well separated."""
+    is well separated.
+    """
     samples = x.shape[0]
     labels = np.zeros(samples, np.int64)
     groups = 1
@@ -128,7 +129,8 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
 
     Along an axis the cut is Otsu's: the one with the largest variance between the sides. Where
     neither axis separates anything, the diagonals between them are tried, by two-means: four
-    places at the corners of a square overlap when seen along a diagonal."""
+    places at the corners of a square overlap when seen along a diagonal.
+    """
     members = np.flatnonzero((labels == group) & (weight > 0.0))
     side = np.zeros(labels.shape[0], np.bool_)
     total = 0.0
@@ -200,7 +202,8 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
 @kernel
 def _two_means(x, weight, members, cx, cy, threshold):  # type: ignore[no-untyped-def]
     """Return separation and middle of the means on both sides of a threshold along an axis (Ridler
-    & Calvard 1978, iterated)."""
+    & Calvard 1978, iterated).
+    """
     w1 = s1 = q1 = w2 = s2 = q2 = 0.0
     for s in members:
         value = x[s, 0] * cx + x[s, 1] * cy

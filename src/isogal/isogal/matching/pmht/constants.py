@@ -123,7 +123,7 @@ class Constants:
 
     # Sensor bias (section 9.3)
     unknown_bias_share: float = 0.5
-    """1-sigma of a bias that nobody has told of, as a share of the map's standard deviation."""
+    """1-sigma of an untold bias, as a share of the map's standard deviation."""
     bias_drift_time_s: float = 10800.0
     """Time in which an untold drift changes the bias by its own 1-sigma: three hours."""
     taken_fix_variance_ratio: tuple[float, float] = (0.7, 1.5)

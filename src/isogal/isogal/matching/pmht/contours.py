@@ -19,8 +19,8 @@ def contour_candidates(
     """Return where round each scan's estimated position the map has the reading's value.
 
     From a lattice of seeds in the posterior's 2-sigma ellipse, Newton steps along the gradient
-    lead onto the contour (SCIENCE 3); a candidate's weight is the posterior density there,
-    normalised within its scan.
+    lead onto the contour (docs/mathematics.md, section 7.5); a candidate's weight is the posterior
+    density there, normalised within its scan.
 
     Parameters
     ----------
@@ -34,9 +34,8 @@ def contour_candidates(
     spread = transition @ covariance @ transition.transpose(0, 2, 1)
     root = np.linalg.cholesky(spread + 1e-6 * np.eye(2))
     north, east = metres_per_radian(batch.latitude[scans])
-    position = centre[:, None] + _LATTICE @ root.transpose(
-        0, 2, 1
-    )  # (scans, seeds, 2) navigator's error, m
+    # (scans, seeds, 2) navigator's error, m
+    position = centre[:, None] + _LATTICE @ root.transpose(0, 2, 1)
     level = (batch.reading - batch.offset - batch.reading_jacobian @ mean)[scans, None]
     limit = 2.0 * np.sqrt(np.trace(spread, axis1=1, axis2=2))[:, None, None]
     for _ in range(steps):

@@ -1,5 +1,6 @@
 """Gaussian mixtures over the navigator's error: the hypotheses that a matcher keeps while a batch
-is ambiguous (docs/mathematics.md, section 6.4)."""
+is ambiguous (docs/mathematics.md, section 6.4).
+"""
 
 import math
 from collections.abc import Sequence
@@ -38,7 +39,8 @@ class Mixture:
 
     def draw(self, points: Array) -> Array:
         """Turn (S, 1 + n) points, the first coordinate uniform, the others standard normal, into
-        samples (S, n)."""
+        samples (S, n).
+        """
         factors = np.linalg.cholesky(self.covariance)
         edges = np.cumsum(self.weight)
         which = np.minimum(
@@ -72,7 +74,8 @@ class Mixture:
 
     def levelled(self) -> "Mixture":
         """Return the mixture with weights half-way to equal ones: a proposal that does not
-        overlook a light Gaussian."""
+        overlook a light Gaussian.
+        """
         return Mixture(
             0.5 * self.weight + 0.5 * self.weight.sum() / len(self), self.mean, self.covariance
         )
@@ -88,7 +91,8 @@ class Mixture:
 
     def pruned(self, negligible: float, most: int) -> "Mixture":
         """Join components whose means are within one 1-sigma of each other, drop negligible ones,
-        sort heaviest first."""
+        sort heaviest first.
+        """
         order = np.argsort(-self.weight, kind="stable")
         order = order[self.weight[order] > negligible]
         weights: list[float] = []

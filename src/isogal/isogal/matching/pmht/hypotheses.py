@@ -3,7 +3,8 @@
 Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several
 pieces, and its evidence; weights go with evidence, negligible pieces are dropped, pieces that have
 come to the same place are joined. Hypotheses that overlap are one prior; those that do not are
-never sampled together, since a sampler does not come across a light one far from the others."""
+never sampled together, since a sampler does not come across a light one far from the others.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -70,7 +71,8 @@ def _update_group(
     likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int
 ) -> list["_Piece"]:
     """Return what the batch makes of hypotheses that overlap, whose weights need not add up to
-    1."""
+    1.
+    """
     total = float(prior.weight.sum())
     if len(prior) > 1 and total > 0.0:
         own = replace(prior, weight=prior.weight / total)
@@ -101,7 +103,8 @@ def _groups(prior: Mixture) -> list[Integers]:
     pieces of one peak.
 
     Two overlap where the sampler would not call them separate modes (`clustering`) along
-    the line between them."""
+    the line between them.
+    """
     groups = []
     left = np.arange(len(prior))
     while left.size:
@@ -118,7 +121,8 @@ def _groups(prior: Mixture) -> list[Integers]:
 
 def _merged(tiles: Mixture) -> Mixture:
     """Return a Gaussian for each group: one about all would overlook places far away that are less
-    likely."""
+    likely.
+    """
     weight, mean, covariance = [], [], []
     for group in _groups(tiles):
         part = tiles.part(group)
@@ -142,7 +146,8 @@ def _screened(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, lis
     of the others.
 
     A posterior of few points is taken to be as wide as their effective number can vouch for: with
-    one, as wide as the prior."""
+    one, as wide as the prior.
+    """
     points = standard_normal(CONSTANTS.screening_samples, prior.mean.shape[1])
     x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
     value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])

@@ -6,7 +6,8 @@ given effective sample size and reaches 1 within a few rounds (adaptive multiple
 sampling with tempering; Cappé et al. 2008, Stat. Comput. 18:447; Chopin & Papaspiliopoulos 2020,
 ch. 17). Moments come from the last round, at beta = 1, so they are those of the exact posterior up
 to sampling error, Gaussian or not. The points are the same at every call: the result is a
-deterministic function of prior and likelihood."""
+deterministic function of prior and likelihood.
+"""
 
 import math
 from dataclasses import dataclass
@@ -66,7 +67,8 @@ class Posterior:
 @lru_cache(maxsize=8)
 def _points(count: int) -> Array:
     """Return (count, 1 + 4) fixed quasi-random points: one uniform coordinate, four standard
-    normal ones."""
+    normal ones.
+    """
     points = sobol(count, 1 + DIMENSIONS, 20230101)
     points[:, 1:] = normal(points[:, 1:])
     points.setflags(write=False)
@@ -139,7 +141,8 @@ def _blend(main: Mixture, other: Mixture, share: float) -> Mixture:
 @kernel
 def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
     """Write normalised weights; return (effective share of the samples, log of the mean
-    weight)."""
+    weight).
+    """
     count = likelihood.shape[0]
     largest = -np.inf
     for s in range(count):
@@ -161,7 +164,8 @@ def _weigh(likelihood, base, beta, weight):  # type: ignore[no-untyped-def]
 @kernel
 def _temper(likelihood, base, target):  # type: ignore[no-untyped-def]
     """Return the largest beta <= 1 that leaves the target effective share, with weights, share and
-    log mean weight there."""
+    log mean weight there.
+    """
     weight = np.empty(likelihood.shape[0])
     effective, log_mean = _weigh(likelihood, base, 1.0, weight)
     if not effective < target:  # also NaN: no sample is possible

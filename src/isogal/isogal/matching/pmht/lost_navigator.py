@@ -149,7 +149,8 @@ class LostNavigatorMonitor:
 
     def _next(self, search: _Search) -> tuple[_Search, Fix]:
         """Match the next batch as the navigator would have it that has only taken the fixes of
-        this search."""
+        this search.
+        """
         past, last = search.waiting[0], search.last
         prior = joint_prior(past.batch)
         if last is None or search.covariance is None or search.shift is None:
@@ -242,7 +243,8 @@ def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
 
 def _back(batch: Batch) -> Array:
     """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a
-    first batch has none."""
+    first batch has none.
+    """
     if batch.back_transition is None or batch.back_nuisance is None:
         return np.eye(7)
     return unconditioned(batch, batch.back_transition, batch.back_nuisance)

@@ -3,8 +3,9 @@
 The marginal likelihood of each batch's new residuals given the ones before, linearised at the
 estimated position with the navigator's error integrated out, is added up over batches on a grid of
 (sigma, correlation length): a discrete posterior (type-II likelihood, Rasmussen & Williams 2006,
-section 5.4). The prior is log-uniform where nobody says how wrong the map is, and log-normal about
-what was said where somebody does."""
+section 5.4). The prior is log-uniform where nothing is told about the map, and log-normal about what is
+told otherwise (docs/mathematics.md, section 9.1).
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -42,15 +43,17 @@ class MapErrorEstimate:
 
     @classmethod
     def unknown(cls, batch: Batch, field_map: FieldMap) -> "MapErrorEstimate":
-        """Return the prior of somebody who knows nothing: every sigma and length equally
-        likely."""
+        """Return the prior where nothing is told: every sigma and length equally
+        likely.
+        """
         scale = max(field_scale(field_map), float(np.nanmedian(batch.sigma)))
         return cls(scale * _SHARES, _LENGTHS, np.zeros((len(_SHARES), len(_LENGTHS))))
 
     @classmethod
     def told(cls, noise: NoiseModel, factor: float) -> "MapErrorEstimate":
-        """Return the prior of somebody who was told sigma and length, right within a factor
-        (1-sigma)."""
+        """Return the prior where sigma and length are told, right within a factor
+        (1-sigma).
+        """
         prior = -0.5 * (_SIGMA_STEPS[:, None] ** 2 + _LENGTH_STEPS**2)
         return cls(
             noise.map_sigma * factor**_SIGMA_STEPS,
@@ -62,7 +65,8 @@ class MapErrorEstimate:
     @property
     def doubt(self) -> float:
         """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing
-        was said."""
+        was said.
+        """
         if self.prior is None:
             return 0.0
         above = len(self.sigma) // 2 + 1
@@ -122,9 +126,13 @@ class MapErrorEstimate:
             ]
         )
         evidence = _evidence(
-            white, shapes, self.sigma**2, residual[first:] - slope @ mean, np.ascontiguousarray(unknown),
+            white,
+            shapes,
+            self.sigma**2,
+            residual[first:] - slope @ mean,
+            np.ascontiguousarray(unknown),
             likelihood.first_new - first,
-        )  # fmt: skip
+        )
         return replace(self, log_weight=self.log_weight + evidence, batches=self.batches + 1)
 
     def figures(self, base: NoiseModel) -> dict[str, float]:
@@ -141,7 +149,8 @@ def _log_mean(log_weight: Array, log_prior: Array) -> float:
 
 def field_scale(field_map: FieldMap) -> float:
     """Return the standard deviation of the map's values, by a sample of at most 200 x 200
-    nodes."""
+    nodes.
+    """
     steps = [max(1, count // 200) for count in field_map.values.shape]
     return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
 
@@ -159,7 +168,8 @@ def _evidence(white, shapes, variances, residual, unknown, first):  # type: igno
 
     Residuals (n,) are N(0, diag(white) + variance shape + unknown unknown'), unknown (n, m); only
     the residuals from `first` on know the unknowns. With the factor of diag(white) + variance
-    shape the last whitened rows are N(0, 1 + A A') (Woodbury)."""
+    shape the last whitened rows are N(0, 1 + A A') (Woodbury).
+    """
     n, m = unknown.shape
     out = np.empty((variances.shape[0], shapes.shape[0]))
     factor = np.empty((n, n))

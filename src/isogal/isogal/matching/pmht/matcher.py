@@ -98,7 +98,8 @@ class Pmht:
         confidence: float,
     ) -> tuple["Pmht", Memory]:
         """Return the matcher that takes the noise model learnt so far to the letter, with R times
-        a factor, and asks a place for a probability; and its memory before a batch."""
+        a factor, and asks a place for a probability; and its memory before a batch.
+        """
         start = before or Memory.before(batch)
         options = self.settings.options.model_copy(update={"confidence": confidence, "trust": 1.0})
         settings = replace(
@@ -118,9 +119,10 @@ class Pmht:
         self, batch: Batch, field_map: AnyMap, memory: Memory, place: tuple[Array, Array]
     ) -> BatchLikelihood:
         """Return the likelihood of a batch by what is known after it, at a place: mean (4,) and
-        covariance (4, 4) of xi."""
+        covariance (4, 4) of xi.
+        """
         used = without(batch, memory.outlier_times)
-        likelihood = BatchLikelihood.of(used, field_map, self._noise(memory), belief=place)
+        likelihood = BatchLikelihood.of(used, field_map, self._noise(memory), place=place)
         return likelihood.scaled(memory.variance_factor.value)
 
     def _noise(self, memory: Memory) -> NoiseModel:

@@ -1,5 +1,6 @@
 """What is assumed about residuals, and their covariance: white noise, map error correlated along
-the track, an unknown constant."""
+the track, an unknown constant.
+"""
 
 from dataclasses import dataclass
 
@@ -36,7 +37,8 @@ def residual_covariance(
     rad, the rest in the map's unit and m.
 
     Map errors and biases of different channels (T,) are independent; a correlation length (T, 1)
-    is the same for all rows of a channel."""
+    is the same for all rows of a channel.
+    """
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
@@ -54,7 +56,8 @@ def correlation_lengths(
     field_map: FieldMap | ChannelMap, channel: Integers, noise: NoiseModel
 ) -> float | Array:
     """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is
-    larger than what is assumed."""
+    larger than what is assumed.
+    """
     if isinstance(field_map, FieldMap):
         return noise.correlation_length
     length = [
@@ -81,7 +84,8 @@ def map_sigmas(
     covariance: Array,
 ) -> Array:
     """Return (T,) the root mean square of the map's own sigma over where each row may have been
-    taken; 0 where it has none."""
+    taken; 0 where it has none.
+    """
     if not uneven(field_map):
         return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
     values, vectors = np.linalg.eigh(symmetric(covariance))

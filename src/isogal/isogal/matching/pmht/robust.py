@@ -1,7 +1,7 @@
 """Monitor of recorded tracks: fixes that do not rest on the noise model alone.
 
-Maps are more wrong where the field varies more, their errors are not quite Gaussian, and nobody
-knows their correlation function. Two checks follow, neither of which narrows a fix
+Maps are more wrong where the field varies more, their errors are not quite Gaussian, and their
+correlation function is unknown. Two checks follow, neither of which narrows a fix
 (docs/mathematics.md, sections 10.2 and 10.3).
 
 Place. Evidence between places kilometres apart counts every reading with the noise assumed. From

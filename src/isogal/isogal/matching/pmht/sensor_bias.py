@@ -7,7 +7,8 @@ and what a batch leaves unknown of one goes together with what it leaves unknown
 a batch the state is the linear part of what the readings contain beside the map:
 `reading_jacobian` by xi, and unit-variance columns of `nuisance_reading`, which the likelihood
 integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose
-considered parameters are estimated after all."""
+considered parameters are estimated after all.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -86,7 +87,8 @@ class BiasEstimate:
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
     """theta at a batch's end: mean + by_error xi + by_nuisance d + own u, with d the navigator's
-    drift and u ~ N(0, 1) (2,)."""
+    drift and u ~ N(0, 1) (2,).
+    """
 
     time: float
     mean: Array
@@ -100,7 +102,8 @@ class LinearBias:
 
     def added_to(self, batch: Batch) -> Batch:
         """Return the batch whose readings are known to contain bias and drift; u is two more
-        columns of its drift."""
+        columns of its drift.
+        """
         shares = np.stack(
             [np.ones(len(batch)), batch.time - self.time], axis=1
         )  # of bias and drift, in each reading
@@ -161,7 +164,8 @@ class LinearBias:
 
 def _by_state(batch: Batch, by_error: Array, by_nuisance: Array) -> tuple[Array, Array]:
     """Turn a dependence (2, 4) on xi and (2, M) on the navigator's drift into one on its error
-    state; and the covariance that is left."""
+    state; and the covariance that is left.
+    """
     if batch.attitude is None:
         return by_error, by_nuisance @ by_nuisance.T
     by_state = unconditioned(batch, by_error, by_nuisance)

@@ -119,7 +119,8 @@ class State:
 
     def with_attitude(self) -> tuple[Array, Array, Array]:
         """Return posterior mean (n,), covariance and prior (n, n) at the best hypothesis; n = 7
-        where the batch knows the attitude, else 4 (`attitude.with_attitude`)."""
+        where the batch knows the attitude, else 4 (`attitude.with_attitude`).
+        """
         best = self.best
         mean, covariance = best.mixture.mean[0], best.mixture.covariance[0]
         return with_attitude(self.batch, best.likelihood, mean, covariance)
@@ -155,7 +156,7 @@ def likelihood_of(
     variance_factor: float = 1.0,
 ) -> BatchLikelihood:
     """Return the likelihood of a batch believed to be at a place, with R times a factor."""
-    likelihood = BatchLikelihood.of(batch, field_map, noise, belief=place.moments())
+    likelihood = BatchLikelihood.of(batch, field_map, noise, place=place.moments())
     return likelihood.scaled(variance_factor) if variance_factor > 1.0 else likelihood
 
 
@@ -221,7 +222,8 @@ def or_before(after: State, before: State) -> State:
 
 def evidence(posterior: Update | None) -> float:
     """Return the log evidence with the likelihood's constant, so that noise models compare; -inf
-    where no hypothesis lies on the map."""
+    where no hypothesis lies on the map.
+    """
     if posterior is None:
         return -math.inf
     return posterior.log_evidence + posterior.likelihood.log_normaliser

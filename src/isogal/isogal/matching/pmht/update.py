@@ -24,7 +24,7 @@ def update_state(state: State) -> State:
         return state.decided(Verdict(reason, hypotheses=state.prior))
     state = _with_uneven_error(first) if uneven(state.field_map) else first
     gate = state.settings.options.outlier_gate
-    # the place is known now, and with it what sticks out
+    # now that the place is known, outliers are those of the residuals, all readings tested
     outlier = residual_outliers(state.likelihood, state.best.mixture, gate)
     if not np.array_equal(outlier, state.outlier):
         state = or_before(rematch(state, outlier=outlier), state)

@@ -1,0 +1,109 @@
+"""The compiled loops of the batch likelihood (`likelihood`)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.maps.interpolation import value_and_gradient
+
+
+class Readings(NamedTuple):
+    """The T readings of a batch, as kernels take them."""
+
+    channel: Integers
+    """(T,) index of each reading's map."""
+    latitude: Array
+    """(T,) rad, where the navigator believes it was taken."""
+    longitude: Array
+    """(T,) rad."""
+    radian: Array
+    """(T, 2) radians of latitude and longitude per metre north and east."""
+    level: Array
+    """(T,) reading less its known offset."""
+    transition: Array
+    """(T, 2, 4) position error per unit of xi."""
+    jacobian: Array
+    """(T, 4) d(reading)/d(xi) by the reduction."""
+
+
+@kernel
+def slopes(grid, channel, latitude, longitude):  # type: ignore[no-untyped-def]
+    """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
+    by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
+    for t in range(latitude.shape[0]):
+        _, by_lat[t], by_lon[t] = value_and_gradient(grid, latitude[t], longitude[t], channel[t])
+    return by_lat, by_lon
+
+
+@kernel
+def log_likelihood(grid, readings, factor, projection, first_new, xi):  # type: ignore[no-untyped-def]
+    """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
+    -inf off the map. `factor`, `projection` and `first_new` as in `likelihood.BatchLikelihood`.
+    """
+    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    samples, rows = xi.shape[0], latitude.shape[0]
+    out = np.empty(samples)
+    whitened = np.empty(rows)
+    inverse = np.empty(rows)
+    diagonal = True
+    for t in range(rows):
+        inverse[t] = 1.0 / factor[t, t]
+        for u in range(t):
+            if factor[t, u] != 0.0:
+                diagonal = False
+    # without correlation the older rows say nothing about the new
+    start = first_new if diagonal else 0
+    for s in range(samples):
+        a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
+        total = 0.0
+        for t in range(start, rows):
+            f, j = transition[t], jacobian[t]
+            north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
+            east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
+            lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+            value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
+            if not diagonal:
+                for u in range(t):
+                    r -= factor[t, u] * whitened[u]
+            r *= inverse[t]
+            whitened[t] = r
+            if t >= first_new:
+                total += r * r
+        for m in range(projection.shape[1]):
+            explained = 0.0
+            for t in range(first_new, rows):
+                explained += projection[t - first_new, m] * whitened[t]
+            total -= explained * explained
+        out[s] = -0.5 * total if math.isfinite(total) else -np.inf
+    return out
+
+
+@kernel
+def linearise(grid, readings, xi):  # type: ignore[no-untyped-def]
+    """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
+    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    rows = latitude.shape[0]
+    residual = np.empty(rows)
+    slope = np.empty((rows, 4))
+    for t in range(rows):
+        north = 0.0
+        east = 0.0
+        known = level[t]
+        for i in range(4):
+            north += transition[t, 0, i] * xi[i]
+            east += transition[t, 1, i] * xi[i]
+            known -= jacobian[t, i] * xi[i]
+        lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+        value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
+        residual[t] = known - value
+        for i in range(4):
+            slope[t, i] = (
+                by_lat * radian[t, 0] * transition[t, 0, i]
+                + by_lon * radian[t, 1] * transition[t, 1, i]
+                - jacobian[t, i]
+            )
+    return residual, slope
