@@ -35,12 +35,12 @@ def assess(state: State) -> State:
 def _assess_disagreement(state: State) -> State:
     """Return the verdict on a batch that does not agree with the map where the prior allows.
 
-    Three explanations are compared by their evidence. The readings have an
-    untold bias: then it is estimated from now on. Or the navigator is elsewhere: its own covariance
-    is wrong, and is widened, so that the next batches search as from any uncertain start and its
-    errors keep the correlations that the filter gives them; where it may be either, a bias is
-    allowed for in the search. Or neither: then the noise is larger than assumed, which is learnt
-    and goes into the fix's covariance, or the map is wrong altogether.
+    Three explanations are compared by their evidence. The readings have an untold bias: then it
+    is estimated from now on. Or the navigator is elsewhere: its own covariance is wrong, and is
+    widened, so that the next batches search as from any uncertain start and its errors keep the
+    correlations that the filter gives them; where it may be either, a bias is allowed for in the
+    search. Or neither: then the noise is larger than assumed, which is learnt and goes into the
+    fix's covariance, or the map is wrong altogether.
     """
     options, batch = state.settings.options, state.batch
     misfit = state.agreement().ratio

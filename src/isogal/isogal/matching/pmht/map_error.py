@@ -1,10 +1,10 @@
-"""Map error estimated from the residuals.
+"""Map error learnt from the residuals.
 
 The marginal likelihood of each batch's new residuals given the ones before, linearised at the
 estimated position with the navigator's error integrated out, is added up over batches on a grid of
 (sigma, correlation length): a discrete posterior (type-II likelihood, Rasmussen & Williams 2006,
-section 5.4). The prior is log-uniform where nothing is told about the map, and log-normal about what is
-told otherwise (docs/mathematics.md, section 9.1).
+section 5.4). The prior is log-uniform where nothing is told about the map, and log-normal about
+what is told otherwise (docs/mathematics.md, section 9.1).
 """
 
 import math
