@@ -1,6 +1,5 @@
-"""The command `isogal`: what it lists, how it starts, how it fails."""
+"""The program `isogal`: what it lists, how it starts, how its commands fail."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,18 +8,18 @@ import pytest
 from typer.testing import CliRunner
 
 import isogal.cli
+from helpers.command_line import answer
 from isogal import __version__
 from isogal.cli import main
-from isogal.errors import InputError
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 HEAVY = ("numpy", "numba", "scipy", "xarray", "pandas", "matplotlib", "pydantic", "rclpy", "dask")
 
 
-def isogal_command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+def isogal_command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False, **options
-    )  # type: ignore[call-overload,no-any-return]
+        [ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 @pytest.fixture
@@ -71,9 +70,6 @@ def second() -> None:
         monkeypatch.setitem(
             main.COMMANDS, name, main.Command("sample_commands", name, f"Help of {name}.")
         )
-    monkeypatch.setitem(
-        main.COMMANDS, "not_there", main.Command("no_such_module", "x", "Must not be listed.")
-    )
 
 
 def test_version_and_help_start_without_the_numerical_packages() -> None:
@@ -94,23 +90,15 @@ def test_version() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, f"isogal {__version__}\n", "")
 
 
-def test_help_lists_the_commands_whose_modules_exist(sample: None) -> None:
-    result = CliRunner().invoke(main.app, ["--help"])
-    assert result.exit_code == 0
-    assert "Help of plain." in result.output
-    assert "not_there" not in result.output
+def test_help_lists_all_commands() -> None:
+    listed = " ".join(answer("--help").split())
+    for name, command in main.COMMANDS.items():
+        assert f"{name} {command.help.split()[0]}" in listed
 
 
-def test_every_listed_command_has_help() -> None:
-    listed = [
-        name
-        for name, where in main.COMMANDS.items()
-        if main.find_spec(f"isogal.cli.{where.module}")
-    ]
-    for name in listed:
-        result = CliRunner().invoke(main.app, [name, "--help"])
-        assert result.exit_code == 0, (name, result.output)
-        assert "Usage: isogal " + name in " ".join(result.output.split())
+@pytest.mark.parametrize("name", main.COMMANDS)
+def test_every_command_has_help(name: str) -> None:
+    assert f"Usage: isogal {name}" in " ".join(answer(name, "--help").split())
 
 
 def test_the_help_fills_the_line(sample: None) -> None:
@@ -139,7 +127,6 @@ def test_a_function_and_a_group_become_commands(sample: None) -> None:
         (["plain", "--rnus", "1"], 2, "isogal: No such option: --rnus"),
         (["plain", "stray"], 2, "isogal: Got unexpected extra argument"),
         (["plane"], 2, "isogal: No such command 'plane'. Did you mean 'plain'"),
-        (["not_there"], 2, "isogal: No such command 'not_there'"),
         (["--no-such-flag"], 2, "isogal: No such option: --no-such-flag"),
     ],
 )
@@ -173,51 +160,3 @@ def test_unknown_option_of_the_real_command() -> None:
     done = isogal_command("--frobnicate")
     assert done.returncode == 2
     assert done.stderr == "isogal: No such option: --frobnicate (see isogal --help)\n"
-
-
-def test_a_reader_that_leaves_is_not_reported() -> None:
-    read_end, write_end = os.pipe()
-    os.close(read_end)
-    with os.fdopen(write_end, "wb") as closed_pipe:
-        done = subprocess.run(
-            [ISOGAL, "--version"],
-            stdout=closed_pipe,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    assert (done.returncode, done.stderr) == (141, "")
-
-
-def test_a_full_disk_is_one_line() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [ISOGAL, "--version"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    assert (done.returncode, done.stderr) == (
-        2,
-        "isogal: the output cannot be written: No space left on device\n",
-    )
-
-
-def test_clean_errors_keeps_the_result_and_the_signature() -> None:
-    from isogal.cli.errors import clean_errors
-
-    @clean_errors
-    def double(value: int) -> int:
-        """Double it."""
-        if value < 0:
-            raise InputError("value: must not be negative")
-        return 2 * value
-
-    assert double(4) == 8
-    assert double.__doc__ == "Double it."
-    with pytest.raises(SystemExit) as stopped:
-        double(-1)
-    assert stopped.value.code == 2

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.track import Track
 
@@ -85,3 +86,12 @@ def write_csv(
         "\n".join([columns, *(",".join(f"{x:.12g}" for x in row) for row in rows)]) + "\n"
     )
     return path
+
+
+def squared_distance(fix: dict, latitude: float, longitude: float) -> float:
+    """Squared distance of a fix (as `isogal match` writes it) from the truth (rad) in units of its
+    covariance: chi-square of 2 degrees of freedom."""
+    place = np.radians([fix["latitude"], fix["longitude"]])
+    north, east = horizontal_difference(*place, latitude, longitude)
+    apart = np.array([east, north])
+    return float(apart @ np.linalg.solve(fix["covariance_enu"], apart))

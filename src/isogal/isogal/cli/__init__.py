@@ -1,1 +1,19 @@
-"""The command line: one module per command, mounted by `isogal.cli.main` when it is asked for."""
+"""The command line. `isogal.cli.main` knows all commands and imports one only when it is called.
+
+Commands
+
+- `run`: ``isogal run`` and ``isogal replay``, the graph of nodes.
+- `montecarlo`: ``isogal montecarlo``, a scenario many times.
+- `paper`: ``isogal paper``, the reproduction of the paper.
+- `match`: ``isogal match``, a recorded track against a map.
+- `map`: ``isogal map info``, ``variability``, ``synth``, ``fetch`` and ``convert``.
+
+What they share
+
+- `main`: the program ``isogal``; which commands are there?
+- `errors`: how does a command end that cannot go on?
+- `option_groups`: how do several options become one parameter of a command?
+- `options`: scenario, workers, folder of results.
+- `map_choice`: which map, and what is in the file?
+- `progress`: how far is what takes time?
+"""

@@ -1,5 +1,5 @@
-"""What a command does when it cannot go on: one clear line on the standard error stream and an
-exit status, no traceback."""
+"""What a command says on the standard error stream, and how it ends when it cannot go on: with one
+clear line and an exit status, without a traceback."""
 
 import errno
 import functools
@@ -18,18 +18,24 @@ INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 BROKEN_PIPE = 141  # 128 + SIGPIPE
 
 
+def note(message: str) -> None:
+    """Print ``isogal: message`` as one line on the standard error stream."""
+    print(f"isogal: {' '.join(message.split())}", file=sys.stderr)
+
+
 def fail(message: str, status: int = BAD_INPUT) -> NoReturn:
     """Print ``isogal: message`` as one line on the standard error stream and exit."""
-    print(f"isogal: {' '.join(message.split())}", file=sys.stderr)
+    note(message)
     raise SystemExit(status)
 
 
 def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a command so that what a user can cause ends in one line instead of a traceback.
+    """Return a function that ends with one line, without a traceback, where a user causes it to
+    fail.
 
     InputError, and a file that cannot be read or written, exit with status 2, Ctrl-C with 130, a
-    reader that went away (``isogal ... | head``) silently with 141. Everything else is a defect of
-    Isogal and keeps its traceback."""
+    closed pipe (``isogal ... | head``) silently with 141. Everything else is a defect of Isogal
+    and keeps its traceback."""
 
     @functools.wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -53,7 +59,7 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def _discard_stdout() -> None:
-    """Keep the interpreter from flushing, at exit, into the pipe that nobody reads any more."""
+    """Keep the interpreter from flushing into the closed pipe at exit."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, sys.stdout.fileno())
     os.close(sink)

@@ -1,13 +1,9 @@
-"""The command ``isogal``: knows the name and one line of each command, imports a command only when
-it is called.
-
-``isogal --help`` and ``isogal --version`` thereby start without NumPy, numba and xarray.
-"""
+"""The program ``isogal``. It knows the name and one line of each command, and imports a command
+only when it is called: ``isogal --help`` starts without NumPy, numba and xarray."""
 
 import importlib
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -50,14 +46,14 @@ COMMANDS = {
         "Reproduce every table and figure of the paper, beside the paper's values.",
     ),
     "match": Command(
-        "match", "match", "Match a recorded track of any scalar field against a map."
+        "match.command", "match", "Match a recorded track of any scalar field against a map."
     ),
-    "map": Command("map", "app", "Look at maps, make, fetch and convert them."),
+    "map": Command("map.app", "app", "Look at maps, make, fetch and convert them."),
 }
 
 
 class _Deferred(TyperCommand):
-    """Stands for a command in the list of commands; becomes the real one when it is called."""
+    """A command in the list of commands, which is imported when it is called."""
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
@@ -79,8 +75,8 @@ def _load(name: str) -> Any:
 
 
 def _fill_paragraphs(command: Any) -> None:
-    """Let the help of a command, which is its docstring, fill the terminal: keep paragraphs, drop
-    the source's line ends."""
+    """Let the help of a command, which is its docstring, fill the width of the terminal: keep the
+    paragraphs, join their lines."""
     if command.help:
         command.help = "\n\n".join(
             " ".join(paragraph.split()) for paragraph in command.help.split("\n\n")
@@ -95,10 +91,9 @@ class _Isogal(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         for name, where in COMMANDS.items():
-            if find_spec(f"isogal.cli.{where.module}"):
-                self.add_command(
-                    _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
-                )
+            self.add_command(
+                _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
+            )
 
     def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> Any:
         """Run and exit; replaces the boxes in which typer would frame an error."""
@@ -122,7 +117,7 @@ def _call(group: _Isogal, args: list[str]) -> int:
             hint = f" (see {where.command_path} --help)" if where else ""
             fail(f"{message.strip().rstrip('.')}{hint}", error.exit_code)
         status = error.exit_code
-    sys.stdout.flush()  # so that a full disk or a closed pipe is noticed while it can still be said
+    sys.stdout.flush()  # a full disk or a closed pipe is reported here, not at exit
     return status
 
 

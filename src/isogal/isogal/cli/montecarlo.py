@@ -1,61 +1,35 @@
 """``isogal montecarlo``: a scenario many times with other random numbers."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from isogal.cli.errors import INTERRUPTED, fail
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import ScenarioChoice, StudyResults, Workers
 
-ScenarioOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults."
-    ),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key, e.g. gravimeter.sigma=2e-4; repeatable."
-    ),
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        "--workers",
-        metavar="N",
-        min=1,
-        help="Processes on this machine; default: one for each core.",
-    ),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler to use, e.g. tcp://host:8786."
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")]
+if TYPE_CHECKING:
+    from isogal.montecarlo.chunks import Case
+    from isogal.montecarlo.store import Store
+    from isogal.scenario import Scenario
 
 
+@with_groups
 def montecarlo(
-    out: Annotated[
-        Path,
-        typer.Option("--out", metavar="DIR", help="Folder of results, report and finished runs."),
-    ],
+    results: StudyResults,
     runs: Annotated[int, typer.Option("--runs", metavar="N", min=1, help="How many runs.")],
-    scenario: ScenarioOption = None,
-    set_: SetOption = None,
+    chosen: ScenarioChoice,
+    workers: Workers,
     matcher: Annotated[
         str | None,
         typer.Option(
             "--matcher", metavar="NAME", help="Matcher to use instead of the scenario's."
         ),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
 ) -> None:
     """Run a scenario many times; write results.json, report.html and figures, and print the
     figures of merit.
@@ -63,53 +37,64 @@ def montecarlo(
     Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same
     command goes on, and more runs compute only the new ones. Results do not depend on the number
     or kind of workers."""
-    import time
+    from isogal.montecarlo.progress import LiveProgress
+    from isogal.montecarlo.store import Store
+    from isogal.montecarlo.study import compute_cases
 
-    from isogal.evaluation.bound import posterior_cramer_rao
-    from isogal.evaluation.run_report import run_report
-    from isogal.evaluation.summary import canonical_json, summarise, write_json
+    settings = chosen.load(*([f"matcher.name={matcher}"] if matcher else ()))
+    backend = workers.backend()
+    case = _checked_case(settings, runs)
+    store = Store(results.runs)
+    results.out.mkdir(parents=True, exist_ok=True)
+    start = time.monotonic()
+    with ending_well(store.folder), LiveProgress(settings.matcher.name) as display:
+        compute_cases([case], store, backend, display)
+    summary, page = _evaluate(case, store, results.out, time.monotonic() - start)
+    if results.json:
+        typer.echo((results.out / "results.json").read_text(encoding="utf-8"), nl=False)
+    else:
+        _print(summary, page)
+
+
+def _checked_case(settings: "Scenario", runs: int) -> "Case":
+    """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
+    used."""
     from isogal.fields.measured import measured_field
     from isogal.fields.scenario_map import map_for_scenario
     from isogal.fields.simulator import true_readings
     from isogal.matching.registry import build_matcher
     from isogal.montecarlo.chunks import Case
-    from isogal.montecarlo.progress import LiveProgress
-    from isogal.montecarlo.store import Store
-    from isogal.montecarlo.study import Backend, compute_cases
-    from isogal.scenario import load_scenario
     from isogal.sensors.trajectory import build_trajectory
 
-    overrides = [*(set_ or ()), *([f"matcher.name={matcher}"] if matcher else ())]
-    settings = load_scenario(scenario, overrides)
-    backend = Backend(workers, scheduler)
     build_matcher(settings.matcher, measured_field(settings).channels is not None)
     trajectory = build_trajectory(settings)
     field_map = map_for_scenario(settings, trajectory)
     true_readings(settings, trajectory, field_map)
-    case = Case("montecarlo", settings, runs, field_map)
-    store = Store(out / "runs")
-    out.mkdir(parents=True, exist_ok=True)
+    return Case("montecarlo", settings, runs, field_map)
 
-    start = time.monotonic()
-    with ending_well(store.folder), LiveProgress(settings.matcher.name) as display:
-        compute_cases([case], store, backend, display)
-    wall = time.monotonic() - start
 
+def _evaluate(
+    case: "Case", store: "Store", out: Path, wall_seconds: float
+) -> tuple[dict[str, Any], Path]:
+    """Write results.json, the report and its figures; return the results and the report's path."""
+    from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.run_report import run_report
+    from isogal.evaluation.summary import summarise, write_json
+    from isogal.sensors.trajectory import build_trajectory
+
+    settings, field_map = case.scenario, case.field_map
     record = store.load(case)
-    bound = posterior_cramer_rao(settings, trajectory, field_map)
-    summary = summarise(record, settings, bound.rms_at(record.time), wall_seconds=wall)
+    bound = posterior_cramer_rao(settings, build_trajectory(settings), field_map)
+    at = bound.rms_at(record.time)
+    summary = summarise(record, settings, at, wall_seconds=wall_seconds)
     write_json(out / "results.json", summary)
-    page = run_report(record, settings, field_map, bound, out, summary)
-    if json:
-        typer.echo(canonical_json(summary), nl=False)
-    else:
-        _print(summary, page)
+    return summary, run_report(record, settings, field_map, bound, out, summary)
 
 
 @contextmanager
 def ending_well(kept_in: Path) -> Iterator[None]:
-    """End the command with one line that says what is kept where the computation is interrupted or
-    fails."""
+    """Where the computation is interrupted or fails, end the command with one line that says which
+    runs are kept."""
     from isogal.montecarlo.study import Interrupted
     from isogal.montecarlo.workers import WorkerError
 

@@ -5,16 +5,16 @@ from typing import Annotated, Any
 
 import typer
 
-from isogal.cli.montecarlo import JsonOption, SchedulerOption, WorkersOption, ending_well
+from isogal.cli.checks import finite
+from isogal.cli.montecarlo import ending_well
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import StudyResults, Workers
 
 
+@with_groups
 def paper(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="DIR", help="Folder of results, report, figures and finished runs."
-        ),
-    ],
+    results: StudyResults,
+    workers: Workers,
     runs: Annotated[
         int,
         typer.Option("--runs", metavar="N", min=1, help="Runs of each case; the paper has 100."),
@@ -32,30 +32,30 @@ def paper(
     duration: Annotated[
         float,
         typer.Option(
-            "--duration", metavar="SECONDS", min=600.0, help="Simulated time of each run."
+            "--duration",
+            metavar="SECONDS",
+            min=600.0,
+            callback=finite,
+            help="Simulated time of each run.",
         ),
     ] = 12960.0,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
 ) -> None:
     """Redo section 4 of the paper: Tables 4 and 6, all figures, every claim.
 
     Writes report.html with all figures (PNG files beside it) and results.json. Finished runs are
     kept in DIR/runs: after Ctrl-C the same command goes on from there."""
     from isogal.montecarlo.progress import LiveProgress
-    from isogal.montecarlo.study import Backend
     from isogal.paper.cases import Plan
     from isogal.paper.study import reproduce
 
-    backend = Backend(workers, scheduler)
+    backend = workers.backend()
     plan = Plan(runs, None if map_ is None else str(Path(map_).expanduser()), duration)
-    with ending_well(out / "runs"), LiveProgress("paper") as display:
-        results, claims, page = reproduce(plan, out, backend, display)
-    if json:
-        typer.echo((out / "results.json").read_text(encoding="utf-8"), nl=False)
+    with ending_well(results.runs), LiveProgress("paper") as display:
+        found, claims, page = reproduce(plan, results.out, backend, display)
+    if results.json:
+        typer.echo((results.out / "results.json").read_text(encoding="utf-8"), nl=False)
     else:
-        _print(results, claims, page)
+        _print(found, claims, page)
 
 
 def _print(results: Any, claims: Any, page: Path) -> None:

@@ -4,32 +4,19 @@ fresh nodes."""
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from isogal.cli.checks import finite
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json, ScenarioChoice
 from isogal.errors import InputError
 
-ScenarioOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults."
-    ),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a key, e.g. matcher.batch_length=15; repeatable.",
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
-
+@with_groups
 def run(
-    scenario: ScenarioOption = None,
-    set_: SetOption = None,
+    chosen: ScenarioChoice,
     in_process: Annotated[
         bool,
         typer.Option(
@@ -39,30 +26,41 @@ def run(
     bag: Annotated[
         Path | None,
         typer.Option(
-            "--bag", metavar="DIR", help="Folder of the recording; default: bag in --out."
+            "--bag",
+            metavar="DIR",
+            help="Folder of the recording; default: bag in --out.",
+            rich_help_panel=RESULTS,
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder of summary, report and figures.")
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder of summary, report and figures.",
+            rich_help_panel=RESULTS,
+        ),
     ] = Path("out/run"),
     rate: Annotated[
         float,
         typer.Option(
-            "--rate", min=0.0, help="Simulated seconds per second; 0 = as fast as possible."
+            "--rate",
+            min=0.0,
+            callback=finite,
+            help="Simulated seconds per second; 0 = as fast as possible.",
         ),
     ] = 0.0,
-    json: JsonOption = False,
+    json: Json = False,
 ) -> None:
     """Simulate a scenario with the navigator in the loop: four nodes and a recorder over DDS.
 
     Writes a bag, summary.json, report.html and the figures. Ctrl-C stops all nodes and keeps the
     bag."""
     _require_ros()
-    from isogal.scenario import load_scenario
-    from isogal_ros.graph.session import run_session
+    from isogal_ros.graph.commands import run_command
 
-    settings = load_scenario(scenario, set_ or ())
-    raise typer.Exit(run_session(settings, out, bag, in_process=in_process, rate=rate, json=json))
+    settings = chosen.load()
+    raise typer.Exit(run_command(settings, out, bag, in_process=in_process, rate=rate, json=json))
 
 
 def replay(
@@ -72,17 +70,20 @@ def replay(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="DIR", help="Folder for summary, report and figures of the replay."
+            "--out",
+            metavar="DIR",
+            help="Folder for summary, report and figures of the replay.",
+            rich_help_panel=RESULTS,
         ),
     ] = None,
-    json: JsonOption = False,
+    json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
     differ from the recorded ones."""
     _require_ros()
-    from isogal_ros.graph.session import replay_session
+    from isogal_ros.graph.commands import replay_command
 
-    raise typer.Exit(replay_session(bag, out, json=json))
+    raise typer.Exit(replay_command(bag, out, json=json))
 
 
 def _require_ros() -> None:
@@ -97,6 +98,3 @@ def _require_ros() -> None:
                 f"{what} is not installed for {sys.executable}: run and replay need it; the other"
                 " commands do not (see README.md)"
             )
-
-
-__all__: list[Any] = ["replay", "run"]

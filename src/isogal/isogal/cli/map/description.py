@@ -12,8 +12,7 @@ from isogal.maps.field_map import FieldMap
 
 def describe_map(field_map: FieldMap) -> dict[str, Any]:
     """Return what a map is, with the range of its values."""
-    extent = field_map.extent
-    _, _, dlat, _, dlon = field_map.grid
+    extent, grid = field_map.extent, field_map.grid
     count, total, squares, low, high = 0, 0.0, 0.0, math.inf, -math.inf
     middle = float(
         next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all())
@@ -43,7 +42,7 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
         "west": math.degrees(extent.west),
         "east": math.degrees(extent.east),
         "nodes": list(field_map.values.shape),
-        "step_deg": [math.degrees(dlat), math.degrees(dlon)],
+        "step_deg": [math.degrees(grid.latitude_step), math.degrees(grid.longitude_step)],
         "cell_m": list(field_map.cell_size_m(0.5 * (extent.south + extent.north))),
         "minimum": low,
         "maximum": high,
@@ -56,9 +55,21 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
     }
 
 
-def describe_route(value: Array, gradient: Array, stretches: Stretches) -> dict[str, Any]:
+def describe_route(
+    field_map: FieldMap, track: tuple[Array, Array], stretches: Stretches
+) -> dict[str, Any]:
     """Return what a track finds on the map, stretch by stretch; infinities and missing values
-    become null."""
+    become null.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+    track : (K,), (K,) rad
+        Latitude and longitude of the readings.
+    stretches : Stretches
+        Of the track.
+    """
+    value, north, east = field_map.value_and_gradient(*track)
     best, worst = stretches.axes
     parts = [
         {
@@ -77,7 +88,7 @@ def describe_route(value: Array, gradient: Array, stretches: Stretches) -> dict[
         "length_km": float(stretches.end[-1]) / 1e3,
         "value_rms": float(np.sqrt(np.mean(value**2))),
         "value_standard_deviation": float(np.std(value)),
-        "gradient_rms": float(np.sqrt(np.mean(gradient**2))),
+        "gradient_rms": float(np.sqrt(np.mean(north**2 + east**2))),
         "stretches": parts,
     }
 

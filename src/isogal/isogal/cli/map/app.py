@@ -1,0 +1,15 @@
+"""The commands of ``isogal map``."""
+
+import typer
+
+from isogal.cli.map.convert import convert
+from isogal.cli.map.fetch import fetch
+from isogal.cli.map.info import info
+from isogal.cli.map.synth import synth
+from isogal.cli.map.variability import variability
+
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Look at maps, make, fetch and convert them."
+)
+for _command in (info, variability, synth, fetch, convert):
+    app.command()(_command)

@@ -1,0 +1,93 @@
+"""``isogal map convert``: a map in another form."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isogal.cli.checks import finite, positive
+from isogal.cli.map.part import PartChoice
+from isogal.cli.map.results import say_written
+from isogal.cli.map_choice import MapChoice
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json
+from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal.maps.field_map import FieldMap
+
+
+@dataclass(frozen=True)
+class Target:
+    """The file or folder that is written."""
+
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder."),
+    ]
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORMAT", help="netcdf or ggmplus.", rich_help_panel=RESULTS),
+    ] = "netcdf"
+    sigma: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma",
+            min=0.0,
+            callback=finite,
+            help="1-sigma of the map's error to write into it, SI (nT).",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None
+    correlation_length: Annotated[
+        float | None,
+        typer.Option(
+            "--correlation-length",
+            metavar="M",
+            callback=positive,
+            help="Of that error.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Raise InputError unless the name fits the format."""
+        if self.to not in ("netcdf", "ggmplus"):
+            raise InputError(f"--to {self.to}: must be netcdf or ggmplus")
+        if self.to == "netcdf" and self.out.suffix.casefold() not in (".nc", ".nc4"):
+            raise InputError(f"{self.out}: must end in .nc (or give --to ggmplus)")
+
+    def write(self, field_map: "FieldMap", variable: str | None) -> None:
+        """Write a map; as this variable, where it can be the name of one. Raises InputError."""
+        from isogal.maps.formats.netcdf import write_netcdf
+        from isogal.maps.ggmplus.folder import write_ggmplus
+
+        if self.to == "netcdf":
+            named = variable is not None and variable.isidentifier()
+            write_netcdf(field_map, self.out, variable if named else None)
+        else:
+            write_ggmplus(field_map, self.out)
+
+    def with_error(self, field_map: "FieldMap") -> "FieldMap":
+        """Return the map with the error that the options name."""
+        if self.sigma is not None:
+            field_map = replace(field_map, sigma=self.sigma)
+        if self.correlation_length is not None:
+            field_map = replace(field_map, correlation_length=self.correlation_length)
+        return field_map
+
+
+@with_groups
+def convert(map_: MapChoice, target: Target, where: PartChoice, json: Json = False) -> None:
+    """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part
+    of a route or window."""
+    from isogal.cli.map.description import describe_map
+
+    target.check()
+    route = where.build_if_asked()
+    part = where.part(route)
+    whole = part._replace(track=None) if part else None  # not only what lies along the route
+    field_map = target.with_error(map_.load(whole, route.measured if route else "gravity"))
+    target.write(field_map, map_.variable)
+    say_written(describe_map(field_map), target.out, json)

@@ -1,0 +1,35 @@
+"""``isogal map synth``: the synthetic map as a file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from isogal.cli.map.part import PartChoice
+from isogal.cli.map.results import say_written
+from isogal.cli.map_choice import MAP, make_synthetic
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json
+
+
+@with_groups
+def synth(
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="FILE.nc", help="Map to write.", rich_help_panel=RESULTS),
+    ],
+    where: PartChoice,
+    quantity: Annotated[
+        str,
+        typer.Option("--quantity", help="gravity, disturbance or height.", rich_help_panel=MAP),
+    ] = "gravity",
+    json: Json = False,
+) -> None:
+    """Write the synthetic map of a route or window as NetCDF; it is the same everywhere and
+    always."""
+    from isogal.cli.map.description import describe_map
+    from isogal.maps.formats.netcdf import write_netcdf
+
+    field_map = make_synthetic(quantity, where.part_needed()._replace(track=None))
+    write_netcdf(field_map, out)
+    say_written(describe_map(field_map), out, json)

@@ -1,0 +1,133 @@
+"""Which map a command works on, and what its file does not say."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isogal.cli.progress import Bars
+from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal.maps.axes import Window
+    from isogal.maps.field_map import FieldMap
+
+MAP = "Map"
+"""Heading of the options that say what the map is."""
+SYNTHETIC = "synthetic"
+"""Source that is no file."""
+SOURCE_HELP = "NetCDF, GeoTIFF, ICGEM or XYZ file, GGMplus folder, or 'synthetic'."
+_SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance", "height": "height"}
+
+
+@dataclass(frozen=True)
+class MapChoice:
+    """Which map; by its file or folder, which is an argument."""
+
+    source: Annotated[str, typer.Argument(metavar="MAP", help=SOURCE_HELP)]
+    variable: Annotated[
+        str | None,
+        typer.Option(
+            "--variable",
+            metavar="NAME",
+            help="Variable, band, column or extension.",
+            rich_help_panel=MAP,
+        ),
+    ] = None
+    quantity: Annotated[
+        str | None,
+        typer.Option(
+            "--quantity", help="What the map is of, where it does not say.", rich_help_panel=MAP
+        ),
+    ] = None
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit", help="Unit of the numbers, where the file does not say.", rich_help_panel=MAP
+        ),
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs",
+            metavar="EPSG:N",
+            help="System of a GeoTIFF that does not say.",
+            rich_help_panel=MAP,
+        ),
+    ] = None
+    format_name: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="netcdf, ggmplus, geotiff, gdf or xyz; default: by name.",
+            rich_help_panel=MAP,
+        ),
+    ] = None
+
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether the map is the synthetic one, which has no end."""
+        return self.source == SYNTHETIC
+
+    def load(self, window: "Window | None", measured: str = "gravity") -> "FieldMap":
+        """Read the map.
+
+        Parameters
+        ----------
+        window : Window, optional
+            Only this part; the synthetic map needs it.
+        measured : str
+            Quantity of the synthetic map where the user names none.
+
+        Raises
+        ------
+        InputError
+            There is no such map, or it cannot be read.
+        """
+        if self.is_synthetic:
+            return self._synthetic(window, measured)
+        from isogal.maps.load import load_map
+
+        return load_map(
+            self.source,
+            self.variable,
+            self.quantity,
+            window,
+            unit=self.unit,
+            crs=self.crs,
+            format_name=self.format_name,
+        )
+
+    def _synthetic(self, window: "Window | None", measured: str) -> "FieldMap":
+        if window is None:
+            raise InputError("the synthetic map has no end: give --window, --route or --scenario")
+        if self.variable is not None and self.variable not in _SYNTHETIC_VARIABLES:
+            raise InputError(
+                f"--variable {self.variable}: the synthetic map has height, ga and dg"
+            )
+        for name, value in (
+            ("--unit", self.unit),
+            ("--crs", self.crs),
+            ("--format", self.format_name),
+        ):
+            if value is not None:
+                raise InputError(f"{name} {value}: cannot be given for the synthetic map")
+        named = self.quantity or _SYNTHETIC_VARIABLES.get(self.variable or "")
+        return make_synthetic(named or measured, window)
+
+
+def make_synthetic(quantity: str, window: "Window") -> "FieldMap":
+    """Make the synthetic map of a quantity with a bar that shows how far it is; raises
+    InputError."""
+    from isogal.maps.synthetic.tiles import synthetic_map
+
+    with Bars("tiles") as bars:
+        return synthetic_map(quantity, window, lambda done, total: bars("tiles", done, total))
+
+
+@dataclass(frozen=True)
+class MapOption(MapChoice):
+    """Which map; by its file or folder, which is an option."""
+
+    source: Annotated[str, typer.Option("--map", metavar="FILE", help=SOURCE_HELP)]

@@ -1,0 +1,67 @@
+"""What the matcher of ``isogal match`` is told: options, the map, and what the track leaves
+open."""
+
+import math
+from typing import TYPE_CHECKING
+
+from isogal.cli.errors import note
+from isogal.cli.match.inputs import Inputs
+from isogal.cli.match.options import Assumptions, MatcherChoice
+
+if TYPE_CHECKING:
+    from isogal.maps.field_map import FieldMap
+    from isogal.scenario import Matcher
+
+_LENGTH = "matcher.map_correlation_length"
+
+
+def matcher_settings(
+    matching: MatcherChoice, assumed: Assumptions, inputs: Inputs, reduction: str | None
+) -> "Matcher":
+    """Return the scenario's section `matcher`; say on the standard error stream what is assumed
+    that nobody has said.
+
+    Sigmas of the options are in the track's unit, those of ``--set`` in the unit inside.
+
+    Raises
+    ------
+    InputError
+        A key or a value is not allowed.
+    """
+    from isogal.scenario import load_scenario
+
+    field_map = inputs.field_map
+    changes = matching.changes() + assumed.map_changes(inputs.factor)
+    said = {item.partition("=")[0] for item in changes}
+    if _LENGTH not in said and field_map.correlation_length is not None:
+        changes.append(f"{_LENGTH}={field_map.correlation_length!r}")
+    settings = load_scenario(None, changes).matcher
+    if "matcher.map_sigma" not in said and not _knows_error(field_map):
+        note(
+            "the map does not say how wrong it is and is taken as exact; give --map-sigma, a"
+            " number or auto"
+        )
+    if reduction is None:
+        settings = _with_unknown_latitude(settings, inputs, assumed.prior_sigma)
+    return settings
+
+
+def _knows_error(field_map: "FieldMap") -> bool:
+    import numpy as np
+
+    return bool(np.any(np.nan_to_num(field_map.sigma) > 0.0))
+
+
+def _with_unknown_latitude(settings: "Matcher", inputs: Inputs, prior_sigma: float) -> "Matcher":
+    """Return settings with an unknown constant, where the offset holds normal gravity and nobody
+    has said at which latitude."""
+    track = inputs.track
+    change = track.normal_gravity_in_doubt(inputs.field_map.quantity) * prior_sigma
+    if change == 0.0:
+        return settings
+    note(
+        f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
+        f" unknown constant of {change / inputs.factor:.2g} {inputs.unit} is allowed for. Say"
+        " --reduction latitude if it was the track's own, else --reduction none"
+    )
+    return settings.model_copy(update={"bias_sigma": math.hypot(settings.bias_sigma, change)})

@@ -1,0 +1,35 @@
+"""The fixes of a track as text."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from isogal.matching.interfaces import Fix
+    from isogal.tracks.matching import Match
+
+
+def print_table(matches: "Sequence[Match]") -> None:
+    """Print one line for each batch, and how many of them gave a fix."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold")
+    for name in ("time (s)", "latitude", "longitude", "1-sigma (m)"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for match in matches:
+        table.add_row(*_cells(match.fix))
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(table)
+    console.print(f"{sum(m.fix.published for m in matches)} fixes of {len(matches)} batches")
+
+
+def _cells(fix: "Fix") -> list[str]:
+    import numpy as np
+
+    time = f"{fix.time:.10g}"
+    if not fix.published:
+        return [time, "-", "-", "-", f"no fix: {fix.reason}"]
+    short, long = np.sqrt(np.linalg.eigvalsh(fix.covariance))
+    place = (f"{np.degrees(angle):.5f}" for angle in (fix.latitude, fix.longitude))
+    return [time, *place, f"{long:.0f} x {short:.0f}", ""]

@@ -1,0 +1,92 @@
+"""Options that several commands share: scenario, workers, folder and form of the results."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from isogal.montecarlo.study import Backend
+    from isogal.scenario import Scenario
+
+RESULTS = "Results"
+"""Heading of the options that say what becomes of the results."""
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=RESULTS)
+]
+
+
+@dataclass(frozen=True)
+class ScenarioChoice:
+    """Which scenario."""
+
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            "--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults."
+        ),
+    ] = None
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a key, e.g. gravimeter.sigma=2e-4; repeatable.",
+        ),
+    ] = None
+
+    def load(self, *changes: str) -> "Scenario":
+        """Return the scenario with the changes of ``--set``, then these; raises InputError."""
+        from isogal.scenario import load_scenario
+
+        return load_scenario(self.scenario, [*(self.set_ or ()), *changes])
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who computes."""
+
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            metavar="N",
+            min=1,
+            help="Processes on this machine; default: one for each core.",
+        ),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Dask scheduler to use, e.g. tcp://host:8786."
+        ),
+    ] = None
+
+    def backend(self) -> "Backend":
+        """Return who computes as `isogal.montecarlo` wants it; raises InputError."""
+        from isogal.montecarlo.study import Backend
+
+        return Backend(self.workers, self.scheduler)
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """What becomes of the results of many runs."""
+
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder of results, report, figures and finished runs.",
+            rich_help_panel=RESULTS,
+        ),
+    ]
+    json: Json = False
+
+    @property
+    def runs(self) -> Path:
+        """Folder of the finished runs."""
+        return self.out / "runs"

@@ -1,0 +1,98 @@
+"""What `isogal map info` says about a map, and about fixes along a route."""
+
+import json
+
+import pytest
+
+from helpers.command_line import answer, refusal
+
+ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
+
+
+def described(*words):
+    return json.loads(answer("map", "info", *words, "--json"))
+
+
+def test_description_of_a_map(file, small_map):
+    found = described(file)
+    assert (found["quantity"], found["unit"], found["nodes"]) == ("disturbance", "m/s²", [20, 24])
+    assert found["minimum"] == pytest.approx(small_map.values.min())
+    assert found["maximum"] == pytest.approx(small_map.values.max())
+    assert found["mean"] == pytest.approx(small_map.values.mean())
+    assert found["standard_deviation"] == pytest.approx(small_map.values.std())
+    assert (found["south"], found["east"]) == (pytest.approx(-37.0), pytest.approx(145.65))
+    text = answer("map", "info", file)
+    assert "mGal" in text
+    assert "disturbance" in text
+
+
+def test_a_route_adds_the_expected_accuracy_of_fixes(file, tmp_path):
+    picture = tmp_path / "new" / "picture.png"
+    sensor = ("--set", "gravimeter.sigma=1e-6")
+    route = described(file, *ROUTE, *sensor, "--figure", picture)["route"]
+    assert len(route["stretches"]) == round(route["length_km"] / 5.0)
+    assert all(0.0 < part["sigma_best"] <= part["sigma_worst"] for part in route["stretches"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    worse = described(file, *ROUTE, "--sensor-sigma", 1e-5)["route"]
+    assert worse["stretches"][0]["sigma_best"] > 5.0 * route["stretches"][0]["sigma_best"]
+    text = answer("map", "info", file, *ROUTE, "--figure", picture)
+    assert "worst (m)" in text
+    assert text.endswith(f"{picture}\n")
+
+
+def test_the_options_of_the_errors_count(file):
+    plain, wrong, longer, offset = (
+        described(file, *ROUTE, *words)["route"]["stretches"][0]["sigma_worst"]
+        for words in (
+            (),
+            ("--map-sigma", 1e-5),
+            ("--map-sigma", 1e-5, "--map-correlation-length", 500),
+            ("--bias-sigma", 1e-4),
+        )
+    )
+    assert plain < min(wrong, longer, offset)
+    assert wrong != longer
+
+
+def test_the_synthetic_map_is_shown_along_a_route():
+    found = described("synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", 5)
+    assert found["quantity"] == "gravity"
+    assert found["route"]["length_km"] == pytest.approx(10.5, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--route", "1,2 x,4"), "--route: 'x,4' must be LATITUDE,LONGITUDE"),
+        (("--route", "1,2"), "at least two points"),
+        (("--route", "-36.9,144.7 -35.0,144.7"), "does not cover the route: no value at -36."),
+        (("--window", "3", "2", "1", "4"), "--window 3 2 1 4: must be SOUTH NORTH WEST EAST"),
+        (("--window", "1", "nan", "1", "4"), "must be SOUTH NORTH WEST EAST"),
+        (("--set", "rute.speed=3"), "unknown key 'rute'"),
+        (("--scenario", "none.yaml"), "none.yaml"),
+        (("--figure", "a.gif"), "--figure a.gif: must end in .png"),
+        (("--margin", "inf"), "--margin: must be finite, is inf"),
+        (("--margin", "-1"), "'--margin'"),
+        (("--margin", "nan"), "'--margin'"),
+        (("--stretch", "inf"), "--stretch: must be finite, is inf"),
+        (("--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0.0"),
+        (("--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
+        (("--map-correlation-length", "0"), "--map-correlation-length: must be > 0, is 0.0"),
+        (("--bias-sigma", "inf"), "--bias-sigma: must be finite, is inf"),
+        (("--figrue", "a.png"), "No such option: --figrue (Possible options: --figure"),
+    ],
+)
+def test_bad_options_end_in_one_line(file, words, message):
+    assert message in refusal("map", "info", file, *words)
+
+
+def test_the_sensor_of_another_field_must_be_said(tmp_path, small_map):
+    from dataclasses import replace
+
+    from isogal.maps.formats.netcdf import write_netcdf
+
+    values = 1e5 * small_map.values
+    magnetic = replace(small_map, values=values, unit="nT", quantity="magnetic_anomaly")
+    write_netcdf(magnetic, tmp_path / "m.nc")
+    message = refusal("map", "info", tmp_path / "m.nc", *ROUTE)
+    assert "--sensor-sigma: must be given for a map in nT" in message

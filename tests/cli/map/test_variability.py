@@ -1,0 +1,35 @@
+"""What `isogal map variability` prints and draws."""
+
+import json
+
+import pytest
+
+from helpers.command_line import answer, refusal
+
+ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
+
+
+def test_variability_along_a_route(file, tmp_path):
+    picture = tmp_path / "picture.png"
+    words = ("map", "variability", file, *ROUTE)
+    found = json.loads(answer(*words, "--samples", 50, "--figure", picture, "--json"))
+    assert (found["samples"], found["points"], found["half_width"]) == (50, 9, 2000.0)
+    assert len(found["places"]) > 300
+    assert found["places"][0]["normalised"] == pytest.approx(1.0)
+    assert found["places"][0]["latitude"] == pytest.approx(-36.9)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    text = answer(*words, "--figure", picture)
+    assert "normalised" in text
+    assert text.endswith(f"{picture}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--points", "4"), "must be odd"),
+        (("--half-width", "inf"), "--half-width: must be finite, is inf"),
+        (("--figure", "a.pdf"), "must end in .png"),
+    ],
+)
+def test_bad_options_end_in_one_line(file, words, message):
+    assert message in refusal("map", "variability", file, *ROUTE, *words)

@@ -1,0 +1,163 @@
+"""`isogal match` from files to files: results in every format, every matcher, and one line for bad
+input."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.command_line import answer, call, refusal
+from helpers.tracks import FIELDS, squared_distance
+from isogal import plugins
+
+ISOGAL = Path(sys.executable).with_name("isogal")
+LIMIT = 13.8
+"""99.9 % of chi-square with 2 degrees of freedom."""
+
+
+def words_for(files, quantity):
+    """The options that a match of this quantity needs."""
+    map_file, track, sigma, *_ = files[quantity]
+    return ("match", "--map", map_file, "--track", track, "--sensor-sigma", sigma)
+
+
+@pytest.mark.parametrize("quantity", FIELDS)
+def test_fixes_are_as_near_to_the_truth_as_they_say(files, tmp_path, quantity):
+    out = tmp_path / "fixes.json"
+    status, _, said = call(*words_for(files, quantity), "--out", out)
+    assert status == 0
+    assert "the map does not say how wrong it is" in said
+    fixes = json.loads(out.read_text())
+    assert [fix["time"] for fix in fixes] == [295.0, 595.0]
+    latitude, longitude = files[quantity][3:]
+    for fix, row in zip(fixes, (29, 59), strict=True):
+        assert set(fix) == {"time", "latitude", "longitude", "covariance_enu", "status", "reason"}
+        assert fix["status"] == "fix"
+        assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
+        assert np.sqrt(np.trace(fix["covariance_enu"])) < 200.0
+
+
+def test_all_formats_hold_the_same_and_json_goes_to_stdout(files, tmp_path):
+    outs = [tmp_path / f"fixes.{suffix}" for suffix in ("json", "csv", "geojson")]
+    options = [word for out in outs for word in ("--out", out)]
+    printed = answer(*words_for(files, "magnetic_anomaly"), "--map-sigma", 0.5, "--json", *options)
+    fixes = json.loads(outs[0].read_text())
+    assert json.loads(printed) == fixes
+    with outs[1].open() as table:
+        rows = list(csv.DictReader(table))
+    assert [float(row["covariance_en"]) for row in rows] == [
+        fix["covariance_enu"][0][1] for fix in fixes
+    ]
+    features = json.loads(outs[2].read_text())["features"]
+    assert [feature["geometry"]["coordinates"] for feature in features] == [
+        [fix["longitude"], fix["latitude"]] for fix in fixes
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "ends"),
+    [
+        (["--batch-length", 20], [195.0, 395.0, 595.0]),
+        (["--batch-length", 20, "--stride", 10], [195.0, 295.0, 395.0, 495.0, 595.0]),
+        (
+            ["--set", "matcher.batch_length=50", "--set", "matcher.options.samples=256"],
+            [495.0, 595.0],
+        ),
+        (["--matcher", "pmht-paper"], [295.0, 595.0]),
+    ],
+)
+def test_options_of_the_matcher(files, options, ends):
+    out = answer(*words_for(files, "disturbance"), "--json", *options)
+    assert [fix["time"] for fix in json.loads(out)] == ends
+
+
+@pytest.mark.parametrize("matcher", plugins.names(plugins.MATCHERS))
+def test_every_matcher(files, matcher):
+    sigma = files["magnetic_anomaly"][2]
+    options = ("--map-sigma", sigma, "--prior-sigma", 800, "--matcher", matcher, "--json")
+    fixes = json.loads(answer(*words_for(files, "magnetic_anomaly"), *options))
+    assert len(fixes) == 2
+    for fix in fixes:
+        published = fix["status"] == "fix"
+        assert published == (fix["reason"] is None) == (fix["covariance_enu"] is not None)
+    assert any(fix["status"] == "fix" for fix in fixes)
+
+
+def test_chained_batches_and_report(files, tmp_path):
+    chained = ("--batch-length", 20, "--chain", "--velocity-sigma", 0.01, "--walk-sigma", 50)
+    words = (*words_for(files, "disturbance"), *chained)
+    out = answer(*words, "--json", "--report", tmp_path / "report")
+    assert all("aided_latitude" in fix for fix in json.loads(out))
+    assert (tmp_path / "report" / "report.html").is_file()
+    assert "3 fixes of 3 batches" in answer(*words)
+
+
+def test_batches_without_a_fix_are_printed_with_the_reason(files):
+    """Readings with a noise of 1000 mGal."""
+    map_file, track, *_ = files["disturbance"]
+    words = ("match", "--map", map_file, "--track", track, "--sensor-sigma", 1e-2)
+    printed = answer(*words)
+    assert printed.count("no fix: ") == 2
+    assert printed.endswith("0 fixes of 2 batches\n")
+
+
+BAD = {
+    "no track": (["--track", "none.csv"], "none.csv: no such file or folder"),
+    "no map": (["--map", "none.nc"], "none.nc: no such file or folder"),
+    "suffix": (["--out", "x.txt"], "x.txt: results are written to .json, .csv, .geojson files"),
+    "folder": (["--out", "none/x.json"], "none/x.json"),
+    "matcher": (["--matcher", "pmth"], "matcher.name"),
+    "key": (
+        ["--set", "matcher.stirde=3"],
+        "unknown key 'matcher.stirde', did you mean 'matcher.stride'?",
+    ),
+    "section": (["--set", "route.speed=3"], "only keys that begin with matcher. count here"),
+    "no value": (["--set", "matcher.stride"], "matcher.stride"),
+    "option": (
+        ["--set", "matcher.options.sample=3"],
+        "matcher.options of pmht: unknown key 'sample'",
+    ),
+    "length": (["--batch-length", "1"], "matcher.batch_length"),
+    "length that is no number": (["--batch-length", "x"], "Invalid value for '--batch-length'"),
+    "prior": (["--prior-sigma", "0"], "1-sigma of the track's position error must be > 0"),
+    "prior that is no number": (["--prior-sigma", "nan"], "position error must be > 0"),
+    "sensor": (["--sensor-sigma", "0"], "--sensor-sigma: must be > 0"),
+    "map sigma": (["--map-sigma", "much"], "--map-sigma: must be a number or auto, not 'much'"),
+    "negative map sigma": (["--map-sigma", "-1"], "matcher.map_sigma"),
+    "length of the map's error": (["--map-correlation-length", "0"], "map_correlation_length"),
+    "bias": (["--bias-sigma", "-1"], "--bias-sigma: must be >= 0"),
+    "unit": (["--track-unit", "nT"], "--track-unit: 'nT' does not fit a disturbance map"),
+    "unknown unit": (["--track-unit", "stone"], "--track-unit: unknown unit 'stone'"),
+    "wrong unit": (["--track-unit", "mGal"], "they look like m/s²: give --track-unit 'm/s²'"),
+    "reduction": (["--reduction", "speed"], "reduction must be one of none, latitude, velocity"),
+    "folder without a bag": (["--track", "."], "no MCAP file in this folder"),
+    "unknown option": (["--sigma", "3"], "No such option: --sigma"),
+    "stray word": (["more"], "Got unexpected extra argument"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_ends_in_one_line(files, tmp_path, monkeypatch, case):
+    monkeypatch.chdir(tmp_path)
+    options, message = BAD[case]
+    map_file, track, *_ = files["disturbance"]
+    words = ("match", "--map", map_file, "--track", track, "--map-sigma", "1e-6")
+    assert message in refusal(*words, *options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_from_a_shell(files):
+    """The program itself, with a call that succeeds and one that lacks an option."""
+    map_file, track, *_ = files["disturbance"]
+    words = [ISOGAL, "match", "--map", map_file, "--track", track, "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)) == 2
+    done = subprocess.run(words[:4], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert "--track" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,137 @@
+"""Track and map of `isogal match`: units, offsets, bags, reference tracks."""
+
+import json
+import re
+from dataclasses import replace
+
+import netCDF4
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from helpers.bags import FIX, READING, position, reading, write_bag
+from helpers.command_line import answer, call, refusal
+from helpers.tracks import field_of, made_track, squared_distance, write_csv
+from isogal.earth.gravity import normal_gravity
+from isogal.maps.formats.netcdf import write_netcdf
+
+LIMIT = 13.8
+"""99.9 % of chi-square with 2 degrees of freedom."""
+
+
+def test_sigmas_are_in_the_unit_of_the_track(files, tmp_path):
+    """Readings in mGal against a map in mGal, and against one in m/s² with --track-unit mGal."""
+    map_file, track_file, sigma, *_ = files["disturbance"]
+    field_map = field_of("disturbance")
+    track, _, _ = made_track(field_map, error=(700.0, -500.0), sigma=sigma)
+    milligal = write_csv(tmp_path / "mgal.csv", track, factor=1e-5)
+    in_milligal = tmp_path / "mgal.nc"
+    write_netcdf(replace(field_map, values=field_map.values * 1e5), in_milligal)
+    with netCDF4.Dataset(in_milligal, "a") as dataset:
+        dataset.variables["disturbance"].units = "mGal"
+
+    def fixes(map_, recorded, factor, *options):
+        sigmas = zip(("sensor", "map", "bias"), (factor, 2 * factor, 3 * factor), strict=True)
+        words = [word for name, value in sigmas for word in (f"--{name}-sigma", value)]
+        return json.loads(
+            answer("match", "--map", map_, "--track", recorded, *words, "--json", *options)
+        )
+
+    expected = fixes(map_file, track_file, 1e-5)
+    for found in (
+        fixes(in_milligal, milligal, 1.0),
+        fixes(map_file, milligal, 1.0, "--track-unit", "mGal"),
+    ):
+        for fix, wanted in zip(found, expected, strict=True):
+            covariance = wanted["covariance_enu"][0]
+            assert fix["covariance_enu"][0] == pytest.approx(covariance, rel=1e-3)
+            assert fix["latitude"] == pytest.approx(wanted["latitude"], abs=1e-6)
+
+
+def test_offset_is_added_to_the_map(files, tmp_path):
+    map_file, plain, sigma, *_ = files["height"]
+    track, _, _ = made_track(field_of("height"), error=(700.0, -500.0), sigma=sigma)
+    offset = 40.0 * np.sin(np.arange(60.0))
+    shifted = write_csv(
+        tmp_path / "t.csv",
+        replace(track, value=track.value + offset, offset=offset),
+        "time,latitude,longitude,value,sigma,offset",
+    )
+    words = ("match", "--map", map_file, "--json", "--track")
+    expected = json.loads(answer(*words, plain, "--sensor-sigma", sigma))
+    for a, b in zip(json.loads(answer(*words, shifted)), expected, strict=True):
+        assert a["latitude"] == pytest.approx(b["latitude"], abs=1e-6)
+        assert a["covariance_enu"][1] == pytest.approx(b["covariance_enu"][1], rel=1e-3)
+
+
+def test_the_maps_error_is_learnt_from_reference_tracks(tmp_path):
+    """The map has an error of 30 nT over 2 km and does not say so; two tracks with true positions
+    show it, and the fix is then consistent."""
+    field_map = field_of("magnetic_anomaly")
+    cells = 1000.0 / field_map.cell_size_m(0.6)[0]
+    error = gaussian_filter(np.random.default_rng(5).normal(size=field_map.values.shape), cells)
+    wrong = replace(field_map, values=field_map.values + 30.0 * error / error.std())
+    write_netcdf(wrong, tmp_path / "map.nc")
+    columns = "time,latitude,longitude,value"
+    references = []
+    for k, start in enumerate([(-20e3, -12e3), (0.0, -25e3)]):
+        known, _, _ = made_track(field_map, count=150, sigma=1.0, seed=k, start=start)
+        references += ["--reference", write_csv(tmp_path / f"r{k}.csv", known, columns)]
+    track, latitude, longitude = made_track(
+        field_map, error=(700.0, -500.0), sigma=1.0, seed=9, count=120
+    )
+    words = ["match", "--map", tmp_path / "map.nc", "--sensor-sigma", 1.0, "--batch-length", 120]
+    words += ["--track", write_csv(tmp_path / "t.csv", track, columns), "--json"]
+    status, out, said = call(*words, *references)
+    assert status == 0
+    assert 15.0 < float(re.search(r"300 readings: map error (\S+)", said)[1]) < 60.0
+    assert "taken as exact" not in said
+    (fix,) = json.loads(out)
+    assert squared_distance(fix, latitude[-1], longitude[-1]) < LIMIT
+    assert "none.csv: cannot be read" in refusal(*words, "--reference", tmp_path / "none.csv")
+
+
+def test_a_bag_is_reduced_with_the_latitude_of_its_navigator(files, tmp_path):
+    """The navigator was 700 m too far north: its normal gravity is 0.56 mGal too small."""
+    map_file, _, sigma, latitude, longitude = files["disturbance"]
+    track, _, _ = made_track(field_of("disturbance"), error=(700.0, -500.0), sigma=sigma)
+    reduced = track.value + normal_gravity(latitude) - normal_gravity(track.latitude)
+    messages = []
+    for k, time in enumerate(track.time):
+        place = np.degrees([track.latitude[k], track.longitude[k]])
+        messages.append(("/nav/fix", FIX, position(time, *place)))
+        messages.append(("/gravimeter/disturbance", READING, reading(time, reduced[k], sigma**2)))
+    write_bag(tmp_path / "bag" / "bag_0.mcap", *messages)
+    words = ("match", "--track", tmp_path / "bag", "--map")
+    fixes = json.loads(answer(*words, map_file, "--map-sigma", 1e-7, "--json"))
+    for fix, row in zip(fixes, (29, 59), strict=True):
+        assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
+    message = refusal(*words, files["gravity"][0])
+    assert "has readings of disturbance, and the map is of gravity" in message
+    message = refusal(*words, map_file, "--fix-topic", "ins/fix")
+    assert "has no message on 'ins/fix'" in message
+
+
+def test_sensor_sigma_is_asked_for_where_nothing_says_it(files):
+    map_file, track, *_ = files["height"]
+    message = refusal("match", "--map", map_file, "--track", track)
+    assert "has no column sigma; give --sensor-sigma" in message
+
+
+def test_a_track_beside_the_map_is_refused(files, tmp_path):
+    map_file, *_ = files["disturbance"]
+    track, _, _ = made_track(field_of("disturbance"))
+    far = write_csv(tmp_path / "far.csv", replace(track, latitude=track.latitude + 0.01))
+    message = refusal("match", "--map", map_file, "--track", far)
+    assert "has nothing at" in message or "is off the map" in message
+
+
+def test_readings_beside_the_map_are_left_out(files, tmp_path):
+    map_file, *_ = files["disturbance"]
+    half = field_of("disturbance").latitude
+    track, _, _ = made_track(field_of("disturbance"))
+    beyond = np.where(np.arange(60) < 55, track.latitude, half[-1] + 0.001)
+    path = write_csv(tmp_path / "t.csv", replace(track, latitude=beyond))
+    status, _, said = call("match", "--map", map_file, "--track", path)
+    assert status == 0
+    assert "t.csv: the map has no value at 5 of 60 readings; left out" in said

@@ -1,0 +1,86 @@
+"""What the matcher of `isogal match` is told, and what the command says about it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.command_line import call
+from helpers.tracks import field_of, made_track, squared_distance, write_csv
+from isogal.cli.match.inputs import Inputs
+from isogal.cli.match.options import Assumptions, MatcherChoice
+from isogal.cli.match.settings import matcher_settings
+from isogal.earth.gravity import normal_gravity
+
+DISTURBANCE = field_of("disturbance")
+
+
+def settings_of(assumed=None, matching=None, factor=1e-5, **of_map):
+    """The matcher's settings for a track in mGal."""
+    track, _, _ = made_track(DISTURBANCE)
+    inputs = Inputs(track, replace(DISTURBANCE, **of_map), "mGal", factor)
+    return matcher_settings(matching or MatcherChoice(), assumed or Assumptions(), inputs, None)
+
+
+def test_sigmas_are_turned_into_the_unit_inside(capsys):
+    found = settings_of(Assumptions(map_sigma="3", bias_sigma=2.0))
+    assert found.map_sigma == pytest.approx(3e-5)
+    assert found.bias_sigma == pytest.approx(2e-5)
+    assert settings_of(Assumptions(map_sigma="auto")).map_sigma == "auto"
+    assert capsys.readouterr().err == ""
+
+
+def test_keys_of_set_are_in_the_unit_inside_and_options_win():
+    matching = MatcherChoice(set_=["matcher.map_sigma=4e-5", "matcher.stride=3"], stride=5)
+    found = settings_of(matching=matching)
+    assert (found.map_sigma, found.stride) == (4e-5, 5)
+    assert settings_of(Assumptions(map_sigma="3"), matching).map_sigma == pytest.approx(3e-5)
+
+
+@pytest.mark.parametrize(
+    ("of_map", "assumed", "length"),
+    [
+        ({}, Assumptions(), 4000.0),
+        ({"correlation_length": 2500.0}, Assumptions(), 2500.0),
+        ({"correlation_length": 2500.0}, Assumptions(map_correlation_length=1500.0), 1500.0),
+    ],
+)
+def test_correlation_length_is_that_of_the_option_else_of_the_map(of_map, assumed, length):
+    assert settings_of(assumed, **of_map).map_correlation_length == length
+
+
+@pytest.mark.parametrize(
+    ("of_map", "set_", "said"),
+    [({}, None, True), ({"sigma": 1e-5}, None, False), ({}, ["matcher.map_sigma=0"], False)],
+)
+def test_a_map_that_is_taken_as_exact_is_mentioned(capsys, of_map, set_, said):
+    settings_of(matching=MatcherChoice(set_=set_), **of_map)
+    assert ("is taken as exact" in capsys.readouterr().err) == said
+
+
+def test_normal_gravity_in_the_offset_may_be_that_of_another_latitude(files, tmp_path):
+    """Normal gravity at the navigator's latitude, 700 m off, or at the true one: without
+    --reduction the fix is consistent with both."""
+    map_file, _, sigma, latitude, longitude = files["disturbance"]
+    track, _, _ = made_track(DISTURBANCE, error=(700.0, -500.0), sigma=sigma)
+    truth = normal_gravity(latitude, 100.0)
+    for reduction, offset in (
+        ("latitude", normal_gravity(track.latitude, 100.0)),
+        ("none", truth),
+    ):
+        path = write_csv(
+            tmp_path / "track.csv",
+            replace(track, value=track.value + truth, offset=offset),
+            "time,latitude,longitude,value,offset",
+        )
+        words = ["match", "--map", map_file, "--track", path, "--sensor-sigma", sigma]
+        words += ["--batch-length", 60, "--json"]
+        _, out, said = call(*words)
+        assert "offset holds normal gravity" in said
+        assert "an unknown constant of 7.8e-06 m s-2 is allowed for" in said
+        (fix,) = json.loads(out)
+        assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8  # 99.9 %
+        _, out, said = call(*words, "--reduction", reduction)
+        assert "normal gravity" not in said
+        assert np.trace(json.loads(out)[0]["covariance_enu"]) < np.trace(fix["covariance_enu"])
