@@ -1,1 +1,20 @@
-"""Recorded tracks: reading them, matching them against a map, writing what was found."""
+"""Recorded tracks: read, matched against a map, written down.
+
+Reading
+
+- `track`: what is a recorded track, and does it belong to a map?
+- `csv_file`: how is one read from a CSV file?
+- `recording`: how is one read from a bag?
+
+Matching
+
+- `batches`: where do batches end, and what does a matcher get for each?
+- `matching`: which fixes does a track give, batch by batch?
+- `map_error`: how wrong is a map, by tracks whose positions are known?
+
+Results
+
+- `results`: how are fixes written as JSON, CSV and GeoJSON?
+- `figures`: how do track, fixes and readings look?
+- `match_report`: how is all this shown on one page?
+"""

@@ -1,5 +1,5 @@
-"""Recorded tracks in CSV files: columns time, latitude, longitude, value, and if there are sigma,
-offset."""
+"""Recorded tracks in CSV files with the columns time, latitude, longitude and value, and
+optionally sigma and offset."""
 
 import csv
 import difflib
@@ -20,7 +20,7 @@ _RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CsvTrack:
-    """What a file holds, in its own units; (N,) each, None = no such column."""
+    """Columns of a file in its own units, (N,) each; None = no such column."""
 
     where: str
     time: Array
@@ -37,7 +37,7 @@ class CsvTrack:
         return track_window(np.radians(self.latitude), np.radians(self.longitude), margin)
 
     def track(self, factor: float, sensor_sigma: float | None, reduction: str = "none") -> Track:
-        """Return the track in the map's unit inside.
+        """Return the track, with values in the map's unit inside.
 
         Parameters
         ----------
@@ -52,7 +52,8 @@ class CsvTrack:
         Raises
         ------
         InputError
-            Nobody says sigma, or what `Track` refuses.
+            Neither the file nor ``sensor_sigma`` says how noisy the readings are, or `Track`
+            refuses them.
         """
         if self.sigma is not None:
             sigma = self.sigma * factor
@@ -74,14 +75,16 @@ class CsvTrack:
 
 
 def read_csv_track(path: str | Path) -> CsvTrack:
-    """Read a file with a header line; separated by commas, semicolons or tabs; ``#`` starts a
-    comment; other columns are ignored.
+    """Read a file with a header line.
+
+    Cells are separated by commas, semicolons or tabs. Lines that start with ``#`` are comments.
+    Other columns are ignored.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a column, has a cell that is not a finite number, a place
-        that is none, or times that do not increase; names the line.
+        The file cannot be read or lacks a column; or a cell is not a finite number, a place is out
+        of range, or times do not increase, with the number of the line.
     """
     where = str(path)
     try:

@@ -1,4 +1,4 @@
-"""Pictures of a matched track: on the map, and its readings against the map."""
+"""Figures of a matched track: the track on the map, and its readings against the map."""
 
 import math
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.figures import style
+from isogal.maps.expected_accuracy import along_track
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.matching import Match
 from isogal.tracks.track import Track
@@ -21,13 +22,15 @@ if TYPE_CHECKING:
 
 RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
-_TALLEST, _FLATTEST = 1.5, 0.35  # height over width of the map's picture
+_TALLEST, _FLATTEST = 1.5, 0.35
+"""Limits of the map panel's height over its width."""
 _LATTICE = 420
+"""Pixels along each side of the map panel."""
 
 
 def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Array]:
-    """Return (N,) latitude and longitude (rad) of the track, each batch moved by what is known of
-    its error; NaN without a fix."""
+    """Return (N,) latitude and longitude (rad) of the track, each batch moved by the estimate of
+    its error; NaN in batches without a fix."""
     latitude, longitude = np.full(len(track), np.nan), np.full(len(track), np.nan)
     for match in matches:
         if match.fix.published:
@@ -49,8 +52,8 @@ def track_map_figure(
     matches: Sequence[Match],
     truth: tuple[Array, Array] | None = None,
 ) -> "Figure":
-    """The map, the track as the navigator said, and the fixes with 2-sigma ellipses; truth
-    (latitude, longitude, rad) if known."""
+    """Draw the map, the track as recorded and as moved by the fixes, and the fixes with their
+    2-sigma ellipses; also the true track (latitude, longitude, rad) if it is known."""
     half = _half_widths(track, matches)
     shape = float(half[0] / half[1])
     width = style.WIDTH if shape < 1.0 else 4.9
@@ -62,9 +65,8 @@ def track_map_figure(
 
     def draw(latitude: Array, longitude: Array, line: style.Line, label: str) -> None:
         x, y = np.degrees(np.unwrap(longitude)), np.degrees(latitude)
-        panel.plot(
-            x, y, color="white", linewidth=line.width + 2.0
-        )  # keeps it visible on dark and on light ground
+        # the white edge keeps the line visible on dark and on light ground
+        panel.plot(x, y, color="white", linewidth=line.width + 2.0)
         panel.plot(x, y, **line.options(), label=label)
 
     draw(track.latitude, track.longitude, RECORDED, "track as recorded")
@@ -90,12 +92,12 @@ def _middle(track: Track) -> tuple[float, float]:
 
 
 def _near(longitude: Array, middle: float) -> Array:
-    """Turn longitudes by whole circles to those about the middle."""
+    """Return longitudes (rad) less than half a circle from the middle."""
     return middle + np.remainder(longitude - middle + math.pi, 2.0 * math.pi) - math.pi
 
 
 def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
-    """North and east half-width of the picture, m: track and fixes with a margin."""
+    """Return north and east half-width of the map panel, m: track and fixes with a margin."""
     middle = _middle(track)
     north, east = (float(m) for m in metres_per_radian(middle[0]))
     half = 0.5 * np.array(
@@ -106,9 +108,8 @@ def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
         if match.fix.published:
             away = horizontal_difference(match.fix.latitude, match.fix.longitude, *middle)
             reach = np.abs(away) + 2.0 * np.sqrt(np.diag(match.fix.covariance))
-            half = np.maximum(
-                half, np.minimum(reach, widest)
-            )  # a fix may know little of one direction
+            # a fix may leave one direction almost open, so its ellipse does not widen it at will
+            half = np.maximum(half, np.minimum(reach, widest))
     half += max(0.1 * float(np.hypot(*half)), 2e3)
     half[0] = max(half[0], _FLATTEST * half[1])
     half[1] = max(half[1], half[0] / _TALLEST)
@@ -179,11 +180,11 @@ def readings_figure(
     matches: Sequence[Match],
     truth: tuple[Array, Array] | None = None,
 ) -> "Figure":
-    """Readings (less offset) and the map's values along the track as recorded, and along it as
+    """Draw the readings (less offset) and the map's values along the track as recorded and as
     matched; below, the differences."""
     figure = style.new_figure(4.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    distance = _along(track)
+    distance = along_track(track.latitude, track.longitude) / 1e3
     scale = style.field_scale(field_map)
     level = track.value - track.offset
     moved = matched_positions(track, matches)
@@ -218,11 +219,3 @@ def readings_figure(
     lower.set_xlim(float(distance[0]), float(distance[-1]))
     style.legend_below(figure, columns=2)
     return figure
-
-
-def _along(track: Track) -> Array:
-    """Distance along the track, km."""
-    steps = horizontal_difference(
-        track.latitude[1:], track.longitude[1:], track.latitude[:-1], track.longitude[:-1]
-    )
-    return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))]) / 1e3

@@ -1,12 +1,12 @@
-"""How wrong a map is, learnt from tracks whose positions are known.
+"""How wrong a map is, by tracks whose positions are known (docs/mathematics.md, section 10.4).
 
-Along a track with known positions the readings less the map's values are r ~ N(0, R) with the R of
-`isogal.matching.pmht.likelihood`. The parameters of R that make the residuals of some reference
-tracks most likely (maximum likelihood, Rasmussen & Williams 2006, section 5.4) can then be used on
-other tracks. A map drawn from scattered measurements is most wrong where the field varies most
-between them, so unless the map says itself where it is how wrong, its 1-sigma is taken as
-sqrt(floor² + (reach g)²), g the RMS gradient round the place: as if the values were displaced by
-`reach`."""
+Along a track with known positions the residuals, readings less the map's values, are r ~ N(0, R)
+with the R of `isogal.matching.pmht.likelihood`. The parameters of R that make the residuals of
+reference tracks most likely (Rasmussen & Williams 2006, Gaussian Processes for Machine Learning,
+section 5.4) are then used for other tracks. A map drawn from scattered measurements is most wrong
+where the field varies most between them. So, unless the map says its 1-sigma place by place, it is
+taken as sqrt(floor² + (reach g)²) with g the RMS gradient round the place, as if the values were
+displaced by `reach`."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,22 +21,25 @@ from isogal.maps.field_map import FieldMap
 from isogal.tracks.track import Track
 
 SMOOTHING = (1000.0, 2000.0, 4000.0)
-"""m, radii (1-sigma of a Gaussian weight) over which the gradient is averaged; the likeliest is
+"""m, 1-sigmas of the Gaussian weights with which the gradient is averaged; the likeliest is
 taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapError:
-    """Parameters of a map's error, map's unit and m."""
+    """Parameters of a map's error, in the map's unit and m."""
 
     correlation_length: float
-    sensor_sigma: float
-    """White noise of the reference tracks' readings."""
-    floor: float = 0.0
-    reach: float = 0.0
     """m."""
+    sensor_sigma: float
+    """1-sigma of the white noise of the reference tracks' readings."""
+    floor: float = 0.0
+    """Least 1-sigma of the map."""
+    reach: float = 0.0
+    """m, 1-sigma of the map per unit of its RMS gradient."""
     smoothing: float = 0.0
-    """m; 0 = the map's own sigma counts, not floor and reach."""
+    """m, over which the gradient is averaged; 0 = the map's own sigma is used instead of floor and
+    reach."""
     log_likelihood: float = math.nan
 
     def apply(self, field_map: FieldMap) -> FieldMap:
@@ -72,8 +75,7 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
     references : sequence of Track
         Each is a track of its own: map errors of different tracks count as independent.
     field_map : FieldMap
-        If it says where it is how wrong (sigma on its nodes), only correlation length and sensor
-        noise are fitted.
+        If it has a sigma for each node, only correlation length and sensor noise are fitted.
 
     Raises
     ------
@@ -111,9 +113,14 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residuals:
+    """Residuals of one track; (N,) each."""
+
     latitude: Array
+    """rad."""
     longitude: Array
+    """rad."""
     value: Array
+    """Map's unit."""
     distance: Array
     """(N, N) m."""
 
@@ -137,7 +144,7 @@ def _log_likelihood(
         covariance = np.exp(-one.distance / math.exp(log_length))
         covariance *= own[:, None]
         covariance *= own
-        # a millionth of the variance keeps readings taken at the same place from being impossible
+        # a millionth of the variance keeps R regular where two readings have the same place
         covariance[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
         factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
         whitened = solve_triangular(factor, one.value, lower=True, check_finite=False)
@@ -146,7 +153,8 @@ def _log_likelihood(
 
 
 def _maximise(function: Callable[[Array], float], start: Array) -> tuple[Array, float]:
-    """Simplex search (Nelder & Mead 1965)."""
+    """Return where a function is largest and its value there, by a simplex search (Nelder & Mead
+    1965, Comput. J. 7:308-313)."""
     from scipy.optimize import minimize
 
     found = minimize(

@@ -25,7 +25,7 @@ def write_match_report(
     *,
     chained: bool = False,
 ) -> Path:
-    """Write `report.html` with two PNG figures beside it; returns the path of the page."""
+    """Write `report.html` with two PNG figures beside it; return the path of the page."""
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
     illustrations = [

@@ -128,8 +128,8 @@ def match_track(
     matcher : Matcher, optional
         Default: the one that the settings name.
     checked : bool
-        Whether fixes of `pmht` must stand up to a wrong noise model as well
-        (`isogal.matching.pmht.robust`).
+        Whether fixes must stand up to a wrong noise model as well, where the matcher can be
+        monitored for that (`isogal.matching.pmht.robust`).
 
     Raises
     ------

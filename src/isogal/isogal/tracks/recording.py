@@ -1,5 +1,5 @@
-"""Recorded tracks in bags (MCAP, as ``ros2 bag`` and Isogal's recorder write them), read without
-ROS."""
+"""Recorded tracks in bags, MCAP files as ``ros2 bag`` and Isogal's recorder write them; read
+without ROS."""
 
 import math
 import struct
@@ -18,19 +18,19 @@ from isogal.tracks.track import Track, track_window
 FIX_TOPIC = "nav/fix"
 _POSITION = "sensor_msgs/msg/NavSatFix"
 _NANOTESLA = 1e9
-"""nT in 1 T, which messages have."""
+"""nT in 1 T: messages have T, maps have nT."""
 
 
 @dataclass(frozen=True)
 class ReadingSource:
-    """Where a bag has the reduced readings of one quantity."""
+    """Where the reduced readings of one quantity are in a bag."""
 
     topic: str
     type: str
     read: Callable[[Any], tuple[float, float]]
-    """Value and variance in the unit inside, of a message."""
+    """Returns value and variance of a message, unit inside."""
     reduction: str
-    """What of the navigator's estimate went into them, see `Track.reduction`."""
+    """What of the navigator's estimate they were reduced with (`Track.reduction`)."""
 
 
 def _accel(message: Any) -> tuple[float, float]:
@@ -57,38 +57,36 @@ READINGS = {
     ),
     "height": ReadingSource("altimeter/terrain", _POSITION, _altitude, "none"),
 }
-"""By quantity of the map."""
+"""Where the readings are that a map of a quantity needs."""
 _TYPES = {_POSITION, *(source.type for source in READINGS.values())}
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a bag by its looks: an MCAP file, or a folder."""
+    """Return whether a path is to be read as a bag: by its suffix, or because it is a folder."""
     return path.is_dir() or path.suffix.casefold() == ".mcap"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What a bag holds of a track."""
+    """Positions and readings in a bag."""
 
     where: str
     time: Array
-    """(M,) s, stamps of the navigator's positions."""
+    """(M,) s, stamps of the navigator's positions, increasing."""
     latitude: Array
     """(M,) rad."""
     longitude: Array
     """(M,) rad, continuous."""
     readings: Mapping[str, Array]
-    """(N, 3) stamp s, value, variance by quantity, units inside."""
+    """By quantity: (N, 3) stamp s, value and variance, units inside."""
 
     def window(self, margin: float) -> Window:
         """Return the part of a map within a margin (m) of the track."""
         return track_window(self.latitude, self.longitude, margin)
 
     def track(self, quantity: str, sensor_sigma: float | None) -> Track:
-        """Return the readings of a quantity with the navigator's position at their stamps (between
-        two positions, linearly).
-
-        They were reduced with the navigator's own estimate (`Track.reduction`).
+        """Return the readings of a quantity with the navigator's positions at their stamps,
+        interpolated linearly. They were reduced with the navigator's own estimate.
 
         Parameters
         ----------
@@ -100,7 +98,8 @@ class Recording:
         Raises
         ------
         InputError
-            No readings of that quantity, none with a position, or none that says its variance.
+            There are no readings of the quantity, none between the first and the last position,
+            or some without a variance.
         """
         if quantity not in self.readings:
             known = (
@@ -136,15 +135,16 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
     Parameters
     ----------
     path : path
-        Folder of the bag, or one MCAP file. A file that was cut short counts as far as it goes.
+        Folder of the bag, or one MCAP file. Of a file that was cut short, the complete messages
+        are read.
     fix_topic : str
-        NavSatFix of the navigator. Where a stamp comes twice (before and after a fix), the first
-        counts: the readings were reduced with it.
+        NavSatFix of the navigator. The navigator publishes a stamp again after a fix; the first
+        message counts, since the readings were reduced with it.
 
     Raises
     ------
     InputError
-        No bag, no positions or no readings in it, or a topic of another type.
+        There is no bag, no position or no reading in it, or a topic has another type.
     """
     positions: dict[float, tuple[float, float]] = {}
     readings: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in READINGS}
@@ -185,8 +185,8 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
-    """Yield (topic, type, decoded message) of the positions and readings in a bag, as far as it
-    can be read; other types are empty."""
+    """Yield (topic, type, decoded message) of a bag as far as it can be read; of topics with other
+    types than those of positions and readings only the topic."""
     from mcap.exceptions import McapError
     from mcap.reader import NonSeekingReader
     from mcap_ros2.decoder import DecoderFactory
@@ -215,7 +215,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
                 raise InputError(
                     f"{file}: cannot be read as MCAP ({type(error).__name__})"
                 ) from None
-            # cut short, as by a power failure: what was read counts
+            # a recording that was cut short, by a power failure for example, ends here
 
 
 def _files(path: Path) -> list[Path]:
@@ -232,7 +232,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _is(recorded: str, name: str) -> bool:
-    """Whether a recorded (absolute) topic is the one of that name, in whatever namespace."""
+    """Return whether a recorded topic has this name, in whatever namespace."""
     return recorded == name or recorded.endswith("/" + name.lstrip("/"))
 
 

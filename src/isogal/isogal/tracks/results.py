@@ -1,4 +1,4 @@
-"""Files of what matching a track gave: JSON, CSV and GeoJSON, one object a batch."""
+"""Results of matching a track as JSON, CSV and GeoJSON, with one object for each batch."""
 
 import csv
 import io
@@ -14,15 +14,16 @@ from isogal.files import write_atomic
 from isogal.tracks.matching import Match
 
 FIX, NO_FIX = "fix", "no_fix"
-_DEGREE_DIGITS = 9  # 0.1 mm
+_DEGREE_DIGITS = 9
+"""Decimals of degrees: 0.1 mm."""
 
 
 def as_objects(matches: Sequence[Match], chained: bool = False) -> list[dict[str, Any]]:
-    """Return one object a batch: time s, latitude, longitude deg, covariance_enu m² (null = no
-    fix), status, reason.
+    """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
+    (None = no fix), status, reason.
 
-    Without a fix the position is the track's own. Chained batches also say the aided position and
-    its covariance, from all fixes so far."""
+    Without a fix the position is that of the track. Objects of chained batches also hold the
+    aided position and its covariance, from all fixes so far."""
     return [_object(match, chained) for match in matches]
 
 
@@ -51,22 +52,20 @@ def _place(latitude: float, longitude: float) -> dict[str, float]:
 
 
 def _enu(covariance: Array) -> list[list[float]]:
-    """North-east (2, 2) to east-north lists."""
+    """Return a covariance of north and east, (2, 2), as lists in the order east, north."""
     return [[float(covariance[i, j]) for j in (1, 0)] for i in (1, 0)]
 
 
 def as_json(objects: Sequence[dict[str, Any]]) -> str:
-    """Return a JSON array with one object a line."""
+    """Return a JSON array with one object in each line."""
     lines = ",\n  ".join(json.dumps(item, allow_nan=False) for item in objects)
     return f"[\n  {lines}\n]\n" if objects else "[]\n"
 
 
 def as_csv(objects: Sequence[dict[str, Any]]) -> str:
-    """Return a table; the covariances as three columns each (east-east, east-north,
-    north-north)."""
-    rows = [
-        {key: value for item in _flat(entry) for key, value in item.items()} for entry in objects
-    ]
+    """Return a table with three columns for each covariance: east-east, east-north,
+    north-north."""
+    rows = [_flat(entry) for entry in objects]
     stream = io.StringIO()
     writer = csv.DictWriter(stream, fieldnames=list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
@@ -74,27 +73,21 @@ def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     return stream.getvalue()
 
 
-def _flat(entry: dict[str, Any]) -> list[dict[str, Any]]:
-    result = []
+def _flat(entry: dict[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {}
     for key, value in entry.items():
         if key.endswith("covariance_enu"):
             name = key.removesuffix("_enu")
-            matrix = value or [[None, None], [None, None]]
-            result.append(
-                {
-                    f"{name}_ee": matrix[0][0],
-                    f"{name}_en": matrix[0][1],
-                    f"{name}_nn": matrix[1][1],
-                }
-            )
+            (ee, en), (_, nn) = value or [[None, None], [None, None]]
+            row |= {f"{name}_ee": ee, f"{name}_en": en, f"{name}_nn": nn}
         else:
-            result.append({key: value})
-    return result
+            row[key] = value
+    return row
 
 
 def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
-    """Return a FeatureCollection (RFC 7946): a point for each batch, without geometry where there
-    is no fix."""
+    """Return a FeatureCollection (RFC 7946) with a feature for each batch: a point, or without
+    geometry where there is no fix."""
     features = []
     for entry in objects:
         point = {"type": "Point", "coordinates": [entry["longitude"], entry["latitude"]]}
@@ -123,7 +116,7 @@ WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {
 
 
 def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
-    """Return the writer that a file's suffix means; raises InputError."""
+    """Return the writer for a file by its suffix; raises InputError where there is none."""
     writer = WRITERS.get(path.suffix.casefold())
     if writer is None:
         raise InputError(
@@ -133,7 +126,5 @@ def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
 
 
 def write_results(objects: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write a file in the format that its suffix means; it appears when complete. Raises
-    InputError."""
-    text = writer_for(path)(objects)
-    write_atomic(path, text)
+    """Write a file in the format of its suffix, whole or not at all; raises InputError."""
+    write_atomic(path, writer_for(path)(objects))

@@ -1,4 +1,4 @@
-"""A recorded track: where a navigator says that readings of a scalar field were taken."""
+"""A recorded track: readings of a scalar field, and where a navigator says they were taken."""
 
 import math
 from dataclasses import dataclass, replace
@@ -20,17 +20,18 @@ from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.reduction import State
 
 REDUCTIONS = ("none", "latitude", "velocity", "main-field")
-"""What of the track may have gone into its readings: nothing, normal gravity at its latitude, or
-that and the Eötvös acceleration; of a magnetometer's, the Earth's main field at its position."""
+"""What readings may have been reduced with: nothing of the track, normal gravity at its latitude,
+that and the Eötvös acceleration of its velocity, or the Earth's main magnetic field at its
+position."""
 FEWEST = 3
 """Readings that a track needs."""
 _OFF_SCALE = 30.0
-"""Readings whose spread differs from the map's by this factor or more are in another unit, if some
-unit explains it."""
+"""Factor between the spread of the readings and the map's from which on they are taken to be in
+another unit, if there is one that explains it."""
 _EXPLAINED = 8.0
-"""A unit explains it where it brings the two spreads within this factor."""
+"""A unit explains it if the spreads differ by less than this factor in it."""
 _LEAST_NORMAL_GRAVITY = 9.5
-"""m/s², less than it is anywhere up to 80 km."""
+"""m/s², less than normal gravity anywhere up to 80 km."""
 _NORMAL_GRAVITY_TAKEN_OFF = (
     "disturbance",
     "gravity_anomaly",
@@ -42,19 +43,19 @@ _REDUCED_WITH: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_NORMAL_GRAVITY_TAKEN_OFF, ("latitude", "velocity")),
     "magnetic_anomaly": ("main-field",),
 }
-"""By quantity, what of the track its readings can have been reduced with."""
+"""What readings of a quantity can have been reduced with, besides nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """N readings with the navigator's own position of each. Radians; values in the map's unit
-    inside (SI, nT for magnetic fields).
+    """N readings with the navigator's position of each; values in the map's unit inside (SI, nT
+    for magnetic fields).
 
     Raises
     ------
     InputError
-        Fewer than three readings, a number that is not finite, times that do not increase, no such
-        place, sigma not positive.
+        There are fewer than three readings, a number is not finite, times do not increase, a place
+        is out of range, or a sigma is not positive.
     """
 
     time: Array
@@ -72,9 +73,9 @@ class Track:
     where: str
     """File, for messages."""
     reduction: str = "none"
-    """What of the track went into value or offset, one of `REDUCTIONS`."""
+    """What of the track the readings were reduced with, one of `REDUCTIONS`."""
     factor: float = 1.0
-    """Units inside in one unit of the file, for messages."""
+    """Number of units inside in one unit of the file, for messages."""
 
     def __post_init__(self) -> None:
         if self.time.size < FEWEST:
@@ -119,7 +120,7 @@ class Track:
 
     @property
     def velocity(self) -> Array:
-        """(N, 2) m/s north and east, by differences of the positions."""
+        """(N, 2) m/s north and east, from differences of the positions."""
         north, east = metres_per_radian(self.latitude)
         turned = np.unwrap(self.longitude)
         return np.stack(
@@ -128,17 +129,17 @@ class Track:
         )
 
     def jacobian(self, quantity: str) -> Array:
-        """Return (N, 4) d(reading)/d(track's error north m, east m, v_north m/s, v_east m/s) by
-        the reduction.
+        """Return (N, 4) derivatives of the readings by the track's error (north, east m; m/s),
+        which the reduction causes (docs/mathematics.md, section 2.6).
 
-        Zero for readings that do not depend on where the navigator thought it was. Otherwise
-        normal gravity was taken at the track's latitude, and the Eötvös acceleration at its
-        velocity, and a candidate elsewhere would have been reduced otherwise.
+        They are zero where the readings were not reduced with anything of the track. Otherwise
+        normal gravity was that of a wrong latitude, the Eötvös acceleration that of a wrong
+        velocity, or the main field that of a wrong position.
 
         Raises
         ------
         InputError
-            Readings of this quantity are not reduced with that.
+            Readings of this quantity are not reduced in that way.
         """
         jacobian = np.zeros((len(self), 4))
         if self.reduction == "none":
@@ -149,7 +150,7 @@ class Track:
                 f" {self.reduction}"
             )
         if self.reduction == "main-field":
-            # the year hardly matters: the gradient changes by a thousandth in one
+            # any recent year will do: the gradient changes by a thousandth in one
             main_field = MainField(self.latitude, self.longitude, 0.0, Magnetometer().epoch)
             return MagneticReduction(main_field).jacobian(
                 State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
@@ -161,9 +162,9 @@ class Track:
         return reading_jacobian(reduced, self.latitude, *self.velocity.T)
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
-        """Return by how much the readings may be off per metre of latitude (unit/m), where nobody
-        said at which latitude the normal gravity in the offset was taken; zero where there is none
-        in it, or `reduction` says it."""
+        """Return by how much the readings may be wrong per metre of latitude (unit/m), because it
+        is not known at which latitude the normal gravity in the offset was computed; zero if the
+        offset holds none, or `reduction` says it."""
         if self.reduction != "none" or quantity not in _NORMAL_GRAVITY_TAKEN_OFF:
             return 0.0
         if float(np.median(self.offset)) < _LEAST_NORMAL_GRAVITY:
@@ -178,8 +179,8 @@ def track_window(latitude: Array, longitude: Array, margin: float) -> Window:
 
 
 def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
-    """Refuse a track that cannot belong to the map; else return it with NaN where the map has no
-    value, and (N,) where that is.
+    """Return a track with NaN in place of the readings where the map has no value, and (N,) where
+    that is.
 
     Raises
     ------
@@ -201,8 +202,8 @@ def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
 
 
 def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track) -> None:
-    """Refuse readings less offset that the quantity cannot have, or whose spread another unit
-    explains."""
+    """Raise InputError for readings (less offset) that the quantity cannot have, or whose spread
+    another unit explains."""
     known = QUANTITIES[field_map.quantity]
     low, high = float(level.min()), float(level.max())
     spread, expected = float(np.std(level)), float(np.std(at_track))
@@ -222,7 +223,7 @@ def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track
         ):
             hint = f"; they look like {name}: give --track-unit '{name}'"
             break
-    if not impossible and not hint:  # a quiet or a noisy sensor, not another unit
+    if not impossible and not hint:  # a flat or a noisy stretch, not another unit
         return
     if not hint and field_map.unit == "m/s²" and known.highest < 1.0 < low:
         hint = "; they look like gravity: give normal gravity in the column offset"
