@@ -1,0 +1,111 @@
+"""ESRI ASCII grids (.asc): a header of names and numbers, then the rows from north to south.
+
+The header is ``ncols``, ``nrows``, ``xllcorner`` or ``xllcenter``, ``yllcorner`` or ``yllcenter``
+(degrees), ``cellsize`` and, where values are missing, ``NODATA_value``. It says neither quantity
+nor unit, so the user has to. Source: Esri, ArcGIS documentation, "Esri ASCII raster format"."""
+
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from isogal.errors import InputError
+from isogal.maps.assemble import assemble, check_size
+from isogal.maps.axes import Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.points import drop_gaps
+from isogal.maps.load import Format
+
+_KEYS = {
+    *("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter"),
+    *("cellsize", "nodata_value"),
+}
+
+
+def read_esri_ascii(
+    path: Path,
+    variable: str | None = None,
+    window: Window | None = None,
+    *,
+    quantity: str | None = None,
+    unit: str | None = None,
+) -> FieldMap:
+    """Read a grid as a map.
+
+    Parameters
+    ----------
+    path : path
+        File.
+    variable : str, optional
+        Not for this format, which holds one variable without a name.
+    window : Window, optional
+        Only this part is kept.
+    quantity, unit : str, optional
+        What the numbers are; the file does not say.
+
+    Raises
+    ------
+    InputError
+        An incomplete header, too few or too many numbers, unit or quantity not given, impossible
+        numbers.
+    """
+    where = str(path)
+    if variable is not None:
+        raise InputError(f"{where}: holds one variable without a name, not '{variable}'")
+    try:
+        lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
+    header = _header(lines, where)
+    rows, columns = (int(_number(header, where, key)) for key in ("nrows", "ncols"))
+    step = _number(header, where, "cellsize")
+    if min(rows, columns) < 4 or not step > 0.0:
+        raise InputError(f"{where}: needs nrows and ncols of at least 4 and cellsize > 0")
+    check_size(rows * columns, where)
+    try:
+        numbers = np.array(" ".join(lines[len(header) :]).split(), dtype=np.float64)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if numbers.size != rows * columns:
+        raise InputError(
+            f"{where}: has {numbers.size} values, the header says {rows} x {columns}; cut short?"
+        )
+    south, west = (_first_node(header, where, axis, step) for axis in "yx")
+    field_map = assemble(
+        np.radians(south + step * np.arange(rows)),
+        np.radians(west + step * np.arange(columns)),
+        drop_gaps(numbers, header.get("nodata_value")).reshape(rows, columns)[::-1],
+        unit=unit,
+        quantity=quantity,
+        where=where,
+    )
+    return field_map if window is None else field_map.window(*window[:4])
+
+
+def _header(lines: list[str], where: str) -> dict[str, float]:
+    header: dict[str, float] = {}
+    for line in islice(lines, len(_KEYS)):
+        key, *value = line.casefold().split(maxsplit=1) or [""]
+        if key not in _KEYS:
+            break
+        try:
+            header[key] = float(*value)
+        except ValueError:
+            raise InputError(f"{where}: {key} must be a number, not '{value[0]}'") from None
+    return header
+
+
+def _number(header: dict[str, float], where: str, key: str) -> float:
+    if not np.isfinite(header.get(key, np.nan)):
+        raise InputError(f"{where}: the header needs {key} as a number; is it an ESRI ASCII grid?")
+    return header[key]
+
+
+def _first_node(header: dict[str, float], where: str, axis: str, step: float) -> float:
+    """Return the south (y) or west (x) node, deg: the centre of the first cell."""
+    if f"{axis}llcenter" in header:
+        return _number(header, where, f"{axis}llcenter")
+    return _number(header, where, f"{axis}llcorner") + 0.5 * step
+
+
+FORMAT = Format("esri-ascii", lambda path: path.suffix.casefold() == ".asc", read_esri_ascii)
