@@ -28,7 +28,7 @@ from numba import njit
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.fusion import ukf
+from isogal.fusion import sigma_points
 from isogal.fusion.navigator import FilterModel, FilterState, propagate
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
 from isogal.inertial.strapdown import step
@@ -101,13 +101,11 @@ def isogal_closed_loop(
 
 
 @njit(nogil=True, error_model="numpy")
-def _sigma_points_through_strapdown(count, position, velocity, attitude, bias, force, rate, dt):  # type: ignore[no-untyped-def]
-    points = np.full((ukf.N, ukf.LANES), 1e-9)
-    ends = np.empty((10, ukf.LANES))
+def _sigma_points_through_strapdown(count, nominal, force, rate, dt):  # type: ignore[no-untyped-def]
+    points = np.full((sigma_points.N, sigma_points.LANES), 1e-9)
+    ends = np.empty((10, sigma_points.LANES))
     for _ in range(count):
-        ukf.propagate_points(
-            position, velocity, attitude, bias, bias, force, rate, dt, points, ends
-        )
+        sigma_points.propagate_points(nominal, force, rate, dt, points, ends)
     return ends
 
 
@@ -115,15 +113,7 @@ def strapdown_share(
     state: FilterState, force: Array, rate: Array, dt: float, count: int = 20000
 ) -> float:
     """CPU seconds that the strapdown of all sigma points takes in one step of the filter."""
-    arguments = (
-        state.position[0],
-        state.velocity[0],
-        state.attitude[0],
-        np.zeros(3),
-        force,
-        rate,
-        dt,
-    )
+    arguments = (state.nominal_of(0), force, rate, dt)
     _sigma_points_through_strapdown(1, *arguments)
     start = time.thread_time()
     _sigma_points_through_strapdown(count, *arguments)
@@ -156,8 +146,9 @@ class FilterpyNavigator:
 
     def _move(self, x: Array, dt: float) -> Array:
         f, w = self.force - x[9:12], self.rate - x[12:15]
-        end = step(*x[:6], *from_rotation_vector(*x[6:9]), *f, *w, dt)
-        return np.concatenate([end[:6], to_rotation_vector(*end[6:]), x[9:]])
+        start = (*x[:3],), (*x[3:6],), from_rotation_vector(*x[6:9])
+        position, velocity, attitude = step(*start, (*f,), (*w,), dt)
+        return np.concatenate([position, velocity, to_rotation_vector(*attitude), x[9:]])
 
     def advance(self, force: Array, rate: Array, height: float) -> None:
         self.force, self.rate = force, rate

@@ -12,12 +12,12 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import (
     FilterState,
-    jump_between,
     propagate,
     update_information,
     update_position,
     widen,
 )
+from isogal.inertial.error_state import batch_covariance, batch_difference
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
@@ -70,7 +70,8 @@ def information_at(state: FilterState, stamp: int, attitude: bool = False):
         error, state.velocity[0, :2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01]
     )
     if attitude:
-        turn = jump_between(reference(stamp, {}), state, 0)[4:]
+        unaided = reference(stamp, {}).estimate_of(0)
+        turn = batch_difference(state.estimate_of(0), unaided)[4:]
         M = np.block([[M, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3) / 1e-4**2]])
         M[4, 0] = M[0, 4] = 0.3 * np.sqrt(M[0, 0] * M[4, 4])
         error = np.append(error, turn + np.array([2e-5, -1e-5, 1e-5]))
@@ -92,7 +93,7 @@ def test_without_fixes_it_is_the_filter():
 def test_late_position_fix_equals_on_time(arrival):
     it = navigator()
     advance(it, arrival)
-    result = it.update(20.0, *FLIGHT.fix(20, *FIXES[20]), R)
+    result = it.update_position(20.0, *FLIGHT.fix(20, *FIXES[20]), R)
     assert (result.accepted, result.reason, result.late) == (True, None, arrival - 20.0)
     advance(it, 120)
     assert identical(it.state, reference(120, {20: [position_fix(20)]}))
@@ -102,7 +103,7 @@ def test_late_position_fix_equals_on_time(arrival):
     assert result.nis == nis
 
 
-@pytest.mark.parametrize("lost", [None, (3000.0, 0.5, 1e-4)])
+@pytest.mark.parametrize("lost", [None, batch_covariance(3000.0, 0.5, 1e-4, 0.0)])
 @pytest.mark.parametrize("arrival", [50, 51, 120])
 def test_late_information_equals_on_time(arrival, lost):
     state = reference(50, {})
@@ -127,7 +128,7 @@ def test_position_fixes_in_any_order_of_arrival(order):
     it = navigator()
     for arrival, stamp in zip((95, 100, 110), order, strict=True):
         advance(it, arrival)
-        assert it.update(float(stamp), *FLIGHT.fix(stamp, *FIXES[stamp]), R).accepted
+        assert it.update_position(float(stamp), *FLIGHT.fix(stamp, *FIXES[stamp]), R).accepted
     advance(it, 120)
     assert identical(it.state, reference(120, {stamp: [position_fix(stamp)] for stamp in FIXES}))
 
@@ -168,7 +169,9 @@ def test_two_fixes_of_one_stamp_in_either_order():
         it = navigator()
         advance(it, 30)
         for i in order:
-            it.update(20.0, *FLIGHT.fix(20, *((30.0, -40.0), (5.0, 8.0))[i]), (R, other)[i])
+            it.update_position(
+                20.0, *FLIGHT.fix(20, *((30.0, -40.0), (5.0, 8.0))[i]), (R, other)[i]
+            )
         ends.append(it.state)
     deviation = np.sqrt(np.diag(ends[0].covariance[0]))
     np.testing.assert_allclose(error_between(ends[0], ends[1]) / deviation, 0.0, atol=1e-4)
@@ -184,7 +187,7 @@ def test_a_stamp_between_samples_counts_at_the_nearest(stamp, sample):
     it = navigator()
     advance(it, 40)
     fix = FLIGHT.fix(20, *FIXES[20])
-    assert it.update(stamp, *fix, R).accepted
+    assert it.update_position(stamp, *fix, R).accepted
     assert identical(
         it.state, reference(40, {sample: [lambda state: update_position(state, 0, *fix, R)]})
     )
@@ -200,10 +203,10 @@ def test_a_stamp_between_samples_counts_at_the_nearest(stamp, sample):
 def test_a_refused_fix_changes_nothing(stamp, covariance, reason):
     it = navigator(horizon=25.0)
     advance(it, 35)
-    it.update(30.0, *FLIGHT.fix(20, *FIXES[20]), R)
+    it.update_position(30.0, *FLIGHT.fix(20, *FIXES[20]), R)
     advance(it, 40)
     before = it.state.copy()
-    result = it.update(stamp, *FLIGHT.fix(20, 0.0, 0.0), covariance)
+    result = it.update_position(stamp, *FLIGHT.fix(20, 0.0, 0.0), covariance)
     assert not result.accepted
     assert result.reason is not None
     assert np.isnan(result.nis)
@@ -213,7 +216,7 @@ def test_a_refused_fix_changes_nothing(stamp, covariance, reason):
     advance(it, 45)
     fresh = navigator(horizon=25.0)
     advance(fresh, 35)
-    fresh.update(30.0, *FLIGHT.fix(20, *FIXES[20]), R)
+    fresh.update_position(30.0, *FLIGHT.fix(20, *FIXES[20]), R)
     advance(fresh, 45)
     assert identical(it.state, fresh.state)
 
@@ -231,9 +234,9 @@ def test_refused_information_changes_nothing(stamp):
 def test_the_horizon_is_kept():
     it = navigator(horizon=30.0)
     advance(it, 100)
-    assert it.update(71.0, *FLIGHT.fix(71, 1.0, 1.0), R).accepted
-    assert it.update(70.0, *FLIGHT.fix(70, 1.0, 1.0), R).accepted
-    assert not it.update(60.0, *FLIGHT.fix(60, 1.0, 1.0), R).accepted
+    assert it.update_position(71.0, *FLIGHT.fix(71, 1.0, 1.0), R).accepted
+    assert it.update_position(70.0, *FLIGHT.fix(70, 1.0, 1.0), R).accepted
+    assert not it.update_position(60.0, *FLIGHT.fix(60, 1.0, 1.0), R).accepted
 
 
 @pytest.mark.parametrize(("time", "force", "height", "message"), [

@@ -14,14 +14,18 @@ from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
     FilterState,
-    jump_between,
     propagate,
     update_information,
     update_position,
     widen,
 )
-from isogal.fusion.ukf import BATCH, HORIZONTAL
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_state import (
+    BATCH,
+    HORIZONTAL,
+    batch_covariance,
+    batch_difference,
+)
 from isogal.scenario import Imu, InitialError, Route, Scenario
 from isogal.seeds import generator
 from isogal.sensors.imu import GRADES
@@ -55,9 +59,13 @@ def test_prediction_equals_the_linear_error_model_for_small_errors():
     )
     model = FilterModel(noise, tuple(sigma), 1.0, height_sigma=1e-3)
     state = FilterState(
-        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]), trajectory.velocity[:1].copy(),
-        trajectory.attitude[:1].copy(), np.zeros((1, 3)), np.zeros((1, 3)), np.diag(sigma**2)[None],
-    )  # fmt: skip
+        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]),
+        trajectory.velocity[:1].copy(),
+        trajectory.attitude[:1].copy(),
+        np.zeros((1, 3)),
+        np.zeros((1, 3)),
+        np.diag(sigma**2)[None],
+    )
     keep = np.array([0, 1, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14])
     P = state.covariance[0][np.ix_(keep, keep)]
     segments = divide(scenario, trajectory)
@@ -253,14 +261,25 @@ def test_information_of_a_position_fix_equals_the_position_update(seed):
 BAD = np.diag([1.0, 1.0, 1.0, -1e6])
 
 
-@pytest.mark.parametrize(("update", "message"), [
-    (lambda s: update_position(s, 0, np.nan, 0.0, np.eye(2)), "fix is not finite"),
-    (lambda s: update_position(s, 0, 0.0, 0.0, np.full((2, 2), np.inf)), "fix is not finite"),
-    (lambda s: update_position(s, 0, 0.0, 0.0, np.array([[1.0, 2.0], [2.0, 1.0]])), "not positive definite"),
-    (lambda s: update_position(s, 0, 0.0, 0.0, -np.eye(2)), "not positive definite"),
-    (lambda s: update_information(s, 0, np.full(4, np.nan), np.eye(4)), "information is not finite"),
-    (lambda s: update_information(s, 0, np.ones(4), BAD), "too negative"),
-])  # fmt: skip
+def with_position(latitude, covariance):
+    return lambda state: update_position(state, 0, latitude, 0.0, covariance)
+
+
+def with_information(vector, matrix):
+    return lambda state: update_information(state, 0, vector, matrix)
+
+
+@pytest.mark.parametrize(
+    ("update", "message"),
+    [
+        (with_position(np.nan, np.eye(2)), "fix is not finite"),
+        (with_position(0.0, np.full((2, 2), np.inf)), "fix is not finite"),
+        (with_position(0.0, np.array([[1.0, 2.0], [2.0, 1.0]])), "not positive definite"),
+        (with_position(0.0, -np.eye(2)), "not positive definite"),
+        (with_information(np.full(4, np.nan), np.eye(4)), "information is not finite"),
+        (with_information(np.ones(4), BAD), "too negative"),
+    ],
+)
 def test_updates_that_cannot_be_used_change_nothing(update, message):
     state = with_covariance()
     before = state.copy()
@@ -296,7 +315,7 @@ def test_model_knows_what_the_scenario_draws_from():
 def test_a_lost_run_is_widened_alone():
     state = fly(range(2)).start
     before = state.copy()
-    widen(state, 1, (30e3, 0.5, 1e-4))
+    widen(state, 1, batch_covariance(30e3, 0.5, 1e-4, 0.0))
     assert (state.covariance[0] == before.covariance[0]).all()
     change = np.sqrt(np.diag(state.covariance[1] - before.covariance[1]))
     np.testing.assert_allclose(
@@ -312,7 +331,7 @@ def test_jump_is_the_horizontal_part_of_the_change():
         after, 0, np.array([-3e-3, -4e-3, -2.0, 1.0]), np.diag([1e-5, 1e-5, 10.0, 10.0])
     )
     after.position[0, 1] -= 2.0 * np.pi
-    jump = jump_between(before, after, 0)
+    jump = batch_difference(after.estimate_of(0), before.estimate_of(0))
     after.position[0, 1] += 2.0 * np.pi
     expected = error_between(after, before)[[0, 1, 3, 4, 6, 7, 8]]
     assert np.abs(expected[:2]).max() > 30.0

@@ -5,33 +5,23 @@ import pytest
 from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints
 
 from helpers.navigators import error_between, fly, random_covariance
-from isogal.fusion import ukf
+from isogal.fusion import sigma_points, ukf
 
 SIGMA = np.array(
     [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
 )
 
 
-@pytest.mark.parametrize(
-    "parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1e-3, 2.0, 0.0), (1.0, 0.0, 3.0 - 15)]
-)
-def test_weights_equal_filterpy(parameters):
-    expected = MerweScaledSigmaPoints(15, *parameters)
-    ours = ukf.unscented_weights(15, *parameters)
-    np.testing.assert_allclose([ours.mean_centre, ours.other], expected.Wm[[0, 1]], rtol=1e-9)
-    np.testing.assert_allclose(
-        [ours.covariance_centre, ours.other], expected.Wc[[0, 1]], rtol=1e-9
-    )
-
-
 @pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0)])
 def test_sigma_points_equal_filterpy(parameters):
     covariance = random_covariance(SIGMA)
     factor, points = np.empty((15, 16)), np.empty((15, 32))
-    assert ukf.factorise(np.pad(covariance, ((0, 0), (0, 1))), factor, np.empty(16))
-    ukf.spread_points(factor, ukf.unscented_weights(15, *parameters).spread, points)
+    padded = np.pad(covariance, ((0, 0), (0, 1)))
+    assert sigma_points.factorise(padded, factor, np.empty(16))
+    spread = sigma_points.merwe_weights(*parameters).spread
+    sigma_points.spread_points(factor, spread, points)
     expected = MerweScaledSigmaPoints(15, *parameters).sigma_points(np.zeros(15), covariance)
-    assert not points[:, ukf.CENTRE].any()
+    assert not points[:, sigma_points.CENTRE].any()
     np.testing.assert_allclose(points[:, :15].T / SIGMA, expected[1:16] / SIGMA, atol=1e-9)
     np.testing.assert_allclose(points[:, 16:31].T / SIGMA, expected[16:] / SIGMA, atol=1e-9)
 
@@ -40,13 +30,11 @@ def test_sigma_points_equal_filterpy(parameters):
 def test_factorise_reports_what_is_not_positive_definite(broken):
     covariance = random_covariance(SIGMA)
     covariance[broken, broken] *= -1e-3
-    assert not ukf.factorise(
-        np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16)
-    )
+    padded = np.pad(covariance, ((0, 0), (0, 1)))
+    assert not sigma_points.factorise(padded, np.empty((15, 16)), np.empty(16))
     covariance[broken, broken] = np.nan
-    assert not ukf.factorise(
-        np.pad(covariance, ((0, 0), (0, 1))), np.empty((15, 16)), np.empty(16)
-    )
+    padded = np.pad(covariance, ((0, 0), (0, 1)))
+    assert not sigma_points.factorise(padded, np.empty((15, 16)), np.empty(16))
 
 
 def filterpy_update(covariance, H, R, z):
@@ -65,8 +53,8 @@ def test_known_height_equals_filterpy():
     error, covariance = filterpy_update(
         padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
     )  # down
-    arrays = [array[0] for array in state.arrays()[:5]]
-    ukf.update_height(*arrays, padded, 103.0, 0.1, np.zeros(16), np.zeros(16))
+    work = np.zeros(16), np.zeros(16)
+    ukf.update_height(state.nominal_of(0), padded, 103.0, 0.1, *work)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
     np.testing.assert_allclose(
         padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9
@@ -84,7 +72,7 @@ def test_position_fix_equals_filterpy(offset):
     R = np.array([[120.0**2, 3000.0], [3000.0, 80.0**2]])
     error, covariance = filterpy_update(before.covariance[0], np.eye(2, 15), R, z)
     y0, y1, nis = ukf.update_position(
-        *(array[0] for array in state.arrays()), latitude, longitude, R[0, 0], R[0, 1], R[1, 1]
+        state.nominal_of(0), state.covariance[0], latitude, longitude, R
     )
     np.testing.assert_allclose([y0, y1], z, atol=1e-9)
     assert nis == pytest.approx(

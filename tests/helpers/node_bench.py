@@ -12,6 +12,7 @@ import numpy as np
 from rclpy.node import Node
 
 from isogal.fields.measured import FIELDS, of_instrument
+from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -137,8 +138,7 @@ class Bench:
         state = np.array([latitude, longitude, 100.0, *velocity, 0.0, *from_heading(0.8)])
         convert.fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
         convert.fill_odom(odom, ns, convert.map_frame(self.scenario), state, np.zeros(3), matrix)
-        index = [0, 1, 3, 4, 6, 7, 8]
-        convert.fill_numbers(cov, ns, matrix[np.ix_(index, index)])
+        convert.fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
         self.publish(topics.NAV_COVARIANCE, cov)
         self.publish(topics.NAV_FIX, fix)
         self.publish(topics.NAV_ODOM, odom)

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.matching.interfaces import LOST_SIGMA
+from isogal.fusion.fix import apply_fix
+from isogal.matching.interfaces import Fix
 from isogal_ros.messages.convert import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.health import BadMessageError, Health
@@ -34,22 +36,14 @@ class Corrections:
         BadMessageError
             The fix cannot be used, or the filter refuses it.
         """
-        lost, information = extra
-        no_fix = message.status.status == NavSatStatus.STATUS_NO_FIX
-        if no_fix and not lost:
+        fix = read_fix(message, extra)
+        if not fix.published and fix.widening is None:
             return
         if navigator is None:
             raise BadMessageError("came before the first IMU sample")
-        stamp = to_seconds(to_ns(message.header.stamp))
-        if lost:
-            navigator.widen(stamp, LOST_SIGMA)
-        if no_fix:
+        result = apply_fix(fix, navigator.at(fix.time))
+        if result is None:
             return
-        if information is not None:
-            result = navigator.update_information(stamp, information.vector, information.matrix)
-        else:
-            latitude, longitude, _ = read_position(message)
-            result = navigator.update(stamp, latitude, longitude, read_covariance(message)[:2, :2])
         self._accepted += result.accepted
         self._refused += not result.accepted
         self._health.figures |= {
@@ -62,3 +56,24 @@ class Corrections:
         }
         if not result.accepted:
             raise BadMessageError(result.reason or "refused")
+
+
+def read_fix(message: Any, extra: Extra) -> Fix:
+    """Return the fix of a message on pmht_mm/fix and what belongs to it.
+
+    Position and covariance are read only where they say all: with information they are not used.
+
+    Raises
+    ------
+    BadMessageError
+        The message cannot be used.
+    """
+    lost, information = extra
+    time = to_seconds(to_ns(message.header.stamp))
+    nothing = np.full((2, 2), np.nan)
+    if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        return Fix(time, np.nan, np.nan, nothing, reason="no fix", reset=lost)
+    if information is not None:
+        return Fix(time, np.nan, np.nan, nothing, information=information, reset=lost)
+    latitude, longitude, _ = read_position(message)
+    return Fix(time, latitude, longitude, read_covariance(message)[:2, :2], reset=lost)

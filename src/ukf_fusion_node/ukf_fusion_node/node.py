@@ -55,7 +55,7 @@ class UkfFusionNode(GraphNode):
         navigator = BufferedNavigator(self._model, FilterState.start(self._start, self._model))
         latitude, longitude, height = self._start.position[0].tolist()
         navigator.propagate(self._model.dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
-        navigator.update(self._model.dt, latitude, longitude, np.eye(2) * 1e6)
+        navigator.update_position(self._model.dt, latitude, longitude, np.eye(2) * 1e6)
 
     def _take_imu(self, message: Any) -> None:
         self.samples += 1

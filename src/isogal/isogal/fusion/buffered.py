@@ -17,12 +17,12 @@ from isogal.fusion.navigator import (
     FilterDivergenceError,
     FilterModel,
     FilterState,
-    jump_between,
     propagate,
     update_information,
     update_position,
     widen,
 )
+from isogal.inertial.error_state import Estimate, batch_difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +131,11 @@ class BufferedNavigator:
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
             self._steps.popleft()
 
-    def update(
+    def at(self, time: float) -> "NavigatorAt":
+        """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`."""
+        return NavigatorAt(self, time)
+
+    def update_position(
         self, time: float, latitude: float, longitude: float, covariance: Array
     ) -> UpdateResult:
         """Apply a position fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
@@ -153,27 +157,27 @@ class BufferedNavigator:
             Relative to the navigator's estimate at the stamp, as it is now. An older fix that
             comes later changes that estimate; the information is then carried over to the new one.
         """
-        relative_to: FilterState | None = None
+        relative_to: Estimate | None = None
 
         def apply(state: FilterState) -> tuple[Array, float]:
             nonlocal relative_to
-            moved = np.zeros(len(vector))
+            estimate, moved = state.estimate_of(0), np.zeros(len(vector))
             if relative_to is None:
-                relative_to = state.copy()
+                relative_to = Estimate(*(part.copy() for part in estimate))
             else:
-                moved = jump_between(relative_to, state, 0)[: len(vector)]
+                moved = batch_difference(estimate, relative_to)[: len(vector)]
             # with xi = xi_old + moved, v' xi_old - xi_old' M xi_old / 2 has the vector v + M moved
             correction, nis = update_information(state, 0, vector + matrix @ moved, matrix)
             return correction[:2], nis
 
         return self._update(time, apply)
 
-    def widen(self, time: float, sigma: tuple[float, float, float]) -> UpdateResult:
-        """Add a 1-sigma to position (m), velocity (m/s) and tilt (rad) at any stamp within the
-        horizon: the navigator was found lost."""
+    def widen(self, time: float, covariance: Array) -> UpdateResult:
+        """Add (7, 7) to the covariance of a batch's states at any stamp within the horizon: the
+        navigator was found lost."""
 
         def apply(state: FilterState) -> tuple[Array, float]:
-            widen(state, 0, sigma)
+            widen(state, 0, covariance)
             return np.zeros(2), 0.0
 
         return self._update(time, apply)
@@ -235,3 +239,26 @@ class BufferedNavigator:
             step.rate[None, None],
             np.array([step.height]),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigatorAt:
+    """A buffered navigator at one stamp (a `isogal.fusion.fix.FixTarget`)."""
+
+    navigator: BufferedNavigator
+    time: float
+    """s."""
+
+    def widen(self, covariance: Array) -> UpdateResult:
+        """See `BufferedNavigator.widen`."""
+        return self.navigator.widen(self.time, covariance)
+
+    def update_information(self, vector: Array, matrix: Array) -> UpdateResult:
+        """See `BufferedNavigator.update_information`."""
+        return self.navigator.update_information(self.time, vector, matrix)
+
+    def update_position(
+        self, latitude: float, longitude: float, covariance: Array
+    ) -> UpdateResult:
+        """See `BufferedNavigator.update_position`."""
+        return self.navigator.update_position(self.time, latitude, longitude, covariance)

@@ -1,14 +1,15 @@
 """The navigator: the unscented filter of many runs at once."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.frames import horizontal_difference
 from isogal.fusion import ukf
-from isogal.inertial.rotations import multiply, to_rotation_vector
+from isogal.fusion.nominal import Nominal, move
+from isogal.fusion.sigma_points import merwe_weights
+from isogal.inertial.error_state import BATCH, Estimate
 from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
@@ -45,6 +46,13 @@ class FilterModel:
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float = 0.0
+    assumptions: ukf.Assumptions = field(init=False, repr=False, compare=False)
+    """The same as the compiled filter takes it."""
+
+    def __post_init__(self) -> None:
+        weights = merwe_weights(self.alpha, self.beta, self.kappa)
+        assumptions = ukf.Assumptions(self.dt, np.array(self.noise), self.height_sigma, weights)
+        object.__setattr__(self, "assumptions", assumptions)
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> "FilterModel":
@@ -82,7 +90,7 @@ class FilterState:
     gyroscope_bias: Array
     """(R, 3) rad/s, body."""
     covariance: Array
-    """(R, 15, 15) of the error state of `isogal.fusion.ukf`."""
+    """(R, 15, 15) of the filter's error state (`isogal.inertial.error_state`)."""
 
     def __len__(self) -> int:
         return self.position.shape[0]
@@ -109,28 +117,34 @@ class FilterState:
     def batch_prior(self) -> Array:
         """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a
         batch takes as prior."""
-        return self.covariance[:, ukf.BATCH[:, None], ukf.BATCH]
+        return self.covariance[:, BATCH[:, None], BATCH]
 
-    def arrays(self) -> tuple[Array, ...]:
-        """Return the arrays in the order the kernels take them."""
-        return (
+    @property
+    def nominal(self) -> Nominal:
+        """The mean as the kernels take it; shares the arrays."""
+        return Nominal(
             self.position,
             self.velocity,
             self.attitude,
             self.accelerometer_bias,
             self.gyroscope_bias,
-            self.covariance,
         )
+
+    def arrays(self) -> tuple[Array, ...]:
+        """Return all arrays, those of the mean first."""
+        return (*self.nominal, self.covariance)
+
+    def nominal_of(self, run: int) -> Nominal:
+        """Return the mean of one run; it shares the arrays."""
+        return Nominal(*(array[run] for array in self.nominal))
+
+    def estimate_of(self, run: int) -> Estimate:
+        """Return position, velocity and attitude of one run; they share the arrays."""
+        return Estimate(self.position[run], self.velocity[run], self.attitude[run])
 
 
 class FilterDivergenceError(RuntimeError):
     """The covariance lost positive definiteness: the filter's numbers can no longer be trusted."""
-
-
-def kernel_weights(model: FilterModel) -> tuple[float, float, float, float]:
-    """Return the sigma point weights as the kernels take them."""
-    w = ukf.unscented_weights(ukf.N, model.alpha, model.beta, model.kappa)
-    return w.spread, w.mean_centre, w.covariance_centre, w.other
 
 
 def propagate(
@@ -154,15 +168,14 @@ def propagate(
     FilterDivergenceError
         A covariance is no longer positive definite (not repaired in silence).
     """
+    height = np.asarray(height, dtype=float)
     done = ukf.advance(
-        *state.arrays(), specific_force, angular_rate, model.dt, np.asarray(model.noise), kernel_weights(model),
-        np.asarray(height, dtype=float), model.height_sigma,
-    )  # fmt: skip
-    failed = np.flatnonzero(done < specific_force.shape[1])
-    if failed.size:
-        raise FilterDivergenceError(
-            f"covariance of run(s) {failed.tolist()} is not positive definite"
-        )
+        state.nominal, state.covariance, specific_force, angular_rate, height, model.assumptions
+    )
+    steps = specific_force.shape[1]
+    failed = [run for run, reached in enumerate(done.tolist()) if reached < steps]
+    if failed:
+        raise FilterDivergenceError(f"covariance of run(s) {failed} is not positive definite")
 
 
 def update_information(
@@ -193,7 +206,7 @@ def update_information(
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
-    P, which = state.covariance[run], ukf.BATCH[: len(vector)]
+    P, which = state.covariance[run], BATCH[: len(vector)]
     scale = np.sqrt(np.diag(P)[which])
     unit_free = 0.5 * (matrix + matrix.T) * scale[:, None] * scale  # m and m/s alike
     values, vectors = np.linalg.eigh(
@@ -211,7 +224,7 @@ def update_information(
     error = -gain @ solved[:, 0]  # xi is estimate minus truth, the correction its negative
     reduced = P - gain @ solved[:, 1:]
     state.covariance[run] = 0.5 * (reduced + reduced.T)
-    ukf.move(*(array[run] for array in state.arrays()[:5]), error)
+    move(state.nominal_of(run), error)
     told = sign > 0.0
     return error[which], float(z[told] @ np.linalg.solve(innovation[np.ix_(told, told)], z[told]))
 
@@ -262,37 +275,37 @@ def update_position(
         and covariance[0, 0] * covariance[1, 1] > covariance[0, 1] * covariance[1, 0]
     ):
         raise ValueError("covariance of the fix is not positive definite")
-    parts = [array[run] for array in state.arrays()]
     north, east, nis = ukf.update_position(
-        *parts,
-        latitude,
-        longitude,
-        covariance[0, 0],
-        0.5 * (covariance[0, 1] + covariance[1, 0]),
-        covariance[1, 1],
+        state.nominal_of(run), state.covariance[run], latitude, longitude, covariance
     )
     if math.isnan(nis):
         raise ValueError("innovation covariance is not positive definite")
     return np.array([north, east]), nis
 
 
-def widen(state: FilterState, run: int, sigma: tuple[float, float, float]) -> None:
-    """Add a 1-sigma to one run's horizontal position (m), velocity (m/s) and tilt (rad), in place:
-    the navigator was found lost."""
-    for first, one in zip((0, 3, 6), sigma, strict=True):
-        for axis in (first, first + 1):
-            state.covariance[run, axis, axis] += one * one
+def widen(state: FilterState, run: int, covariance: Array) -> None:
+    """Add a covariance (7, 7) to that of one run's batch states, in place: the navigator was found
+    lost."""
+    state.covariance[run][np.ix_(BATCH, BATCH)] += covariance
 
 
-def jump_between(before: FilterState, after: FilterState, run: int) -> Array:
-    """Return (7,) how far one run's estimate moved: north, east m, v_north, v_east m/s, attitude
-    about north, east, down rad."""
-    shift = horizontal_difference(
-        after.position[run, 0],
-        after.position[run, 1],
-        before.position[run, 0],
-        before.position[run, 1],
-    )
-    w, x, y, z = before.attitude[run]
-    turn = to_rotation_vector(*multiply(*after.attitude[run], w, -x, -y, -z))
-    return np.array([*shift, *(after.velocity[run, :2] - before.velocity[run, :2]), *turn])
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigatorRun:
+    """One of the runs of a state (a `isogal.fusion.fix.FixTarget`)."""
+
+    state: FilterState
+    run: int
+
+    def widen(self, covariance: Array) -> None:
+        """See `widen`."""
+        widen(self.state, self.run, covariance)
+
+    def update_information(self, vector: Array, matrix: Array) -> tuple[Array, float]:
+        """See `update_information`."""
+        return update_information(self.state, self.run, vector, matrix)
+
+    def update_position(
+        self, latitude: float, longitude: float, covariance: Array
+    ) -> tuple[Array, float]:
+        """See `update_position`."""
+        return update_position(self.state, self.run, latitude, longitude, covariance)

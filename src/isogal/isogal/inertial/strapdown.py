@@ -69,36 +69,25 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def step(lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
-    """Advance one state by one interval; scalars in, scalars out (latitude ... quaternion). See
-    the module for the method."""
-    return step_at(
-        np.sin(lat),
-        np.cos(lat),
-        lat,
-        lon,
-        h,
-        vn,
-        ve,
-        vd,
-        qw,
-        qx,
-        qy,
-        qz,
-        fx,
-        fy,
-        fz,
-        wx,
-        wy,
-        wz,
-        dt,
-    )
+def step(position, velocity, attitude, force, rate, dt):  # type: ignore[no-untyped-def]
+    """Advance one state by one interval (see the module for the method).
+
+    Tuples in: position (latitude rad, longitude rad, height m), velocity (north, east, down; m/s),
+    attitude (w, x, y, z), and the interval's mean specific force (m/s²) and angular rate (rad/s)
+    in body axes. Tuples out: position, velocity, attitude."""
+    sine, cosine = np.sin(position[0]), np.cos(position[0])
+    return step_at(sine, cosine, position, velocity, attitude, force, rate, dt)
 
 
 @kernel(**INLINE)
-def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, wz, dt):  # type: ignore[no-untyped-def]
-    """`step` for whom the sine and cosine of the latitude are known: without calls, so that loops
-    over it are vectorised."""
+def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignore[no-untyped-def]
+    """`step` with the sine and cosine of the latitude given: without calls, so that loops over it
+    are vectorised."""
+    lat, lon, h = position
+    vn, ve, vd = velocity
+    qw, qx, qy, qz = attitude
+    fx, fy, fz = force
+    wx, wy, wz = rate
     # increments in the navigation axes of the interval's start
     un, ue, ud = rotate(qw, qx, qy, qz, fx * dt, fy * dt, fz * dt)
     an, ae, ad = rotate(qw, qx, qy, qz, wx * dt, wy * dt, wz * dt)
@@ -163,30 +152,38 @@ def step_at(s, c, lat, lon, h, vn, ve, vd, qw, qx, qy, qz, fx, fy, fz, wx, wy, w
     scale = 1.5 - 0.5 * (
         qw * qw + qx * qx + qy * qy + qz * qz
     )  # one Newton step keeps the norm at 1
-    return lat1, lon1, h1, vn1, ve1, vd1, qw * scale, qx * scale, qy * scale, qz * scale
+    return (
+        (lat1, lon1, h1),
+        (vn1, ve1, vd1),
+        (qw * scale, qx * scale, qy * scale, qz * scale),
+    )
 
 
 @kernel(error_model="numpy")
-def _propagate(position, velocity, attitude, specific_force, angular_rate, dt, height, history):  # type: ignore[no-untyped-def]
+def _propagate(state, specific_force, angular_rate, dt, height, history):  # type: ignore[no-untyped-def]
+    """Advance R runs in place; `height` (S + 1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
+    positions, velocities, attitudes = state
     runs, steps = specific_force.shape[0], specific_force.shape[1]
     for r in range(runs):
-        lat, lon, h = position[r, 0], position[r, 1], position[r, 2]
-        vn, ve, vd = velocity[r, 0], velocity[r, 1], velocity[r, 2]
-        qw, qx, qy, qz = attitude[r, 0], attitude[r, 1], attitude[r, 2], attitude[r, 3]
+        p, v, q = positions[r], velocities[r], attitudes[r]
+        position, velocity, attitude = (
+            (p[0], p[1], p[2]),
+            (v[0], v[1], v[2]),
+            (q[0], q[1], q[2], q[3]),
+        )
         for k in range(steps):
             f, w = specific_force[r, k], angular_rate[r, k]
-            lat, lon, h, vn, ve, vd, qw, qx, qy, qz = step(
-                lat, lon, h, vn, ve, vd, qw, qx, qy, qz, f[0], f[1], f[2], w[0], w[1], w[2], dt
+            position, velocity, attitude = step(
+                position, velocity, attitude, (f[0], f[1], f[2]), (w[0], w[1], w[2]), dt
             )
             if height.shape[0] > 0:  # known height: the vertical channel follows it
-                vd = (height[k] - height[k + 1]) / dt
-                h = height[k + 1]
+                velocity = (velocity[0], velocity[1], (height[k] - height[k + 1]) / dt)
+                position = (position[0], position[1], height[k + 1])
             if history.shape[1] > 0:
-                history[r, k, 0] = lat
-                history[r, k, 1] = lon
-        position[r, 0], position[r, 1], position[r, 2] = lat, lon, h
-        velocity[r, 0], velocity[r, 1], velocity[r, 2] = vn, ve, vd
-        attitude[r, 0], attitude[r, 1], attitude[r, 2], attitude[r, 3] = qw, qx, qy, qz
+                history[r, k, 0], history[r, k, 1] = position[0], position[1]
+        p[0], p[1], p[2] = position
+        v[0], v[1], v[2] = velocity
+        q[0], q[1], q[2], q[3] = attitude
 
 
 def propagate(
@@ -223,7 +220,6 @@ def propagate(
     height = (
         np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
     )
-    _propagate(
-        end.position, end.velocity, end.attitude, specific_force, angular_rate, dt, height, track
-    )
+    arrays = end.position, end.velocity, end.attitude
+    _propagate(arrays, specific_force, angular_rate, dt, height, track)
     return end, track

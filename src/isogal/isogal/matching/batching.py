@@ -12,15 +12,12 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian, radii
 from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.reduction import Reduction, State
-
-ERROR_STATES = 7
-"""North, east (m), v_north, v_east (m/s), attitude about north, east, down (rad): what moves a
-position by metres within a batch."""
 
 
 @dataclass(slots=True)
@@ -103,9 +100,9 @@ class BatchBuilder:
         Parameters
         ----------
         jump : (7,) array
-            After minus before: north m, east m, v_north, v_east m/s, attitude about north, east,
-            down rad. Older positions move by what the jump means back then, and readings by what
-            their reduction would have been with the better estimate.
+            After minus before, in a batch's states (`isogal.inertial.error_state`). Older
+            positions move by what the jump means back then, and readings by what their reduction
+            would have been with the better estimate.
         """
         scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
         if not scans:
@@ -126,7 +123,7 @@ class BatchBuilder:
         Parameters
         ----------
         prior : (7, 7) or (4, 4) array
-            The navigator's covariance there, of the `ERROR_STATES`; without its attitude, the
+            The navigator's covariance there, of a batch's states; without its attitude, the
             navigator is taken as level at the batch end.
         """
         scans = list(self._scans)
@@ -204,7 +201,7 @@ def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
 def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
     count = step.shape[0]
-    n = ERROR_STATES
+    n = BATCH_STATES
     result = np.empty((count, n, n))
     following = np.eye(n)
     dynamics = np.zeros((STATES, STATES))

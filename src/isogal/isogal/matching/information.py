@@ -51,16 +51,27 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
 def posterior_of(fix: Fix, batch: Batch) -> tuple[Array, Array]:
     """Return mean (4,) and covariance (4, 4) of xi by the batch's prior and its published fix."""
     if fix.information is not None:
-        vector, matrix = fix.information.vector[:4], fix.information.matrix[:4, :4]
-    else:
-        seen = -horizontal_difference(
-            fix.latitude, fix.longitude, batch.latitude[-1], batch.longitude[-1]
-        )
-        vector, matrix = np.zeros(4), np.zeros((4, 4))
-        matrix[:2, :2] = np.linalg.inv(fix.covariance)
-        vector[:2] = matrix[:2, :2] @ seen
+        return informed(batch.prior, fix.information)
+    told = position_information(batch, fix.latitude, fix.longitude, fix.covariance)
+    return informed(batch.prior, told)
+
+
+def position_information(
+    batch: Batch, latitude: float, longitude: float, covariance: Array
+) -> Information:
+    """Return what a position (rad; (2, 2) m²) at a batch's last scan says about xi."""
+    seen = -horizontal_difference(latitude, longitude, batch.latitude[-1], batch.longitude[-1])
+    vector, matrix = np.zeros(4), np.zeros((4, 4))
+    matrix[:2, :2] = np.linalg.inv(covariance)
+    vector[:2] = matrix[:2, :2] @ seen
+    return Information(vector, matrix)
+
+
+def informed(prior: Array, information: Information) -> tuple[Array, Array]:
+    """Return mean (4,) and covariance (4, 4) of xi ~ N(0, prior) given information about it."""
+    vector, matrix = information.vector[:4], information.matrix[:4, :4]
     # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    covariance = np.linalg.solve(np.eye(4) + batch.prior @ matrix, batch.prior)
+    covariance = np.linalg.solve(np.eye(4) + prior @ matrix, prior)
     return np.asarray(covariance @ vector, dtype=np.float64), symmetric(covariance)
 
 

@@ -15,14 +15,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.inertial.error_state import batch_covariance
 
 LOST_SIGMA = (15e3, 0.5, 1e-4)
 """1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get
 on top of its own covariance. A wrong latitude turns the navigation frame wrongly: 10 km let tilt
 grow by 7e-8 rad/s, and velocity with it."""
-LOST_COVARIANCE = np.diag(np.repeat(np.square([*LOST_SIGMA, 0.0]), [2, 2, 2, 1]))
-"""(7, 7) its square, as added to the covariance of position, velocity and attitude about north,
-east, down."""
+LOST_COVARIANCE = batch_covariance(*LOST_SIGMA, 0.0)
+"""(7, 7) its square, as added to the covariance of a batch's states
+(`isogal.inertial.error_state`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +185,12 @@ class Fix:
     def published(self) -> bool:
         """Whether the navigator may use it."""
         return self.reason is None
+
+    @property
+    def widening(self) -> Array | None:
+        """(7, 7) what the navigator's covariance must grow by before the fix is used; None =
+        nothing."""
+        return LOST_COVARIANCE if self.reset else None
 
 
 class Matcher(Protocol):

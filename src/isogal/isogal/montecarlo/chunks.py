@@ -35,6 +35,7 @@ _CODE = (
     "fusion",
     "evaluation/records.py",
     "montecarlo/engine.py",
+    "montecarlo/recorder.py",
 )
 
 
@@ -94,6 +95,7 @@ class Unaided:
 
     name = "unaided"
     context = 0
+    takes_channels = True
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Decline (see `isogal.matching.interfaces.Matcher`)."""

@@ -13,24 +13,25 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import Runs
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
+from isogal.fusion.fix import apply_fix
 from isogal.fusion.navigator import (
     FilterModel,
     FilterState,
-    jump_between,
+    NavigatorRun,
     propagate,
-    update_information,
     update_position,
-    widen,
 )
+from isogal.inertial.error_state import batch_difference
 from isogal.inertial.strapdown import propagate as propagate_ins
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import AnyMap
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.interfaces import LOST_SIGMA, Candidates, Fix, Matcher
+from isogal.matching.interfaces import Fix, Matcher
 from isogal.matching.registry import build_matcher
+from isogal.montecarlo.recorder import Recorder
 from isogal.scenario import Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
@@ -98,15 +99,15 @@ def simulate(
         scenario.matcher, measured_field(scenario).channels is not None
     )
     loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
-    for scan in range(loop.scans):
+    for scan in range(1, loop.scans + 1):
         loop.advance(scan)
         if progress is not None:
-            progress(float(trajectory.time[loop.index[scan + 1]]))
+            progress(float(trajectory.time[loop.index[scan]]))
     return loop.record()
 
 
 class _ClosedLoop:
-    """State of R navigators, their batches and their matchers' memories."""
+    """R navigators, their batches and what their matchers remember."""
 
     def __init__(
         self,
@@ -117,66 +118,49 @@ class _ClosedLoop:
         matcher: Matcher,
         revised: Revised | None,
     ) -> None:
-        self.scenario, self.trajectory, self.field_map, self.matcher = (
-            scenario,
-            trajectory,
-            field_map,
-            matcher,
-        )
-        self.revised = revised
-        self.runs = list(runs)
-        self.stride = scenario.steps_per_scan
-        self.index = np.arange(0, len(trajectory) + 1, self.stride)
+        self.scenario, self.trajectory = scenario, trajectory
+        self.field_map, self.matcher, self.revised = field_map, matcher, revised
+        self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
         self.imu = simulate_imu(scenario, trajectory, runs)
         self.unaided = simulate_unaided(scenario, runs, trajectory, self.imu)
         self.felt = ReadingSimulator(scenario, trajectory, field_map, runs).felt
         self.model = FilterModel.from_scenario(scenario)
         self.state = FilterState.start(draw_initial_state(scenario, trajectory, runs), self.model)
+        self.anchor = (self.state.copy(), 0)
+        """The navigators at the last batch end, and its scan, for retrodiction."""
         field = measured_field(scenario)
         self.reduction, covariance = field.reduction(scenario), field.covariance(scenario)
-        context = matcher.context
         self.builders = [
-            BatchBuilder(scenario.matcher, self.reduction, context, covariance) for _ in runs
+            BatchBuilder(scenario.matcher, self.reduction, matcher.context, covariance)
+            for _ in runs
         ]
         self.memories: list[Any] = [None for _ in runs]
-        self.anchor = (self.state.copy(), 0)  # states at the last batch end, for retrodiction
-        self.due = [scan for scan in range(self.scans) if fix_due(scan + 1, scenario.matcher)]
-        count, batches = len(self.runs), len(self.due)
-        self.error = np.full((count, self.scans + 1, 2), np.nan)
-        self.covariance = np.full((count, self.scans + 1, 2, 2), np.nan)
-        self.fix_error = np.full((count, batches, 2), np.nan)
-        self.fix_covariance = np.full((count, batches, 2, 2), np.nan)
-        self.posterior_error = np.full((count, batches, 2), np.nan)
-        self.posterior_covariance = np.full((count, batches, 2, 2), np.nan)
-        self.seconds = np.zeros((count, batches))
-        self.reasons: list[list[str | None]] = [[] for _ in runs]
-        self.candidates: list[Candidates | None] = []
-        self.variability = np.full(self.scans, np.nan)
-        self.reading = np.full(self.scans, np.nan)
-        self.seen = np.full((self.scans, 2), np.nan)
-        self._write(0)
+        due = [scan for scan in range(1, self.scans + 1) if fix_due(scan, scenario.matcher)]
+        self.batch_at = {scan: batch for batch, scan in enumerate(due)}
+        ends = np.array(due, dtype=np.int64)
+        self.recorder = Recorder(trajectory, self.index, ends, len(self.builders))
+        self.recorder.write_state(0, self.state)
 
     def advance(self, scan: int) -> None:
-        """Propagate to the end of a scan's interval, take the reading, and match where a batch is
-        due."""
-        first, last = self.index[scan], self.index[scan + 1]
-        self._propagate(self.state, slice(None), first, last)
+        """Propagate to a scan (counted from 1), take the reading, and match where a batch ends."""
+        self._propagate(self.state, slice(None), scan)
         self._read(scan)
-        if scan in self.due:
-            batch = self.due.index(scan)
-            fixes = [self._match(run, batch) for run in range(len(self.runs))]
+        if scan in self.batch_at:
             before = self.state.copy()
-            self._aid(fixes, scan)
-            for run in range(len(self.runs)):
-                self._correct(run, before, float(self.trajectory.time[last]))
-            self.anchor = (self.state.copy(), int(last))
-        self._write(scan + 1)
-        if scan in self.due:
-            self.posterior_error[:, batch] = self.error[:, scan + 1]
-            self.posterior_covariance[:, batch] = self.covariance[:, scan + 1]
+            batch = self.batch_at[scan]
+            self._aid([self._match(run, batch) for run in range(len(self.builders))], scan)
+            self._correct_batches(before, scan)
+            self.anchor = (self.state.copy(), scan)
+        self.recorder.write_state(scan, self.state)
 
-    def _propagate(self, state: FilterState, which: Any, first: int, last: int) -> None:
+    def record(self) -> Runs:
+        """Return what the runs left behind."""
+        return self.recorder.record(self.unaided, self.field_map)
+
+    def _propagate(self, state: FilterState, which: Any, scan: int) -> None:
+        """Advance some of the runs from the scan before to this one."""
+        first, last = self.index[scan - 1], self.index[scan]
         propagate(
             state,
             self.model,
@@ -190,112 +174,65 @@ class _ClosedLoop:
         estimate = State(
             position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1]
         )
-        reading = self.reduction.reduce(self.felt[:, scan], estimate)
-        time = float(self.trajectory.time[self.index[scan + 1]])
+        reading = self.reduction.reduce(self.felt[:, scan - 1], estimate)
         for run, builder in enumerate(self.builders):
             builder.add_scan(
-                time,
+                self._time(scan),
                 position[run, 0],
                 position[run, 1],
                 velocity[run, :2],
                 reading[run],
                 self.scenario.gravimeter.sigma,
             )
-        self.reading[scan] = reading[0].flat[0]  # figures show the first channel
-        self.seen[scan] = position[0, :2]
+        self.recorder.write_reading(scan - 1, reading, self.state)
 
     def _match(self, run: int, batch: int) -> Fix:
         task = self.builders[run].build(self.state.batch_prior[run])
         start = clock.perf_counter()
         fix, self.memories[run] = self.matcher.match(task, self.field_map, self.memories[run])
-        self.seconds[run, batch] = clock.perf_counter() - start
-        self.reasons[run].append(fix.reason)
-        if fix.published:
-            end = self.index[self.due[batch] + 1]
-            truth = self.trajectory.latitude[end], self.trajectory.longitude[end]
-            self.fix_error[run, batch] = horizontal_difference(fix.latitude, fix.longitude, *truth)
-            self.fix_covariance[run, batch] = fix.covariance
-        if run == 0:
-            self.candidates.append(fix.candidates)
-            self.variability[self.due[batch]] = fix.diagnostics.get("feature_variability", np.nan)
+        self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
         return fix
 
     def _aid(self, fixes: list[Fix], scan: int) -> None:
-        retrodict = self.scenario.matcher.mode == "retrodiction"
-        late = [
+        """Apply the fixes of all runs: at the batch end, or in retrodiction those of each scan
+        where it was, if the matcher gives them."""
+        each_scan = [
             run
             for run, fix in enumerate(fixes)
-            if fix.published and retrodict and fix.scan_position is not None
+            if self.scenario.matcher.mode == "retrodiction"
+            and fix.published
+            and fix.widening is None
+            and fix.scan_position is not None
         ]
         for run, fix in enumerate(fixes):
-            if fix.reset:
-                widen(self.state, run, LOST_SIGMA)
-            if not fix.published or run in late:
-                continue
-            if fix.information is not None:
-                update_information(self.state, run, fix.information.vector, fix.information.matrix)
-            else:
-                update_position(self.state, run, fix.latitude, fix.longitude, fix.covariance)
-        if late:
-            self._retrodict(late, fixes, scan)
+            if run not in each_scan:
+                apply_fix(fix, NavigatorRun(self.state, run))
+        if each_scan:
+            self._retrodict(each_scan, fixes, scan)
 
-    def _retrodict(self, late: list[int], fixes: list[Fix], scan: int) -> None:
+    def _retrodict(self, runs: list[int], fixes: list[Fix], scan: int) -> None:
         """Go back to the last batch end and take each scan's fix where it belongs."""
         state, start = self.anchor
-        part = FilterState(*(array[late].copy() for array in state.arrays()))
-        first_scan = int(np.searchsorted(self.index, start))
-        for step in range(first_scan, scan + 1):
-            self._propagate(part, late, self.index[step], self.index[step + 1])
-            for row, run in enumerate(late):
+        part = FilterState(*(array[runs].copy() for array in state.arrays()))
+        for past in range(start + 1, scan + 1):
+            self._propagate(part, runs, past)
+            for row, run in enumerate(runs):
                 positions, covariances = fixes[run].scan_position, fixes[run].scan_covariance
                 assert positions is not None and covariances is not None
-                i = len(positions) - 1 - (scan - step)
+                i = len(positions) - 1 - (scan - past)
                 if i >= 0 and np.isfinite(covariances[i]).all():
                     update_position(part, row, positions[i, 0], positions[i, 1], covariances[i])
             if self.revised is not None:
-                self.revised(step + 1, late, part)
+                self.revised(past, runs, part)
         for target, source in zip(self.state.arrays(), part.arrays(), strict=True):
-            target[late] = source
+            target[runs] = source
 
-    def _correct(self, run: int, before: FilterState, time: float) -> None:
-        jump = jump_between(before, self.state, run)
-        if jump.any():
-            self.builders[run].correct(time, jump)
+    def _correct_batches(self, before: FilterState, scan: int) -> None:
+        """Tell the batches of what the fixes at a scan changed in their navigators."""
+        for run, builder in enumerate(self.builders):
+            change = batch_difference(self.state.estimate_of(run), before.estimate_of(run))
+            if change.any():
+                builder.correct(self._time(scan), change)
 
-    def _write(self, k: int) -> None:
-        truth = self.trajectory.latitude[self.index[k]], self.trajectory.longitude[self.index[k]]
-        self.error[:, k] = horizontal_difference(
-            self.state.position[:, 0], self.state.position[:, 1], *truth
-        )
-        self.covariance[:, k] = self.state.covariance[:, :2, :2]
-
-    def record(self) -> Runs:
-        """Return what the runs left behind."""
-        at = self.index
-        latitude, longitude = self.trajectory.latitude[at], self.trajectory.longitude[at]
-        ends = at[np.array(self.due, dtype=np.int64) + 1]
-        shown = channels_of(self.field_map)[0]
-        detail = RunDetail(
-            scan_time=self.trajectory.time[at[1:]],
-            reading=self.reading,
-            map_value=shown.value(latitude[1:], longitude[1:]),
-            map_value_navigator=shown.value(self.seen[:, 0], self.seen[:, 1]),
-            feature_variability=self.variability,
-            **RunDetail.flatten(self.candidates),
-        )
-        return Runs(
-            time=self.trajectory.time[at],
-            latitude=latitude,
-            longitude=longitude,
-            error=self.error,
-            covariance=self.covariance,
-            unaided_error=self.unaided,
-            fix_time=self.trajectory.time[ends],
-            fix_error=self.fix_error,
-            fix_covariance=self.fix_covariance,
-            fix_reason=tuple(tuple(reasons) for reasons in self.reasons),
-            posterior_error=self.posterior_error,
-            posterior_covariance=self.posterior_covariance,
-            fix_seconds=self.seconds,
-            detail=detail,
-        )
+    def _time(self, scan: int) -> float:
+        return float(self.trajectory.time[self.index[scan]])

@@ -25,10 +25,11 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
+from isogal.fusion.fix import apply_fix
 from isogal.maps.field_map import FieldMap
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Matcher, declined
+from isogal.matching.information import informed, position_information
+from isogal.matching.interfaces import Batch, Fix, Information, Matcher, declined
 from isogal.matching.monitoring import Monitored
 from isogal.matching.pmht.robust import TrackMonitor
 from isogal.matching.registry import load_matcher
@@ -39,7 +40,6 @@ from isogal.tracks.track import Track
 _EMPTY = 5.0
 """A fix whose least 1-sigma is this many times the prior's largest is declined: it narrows no
 direction by more than 2 %."""
-_LOST = LOST_COVARIANCE[:4, :4]
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
 
@@ -154,11 +154,12 @@ def match_track(
         batch = without_map_edge(batch, field_map)
         fix, memory = matching.match(batch, field_map, memory)
         fix = _unless_empty(fix, batch)
-        error, covariance = update(batch, fix, error, covariance)
-        if fix.reset:
-            prior = uncertainty.prior + _LOST
+        known = _TrackError(batch, error, covariance)
+        apply_fix(fix, known)
+        if fix.widening is not None:
+            prior = uncertainty.prior + fix.widening[:4, :4]
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        matches.append(Match(fix, slice(previous, end), error, covariance, *here))
+        matches.append(Match(fix, slice(previous, end), known.error, known.covariance, *here))
     return matches
 
 
@@ -177,25 +178,27 @@ def _unless_empty(fix: Fix, batch: Batch) -> Fix:
     return replace(declined(batch, reason, **fix.diagnostics), reset=fix.reset)
 
 
-def update(batch: Batch, fix: Fix, error: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the track's error and its covariance after a fix; where it was declined the error
-    stays, and so does the covariance unless the matcher found the track lost."""
-    if fix.reset:
-        covariance = covariance + _LOST
-    if not fix.published:
-        return error, covariance
-    if fix.information is not None:
-        vector, matrix = fix.information.vector, fix.information.matrix
-    else:
-        seen = -horizontal_difference(
-            fix.latitude, fix.longitude, batch.latitude[-1], batch.longitude[-1]
-        )
-        vector, matrix = np.zeros(4), np.zeros((4, 4))
-        matrix[:2, :2] = np.linalg.inv(fix.covariance)
-        vector[:2] = matrix[:2, :2] @ seen
-    # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    gain = np.linalg.solve(np.eye(4) + covariance @ matrix, covariance)
-    return error + gain @ vector, 0.5 * (gain + gain.T)
+@dataclass(slots=True, eq=False)
+class _TrackError:
+    """What is known of the track's error at a batch's end (a `isogal.fusion.fix.FixTarget`)."""
+
+    batch: Batch
+    """Moved by `error`: what a fix says is about the error that remains."""
+    error: Array
+    """(4,) north, east m; m/s."""
+    covariance: Array
+    """(4, 4)."""
+
+    def widen(self, covariance: Array) -> None:
+        self.covariance = self.covariance + covariance[:4, :4]
+
+    def update_information(self, vector: Array, matrix: Array) -> None:
+        remaining, self.covariance = informed(self.covariance, Information(vector, matrix))
+        self.error = self.error + remaining
+
+    def update_position(self, latitude: float, longitude: float, covariance: Array) -> None:
+        told = position_information(self.batch, latitude, longitude, covariance)
+        self.update_information(told.vector, told.matrix)
 
 
 def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:

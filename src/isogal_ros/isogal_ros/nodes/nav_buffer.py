@@ -8,8 +8,7 @@ from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
-from isogal.inertial.rotations import to_rotation_vector
+from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.convert import (
@@ -44,9 +43,14 @@ class NavSample:
     attitude: Array
     """(3, 3) FRD to NED."""
     covariance: Array
-    """(7, 7) of north, east (m), v_north, v_east (m/s), attitude (rad); (4, 4) where the
-    attitude's is not known."""
+    """(7, 7) of a batch's states (`isogal.inertial.error_state`); (4, 4) where the attitude's is
+    not known."""
     height_variance: float
+
+    def estimate(self, attitude: tuple[float, ...]) -> Estimate:
+        """Return position and velocity with an attitude in place of its own."""
+        position = np.array([self.latitude, self.longitude, self.height])
+        return Estimate(position, self.velocity, np.array(attitude))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +59,7 @@ class Jump:
 
     ns: int
     change: Array
-    """(7,) north m, east m, v_north, v_east m/s, attitude about north, east, down rad."""
+    """(7,) in a batch's states (`isogal.inertial.error_state`)."""
 
 
 @dataclass(slots=True)
@@ -169,12 +173,10 @@ class NavBuffer:
     def _note_jump(self, ns: int, stamp: _Stamp) -> None:
         after = self._state(stamp, stamp.pairs - 1)
         before = self._state(stamp, stamp.pairs - 2)
-        shift = horizontal_difference(
-            after.latitude, after.longitude, before.latitude, before.longitude
-        )
-        turn = to_rotation_vector(*quaternion(after.attitude @ before.attitude.T))
-        change = np.concatenate([shift, (after.velocity - before.velocity)[:2], turn])
-        if np.abs(shift).max() > ROUNDING:
+        # only the rotation between the two attitudes matters
+        turn = quaternion(after.attitude @ before.attitude.T)
+        change = batch_difference(after.estimate(turn), before.estimate((1.0, 0.0, 0.0, 0.0)))
+        if np.abs(change[:2]).max() > ROUNDING:
             self.jumps.append(Jump(ns, change))
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:

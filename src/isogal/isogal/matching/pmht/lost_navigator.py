@@ -19,6 +19,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.batching import condition, unconditioned
 from isogal.matching.information import likelihood_information, measurement_only
@@ -154,7 +155,7 @@ class LostNavigatorMonitor:
         past, last = search.waiting[0], search.last
         prior = joint_prior(past.batch)
         if last is None or search.covariance is None or search.shift is None:
-            covariance, shift = prior + LOST_COVARIANCE, np.zeros(7)
+            covariance, shift = prior + LOST_COVARIANCE, np.zeros(BATCH_STATES)
         else:
             forward = np.linalg.inv(_back(past.batch))
             shift = forward @ search.shift
@@ -224,7 +225,7 @@ def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
     rows = np.concatenate([position, reading[:, None]], axis=1)
     by_xi, nuisance = condition(rows, covariance)
     back, back_nuisance = condition(_back(batch)[None], covariance)
-    level, level_nuisance = condition(np.eye(7)[None, 4:], covariance)
+    level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
     return replace(
         batch,
         latitude=batch.latitude - moved[:, 0] / north,
@@ -246,13 +247,13 @@ def _back(batch: Batch) -> Array:
     first batch has none.
     """
     if batch.back_transition is None or batch.back_nuisance is None:
-        return np.eye(7)
+        return np.eye(BATCH_STATES)
     return unconditioned(batch, batch.back_transition, batch.back_nuisance)
 
 
 def _posterior(prior: Array, information: Information | None) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
     if information is None:
-        return np.zeros(7), prior
+        return np.zeros(BATCH_STATES), prior
     covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
     return covariance @ information.vector, symmetric(covariance)

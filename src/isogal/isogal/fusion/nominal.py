@@ -1,0 +1,55 @@
+"""The nominal state of the filter, as kernels take it, and moving it by an error state."""
+
+import math
+from typing import NamedTuple
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.earth.ellipsoid import curvature
+from isogal.inertial.rotations import INLINE, from_rotation_vector, multiply
+
+
+class Nominal(NamedTuple):
+    """Arrays of R runs, or rows of them: the state of one run."""
+
+    position: Array
+    """(R, 3) latitude rad, longitude rad, height m."""
+    velocity: Array
+    """(R, 3) m/s NED."""
+    attitude: Array
+    """(R, 4) quaternion body to NED."""
+    accelerometer_bias: Array
+    """(R, 3) m/s², body."""
+    gyroscope_bias: Array
+    """(R, 3) rad/s, body."""
+
+
+@kernel(**INLINE)
+def of_run(nominal, run):  # type: ignore[no-untyped-def]
+    """Return the state of one run; it shares the arrays."""
+    return Nominal(
+        nominal.position[run],
+        nominal.velocity[run],
+        nominal.attitude[run],
+        nominal.accelerometer_bias[run],
+        nominal.gyroscope_bias[run],
+    )
+
+
+@kernel(**INLINE)
+def move(nominal, error):  # type: ignore[no-untyped-def]
+    """Add an error state (15,) to the state of one run, in place: position over the local radii,
+    attitude by the quaternion of the rotation vector on the left, the rest by addition."""
+    position, attitude = nominal.position, nominal.attitude
+    m, n = curvature(math.sin(position[0]))
+    position[1] += error[1] / ((n + position[2]) * math.cos(position[0]))
+    position[0] += error[0] / (m + position[2])
+    position[2] -= error[2]
+    bw, bx, by, bz = from_rotation_vector(error[6], error[7], error[8])
+    attitude[0], attitude[1], attitude[2], attitude[3] = multiply(
+        bw, bx, by, bz, attitude[0], attitude[1], attitude[2], attitude[3]
+    )
+    for i in range(3):
+        nominal.velocity[i] += error[3 + i]
+        nominal.accelerometer_bias[i] += error[9 + i]
+        nominal.gyroscope_bias[i] += error[12 + i]

@@ -1,0 +1,205 @@
+"""Sigma points of the error state: their weights, their way through the strapdown, their moments
+(docs/mathematics.md, section 3.5).
+
+Weights and spread are those of van der Merwe's scaled transform, as filterpy gives them. A sigma
+point is the nominal state moved by an error state, and goes through the full strapdown step.
+
+The thirty sigma points of a run are the lanes of vector instructions: loops over `LANES` contain
+neither branches nor calls, and the work arrays are made where the loops are inlined, since only
+arrays of known shape let the compiler see that rows do not overlap. Lane 15 is the centre, lanes 0
+to 14 are the points along the columns of the covariance's factor, 16 to 30 those opposite; lane 31
+is the centre once more."""
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.compiled import kernel
+from isogal.earth.ellipsoid import curvature
+from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.rotations import (
+    INLINE,
+    SMALL,
+    from_short_rotation_vector,
+    multiply,
+    to_rotation_vector,
+    to_small_rotation_vector,
+)
+from isogal.inertial.strapdown import step_at
+
+N = FILTER_STATES
+HALF, LANES, CENTRE = 16, 32, 15
+NAVIGATION = 9
+"""Error states that change over an interval: all but the biases."""
+
+
+class Weights(NamedTuple):
+    """What the kernels need of the scaled transform. The centre's weight in the mean is not among
+    it: the error of the centre is zero."""
+
+    spread: float
+    """How many columns of the covariance's factor a point is from the centre."""
+    centre: float
+    """Weight of the centre in the covariance."""
+    other: float
+    """Weight of each other point, in mean and covariance."""
+
+
+@cache
+def merwe_weights(alpha: float, beta: float, kappa: float) -> Weights:
+    """Return what filterpy's scaled sigma points are for fifteen states (van der Merwe 2004, eq.
+    3.2)."""
+    from filterpy.kalman import MerweScaledSigmaPoints
+
+    scaled = MerweScaledSigmaPoints(N, alpha, beta, kappa)
+    of_unit_covariance = scaled.sigma_points(np.zeros(N), np.eye(N))
+    return Weights(float(of_unit_covariance[1, 0]), float(scaled.Wc[0]), float(scaled.Wc[1]))
+
+
+@kernel(**INLINE)
+def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
+    """Replace row k of `work` (15, 16) by column k of the lower Cholesky factor; return False
+    where `matrix` is not positive definite.
+
+    Rows are eliminated from top to bottom, square roots come last: they would only lengthen the
+    chain of dependent operations."""
+    for i in range(N):
+        for j in range(HALF):
+            work[i, j] = matrix[i, j]
+    definite = True
+    for k in range(N):
+        pivot = work[k, k]
+        definite = definite and pivot > 0.0
+        inverse = 1.0 / pivot
+        for i in range(k + 1, N):
+            ratio = work[k, i] * inverse
+            for j in range(HALF):
+                work[i, j] -= ratio * work[k, j]
+        pivots[k] = pivot
+    for k in range(N):
+        scale = 1.0 / math.sqrt(pivots[k])
+        for j in range(HALF):
+            work[k, j] *= scale
+        for j in range(k):
+            work[k, j] = 0.0
+    return definite
+
+
+@kernel(**INLINE)
+def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
+    """Write the error states of the sigma points (15, 32): spread times a column of the factor,
+    and its opposite."""
+    for i in range(N):
+        for j in range(HALF):
+            points[i, j] = 0.0
+        for j in range(i + 1):
+            points[i, j] = spread * factor[j, i]
+        for j in range(HALF):
+            points[i, HALF + j] = -points[i, j]
+
+
+@kernel(**INLINE)
+def propagate_points(nominal, force, rate, dt, points, ends):  # type: ignore[no-untyped-def]
+    """Move the nominal state by each point's error and take the result through the strapdown.
+
+    `force`, `rate` (3,) are the interval's means as measured; `ends` (10, 32) gets position,
+    velocity and attitude of each point."""
+    position, velocity, attitude, ba, bg = nominal
+    s, c = math.sin(position[0]), math.cos(position[0])
+    m, n = curvature(s)
+    per_north, per_east = 1.0 / (m + position[2]), 1.0 / ((n + position[2]) * c)
+    lat, lon, h = position[0], position[1], position[2]
+    vn, ve, vd = velocity[0], velocity[1], velocity[2]
+    qw, qx, qy, qz = attitude[0], attitude[1], attitude[2], attitude[3]
+    fx, fy, fz = force[0] - ba[0], force[1] - ba[1], force[2] - ba[2]
+    wx, wy, wz = rate[0] - bg[0], rate[1] - bg[1], rate[2] - bg[2]
+    for i in range(LANES):
+        turn = points[0, i] * per_north
+        # sine and cosine of the latitude by addition, from their series in the turn (exact to
+        # 1e-16 for 300 km)
+        t2 = turn * turn
+        sine = turn * (
+            1.0
+            + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 * (1.0 / 362880.0))))
+        )
+        versine = t2 * (0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0))))
+        bw, bx, by, bz = from_short_rotation_vector(points[6, i], points[7, i], points[8, i])
+        bw, bx, by, bz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
+        place, speed, turned = step_at(
+            s + (c * sine - s * versine),
+            c - (s * sine + c * versine),
+            (lat + turn, lon + points[1, i] * per_east, h - points[2, i]),
+            (vn + points[3, i], ve + points[4, i], vd + points[5, i]),
+            (bw, bx, by, bz),
+            (fx - points[9, i], fy - points[10, i], fz - points[11, i]),
+            (wx - points[12, i], wy - points[13, i], wz - points[14, i]),
+            dt,
+        )
+        ends[0, i], ends[1, i], ends[2, i] = place
+        ends[3, i], ends[4, i], ends[5, i] = speed
+        ends[6, i], ends[7, i], ends[8, i], ends[9, i] = turned
+
+
+@kernel(**INLINE)
+def errors_of(ends, points):  # type: ignore[no-untyped-def]
+    """Overwrite the first nine rows of `points` by how far each end is from the centre's; biases
+    have not moved."""
+    lat, lon, h = ends[0, CENTRE], ends[1, CENTRE], ends[2, CENTRE]
+    vn, ve, vd = ends[3, CENTRE], ends[4, CENTRE], ends[5, CENTRE]
+    qw, qx, qy, qz = ends[6, CENTRE], ends[7, CENTRE], ends[8, CENTRE], ends[9, CENTRE]
+    m, n = curvature(math.sin(lat))
+    m += h
+    n = (n + h) * math.cos(lat)
+    large = 0
+    for i in range(LANES):
+        points[0, i] = (ends[0, i] - lat) * m
+        points[1, i] = (ends[1, i] - lon) * n
+        points[2, i] = h - ends[2, i]
+        points[3, i] = ends[3, i] - vn
+        points[4, i] = ends[4, i] - ve
+        points[5, i] = ends[5, i] - vd
+        w, x, y, z = multiply(ends[6, i], ends[7, i], ends[8, i], ends[9, i], qw, -qx, -qy, -qz)
+        points[6, i], points[7, i], points[8, i] = to_small_rotation_vector(x, y, z)
+        large += (w <= 0.0) | (x * x + y * y + z * z > SMALL)
+    if large > 0:
+        for i in range(LANES):
+            points[6, i], points[7, i], points[8, i] = to_rotation_vector(
+                *multiply(ends[6, i], ends[7, i], ends[8, i], ends[9, i], qw, -qx, -qy, -qz)
+            )
+
+
+@kernel(**INLINE)
+def moments(points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
+    """Write mean (16,) and covariance (15, 16) of the points, by halves of sums (`even`) and
+    differences of opposite points (`odd`).
+
+    With p and m a point and its opposite, p p' + m m' = 2 (e e' + o o'), e = (p + m) / 2, o = (p -
+    m) / 2. Biases are constant over the interval, so their e is zero and their covariance stays;
+    that of the others with them takes the odd part only."""
+    for i in range(N):
+        for j in range(HALF):
+            odd[j, i] = 0.5 * (points[i, j] - points[i, HALF + j])
+            even[j, i] = 0.5 * (points[i, j] + points[i, HALF + j])
+    for i in range(HALF):
+        mean[i] = 0.0
+    for j in range(N):
+        for i in range(HALF):
+            mean[i] += even[j, i]
+    for i in range(HALF):
+        mean[i] *= 2.0 * weights.other
+    for a in range(NAVIGATION):
+        for b in range(HALF):
+            covariance[a, b] = weights.centre * mean[a] * mean[b]
+    for j in range(N):
+        for i in range(HALF):
+            even[j, i] -= mean[i]
+        for b in range(HALF):
+            o = 2.0 * weights.other * odd[j, b]
+            e = 2.0 * weights.other * even[j, b]
+            for a in range(NAVIGATION):
+                covariance[a, b] += odd[j, a] * o + even[j, a] * e
+    for a in range(NAVIGATION, N):
+        for b in range(NAVIGATION):
+            covariance[a, b] = covariance[b, a]

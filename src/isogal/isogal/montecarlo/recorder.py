@@ -1,0 +1,102 @@
+"""What the closed loop leaves behind, collected while it runs."""
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.records import RunDetail, Runs
+from isogal.fusion.navigator import FilterState
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.matching.interfaces import Candidates, Fix
+from isogal.sensors.trajectory import Trajectory
+
+
+class Recorder:
+    """Arrays of R runs, written as the loop goes on, that become a record (`Runs`).
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    index : (K,) array
+        IMU intervals before each navigation state that is recorded: the start, then each scan.
+    ends : (B,) array
+        Indices of the states at which a batch ends, into `index`.
+    runs : int
+        R.
+    """
+
+    def __init__(self, trajectory: Trajectory, index: Integers, ends: Integers, runs: int) -> None:
+        self.time = trajectory.time[index]
+        self.latitude, self.longitude = trajectory.latitude[index], trajectory.longitude[index]
+        self.ends = ends
+        scans, batches = len(index) - 1, len(ends)
+        self._error = np.full((runs, scans + 1, 2), np.nan)
+        self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
+        self._fix_error = np.full((runs, batches, 2), np.nan)
+        self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
+        self._fix_seconds = np.zeros((runs, batches))
+        self._reasons: list[list[str | None]] = [[] for _ in range(runs)]
+        # for the figures of the first run
+        self._candidates: list[Candidates | None] = []
+        self._variability = np.full(scans, np.nan)
+        self._reading = np.full(scans, np.nan)
+        self._seen = np.full((scans, 2), np.nan)
+
+    def write_state(self, k: int, state: FilterState) -> None:
+        """Write the navigators at state k; a later one takes the place of an earlier one."""
+        latitude, longitude = state.position[:, 0], state.position[:, 1]
+        self._error[:, k] = horizontal_difference(
+            latitude, longitude, self.latitude[k], self.longitude[k]
+        )
+        self._covariance[:, k] = state.covariance[:, :2, :2]
+
+    def write_reading(self, scan: int, reading: Array, state: FilterState) -> None:
+        """Write the first run's reading of a scan, and where its navigator took itself to be."""
+        self._reading[scan] = reading[0].flat[0]  # figures show the first channel
+        self._seen[scan] = state.position[0, :2]
+
+    def write_fix(self, run: int, batch: int, fix: Fix, seconds: float) -> None:
+        """Write what a run's matcher said of a batch, and how long it took (s); batches in their
+        order."""
+        end = self.ends[batch]
+        self._fix_seconds[run, batch] = seconds
+        self._reasons[run].append(fix.reason)
+        if fix.published:
+            self._fix_error[run, batch] = horizontal_difference(
+                fix.latitude, fix.longitude, self.latitude[end], self.longitude[end]
+            )
+            self._fix_covariance[run, batch] = fix.covariance
+        if run == 0:
+            self._candidates.append(fix.candidates)
+            variability = fix.diagnostics.get("feature_variability", np.nan)
+            self._variability[end - 1] = variability
+
+    def record(self, unaided_error: Array, field_map: AnyMap) -> Runs:
+        """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
+        return Runs(
+            time=self.time,
+            latitude=self.latitude,
+            longitude=self.longitude,
+            error=self._error,
+            covariance=self._covariance,
+            unaided_error=unaided_error,
+            fix_time=self.time[self.ends],
+            fix_error=self._fix_error,
+            fix_covariance=self._fix_covariance,
+            fix_reason=tuple(tuple(reasons) for reasons in self._reasons),
+            posterior_error=self._error[:, self.ends],
+            posterior_covariance=self._covariance[:, self.ends],
+            fix_seconds=self._fix_seconds,
+            detail=self._detail(field_map),
+        )
+
+    def _detail(self, field_map: AnyMap) -> RunDetail:
+        shown = channels_of(field_map)[0]
+        return RunDetail(
+            scan_time=self.time[1:],
+            reading=self._reading,
+            map_value=shown.value(self.latitude[1:], self.longitude[1:]),
+            map_value_navigator=shown.value(self._seen[:, 0], self._seen[:, 1]),
+            feature_variability=self._variability,
+            **RunDetail.flatten(self._candidates),
+        )
