@@ -36,6 +36,8 @@ install:
 install-development:
 	@.ci/setup-venv development
 
+# Installed by Ubuntu with python3-matplotlib.
+WITH_APT = contourpy cycler fonttools kiwisolver pillow
 # One lock for both Python versions (environment markers) for each of the three purposes, and one
 # for the pip-only needs in docker/; the resolver has a venv of its own.
 COMPILE = build/lock/bin/uv pip compile --quiet --no-emit-index-url \
@@ -50,6 +52,7 @@ lock:
 	@$(COMPILE) --python-version 3.12 --python-platform x86_64-manylinux_2_39 \
 	  --constraint docker/apt-versions.txt \
 	  $(addprefix --no-emit-package ,$(shell sed -n 's/==.*//p' docker/apt-versions.txt)) \
+	  $(addprefix --no-emit-package ,$(WITH_APT)) \
 	  docker/requirements.in -o docker/requirements.lock
 
 clean:
