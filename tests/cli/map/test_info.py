@@ -78,6 +78,7 @@ def test_the_synthetic_map_is_shown_along_a_route():
         (("--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0.0"),
         (("--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
         (("--map-correlation-length", "0"), "--map-correlation-length: must be > 0, is 0.0"),
+        (("--map-sigma", "inf"), "--map-sigma: must be finite, is inf"),
         (("--bias-sigma", "inf"), "--bias-sigma: must be finite, is inf"),
         (("--figrue", "a.png"), "No such option: --figrue (Possible options: --figure"),
     ],

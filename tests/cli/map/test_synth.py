@@ -25,6 +25,7 @@ def test_a_window_becomes_a_file(tmp_path):
         (("--out", "/nowhere/x.nc", *WINDOW), "cannot be written"),
         (("--out", "x.nc", *WINDOW, "--quantity", "geoid"), "not geoid"),
         (("--out", "x.nc", *WINDOW, "--set", "rute.speed=3"), "unknown key 'rute'"),
+        (("--out", "x.tif", *WINDOW), "x.tif: must end in .nc"),
         (WINDOW, "Missing option '--out'"),
     ],
 )

@@ -123,8 +123,14 @@ BAD = {
     ),
     "length": (["--batch-length", "1"], "matcher.batch_length"),
     "length that is no number": (["--batch-length", "x"], "Invalid value for '--batch-length'"),
-    "prior": (["--prior-sigma", "0"], "1-sigma of the track's position error must be > 0"),
-    "prior that is no number": (["--prior-sigma", "nan"], "position error must be > 0"),
+    "prior": (
+        ["--prior-sigma", "0"],
+        "1-sigma of the track's position error must be 0.001 to 1e+06 m, is 0",
+    ),
+    "prior that is no number": (
+        ["--prior-sigma", "nan"],
+        "position error must be 0.001 to 1e+06 m, is nan",
+    ),
     "sensor": (["--sensor-sigma", "0"], "--sensor-sigma: must be > 0"),
     "map sigma": (["--map-sigma", "much"], "--map-sigma: must be a number or auto, not 'much'"),
     "negative map sigma": (["--map-sigma", "-1"], "matcher.map_sigma"),

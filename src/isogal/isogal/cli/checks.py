@@ -27,6 +27,8 @@ def not_negative(option: typer.CallbackParam, value: float | None) -> float | No
 def _checked(
     option: typer.CallbackParam, value: float | None, allowed: str, good: bool
 ) -> float | None:
-    if value is not None and not (good and math.isfinite(value)):
+    if value is not None and not math.isfinite(value):
+        allowed, good = "finite", False
+    if value is not None and not good:
         raise InputError(f"{option.opts[0]}: must be {allowed}, is {value}")
     return value

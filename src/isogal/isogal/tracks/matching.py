@@ -42,6 +42,11 @@ _EMPTY = 5.0
 direction by more than 2 %."""
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
+_LIMITS = {
+    "position": (1e-3, 1e6, "m"),
+    "velocity": (0.0, 1e3, "m/s"),
+    "walk": (0.0, 1e6, "m"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +56,8 @@ class Uncertainty:
     Raises
     ------
     InputError
-        Not finite, position not positive, or others negative.
+        One of them is out of range: so small that covariances become singular, or larger than any
+        navigator's.
     """
 
     position: float = 1000.0
@@ -63,11 +69,12 @@ class Uncertainty:
     only where they are chained."""
 
     def __post_init__(self) -> None:
-        for name, least in (("position", "> 0"), ("velocity", ">= 0"), ("walk", ">= 0")):
+        for name, (least, most, unit) in _LIMITS.items():
             value = getattr(self, name)
-            if not math.isfinite(value) or value < 0.0 or (least == "> 0" and value == 0.0):
+            if not least <= value <= most:
                 raise InputError(
-                    f"1-sigma of the track's {name} error must be {least}, is {value}"
+                    f"1-sigma of the track's {name} error must be {least:g} to {most:g} {unit}, is"
+                    f" {value:g}"
                 )
 
     @property

@@ -8,7 +8,7 @@ import typer
 
 from isogal.cli.checks import finite, positive
 from isogal.cli.map.part import PartChoice
-from isogal.cli.map.results import say_written
+from isogal.cli.map.results import require_netcdf_name, say_written
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
@@ -55,8 +55,8 @@ class Target:
         """Raise InputError unless the name fits the format."""
         if self.to not in ("netcdf", "ggmplus"):
             raise InputError(f"--to {self.to}: must be netcdf or ggmplus")
-        if self.to == "netcdf" and self.out.suffix.casefold() not in (".nc", ".nc4"):
-            raise InputError(f"{self.out}: must end in .nc (or give --to ggmplus)")
+        if self.to == "netcdf":
+            require_netcdf_name(self.out, " (or give --to ggmplus)")
 
     def write(self, field_map: "FieldMap", variable: str | None) -> None:
         """Write a map; as this variable, where it can be the name of one. Raises InputError."""

@@ -78,9 +78,9 @@ def describe_route(
             "latitude": math.degrees(stretches.latitude[i]),
             "longitude": math.degrees(stretches.longitude[i]),
             "readings": int(stretches.readings[i]),
-            "gradient_rms": _plain(stretches.gradient[i]),
-            "sigma_best": _plain(best[i]),
-            "sigma_worst": _plain(worst[i]),
+            "gradient_rms": finite_or_none(stretches.gradient[i]),
+            "sigma_best": finite_or_none(best[i]),
+            "sigma_worst": finite_or_none(worst[i]),
         }
         for i in range(stretches.start.size)
     ]
@@ -93,7 +93,8 @@ def describe_route(
     }
 
 
-def _plain(number: float) -> float | None:
+def finite_or_none(number: float) -> float | None:
+    """Return a number as JSON can hold it: None where it is infinite or missing."""
     return float(number) if math.isfinite(number) else None
 
 

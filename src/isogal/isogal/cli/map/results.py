@@ -32,6 +32,13 @@ Picture = Annotated[
 ]
 
 
+def require_netcdf_name(path: Path, otherwise: str = "") -> None:
+    """Raise InputError unless a file that is to be written has the name of a NetCDF file; the
+    message ends with what else can be done."""
+    if path.suffix.casefold() not in (".nc", ".nc4"):
+        raise InputError(f"{path}: must end in .nc{otherwise}")
+
+
 def draw(path: Path, figure: "Figure") -> None:
     """Write a figure as PNG file, in a folder that is made if it is not there; raises
     InputError."""

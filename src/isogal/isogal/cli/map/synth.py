@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from isogal.cli.map.part import PartChoice
-from isogal.cli.map.results import say_written
+from isogal.cli.map.results import require_netcdf_name, say_written
 from isogal.cli.map_choice import MAP, make_synthetic
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
@@ -30,6 +30,7 @@ def synth(
     from isogal.cli.map.description import describe_map
     from isogal.maps.formats.netcdf import write_netcdf
 
+    require_netcdf_name(out)
     field_map = make_synthetic(quantity, where.part_needed()._replace(track=None))
     write_netcdf(field_map, out)
     say_written(describe_map(field_map), out, json)

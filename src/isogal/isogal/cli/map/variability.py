@@ -104,6 +104,8 @@ def variability(
 def _as_json(field_map: "FieldMap", template: Template, found: _Along) -> dict[str, Any]:
     import numpy as np
 
+    from isogal.cli.map.description import finite_or_none
+
     columns = {
         "distance_km": found.distance / 1e3,
         "latitude": np.degrees(found.latitude),
@@ -118,7 +120,7 @@ def _as_json(field_map: "FieldMap", template: Template, found: _Along) -> dict[s
         "points": template.points,
         "samples": template.samples,
         "places": [
-            dict(zip(columns, map(float, row), strict=True))
+            dict(zip(columns, map(finite_or_none, row), strict=True))
             for row in zip(*columns.values(), strict=True)
         ],
     }
@@ -141,11 +143,12 @@ def _print(field_map: "FieldMap", found: _Along, figure: Path | None) -> None:
     for first in range(0, found.distance.size, 50):
         part = slice(first, min(first + 50, found.distance.size))
         kilometres = found.distance[part] / 1e3
-        table.add_row(
-            f"{kilometres[0]:.0f} to {kilometres[-1]:.0f}",
-            f"{factor * np.sqrt(np.mean(found.variability[part])):.3g}",
-            f"{np.mean(found.normalised[part]):.3g}",
-        )
+        row = [f"{kilometres[0]:.0f} to {kilometres[-1]:.0f}"]
+        known = np.isfinite(found.variability[part])
+        if known.any():
+            root = factor * np.sqrt(np.mean(found.variability[part][known]))
+            row += [f"{root:.3g}", f"{np.mean(found.normalised[part][known]):.3g}"]
+        table.add_row(*row)
     Console().print(table, highlight=False)
     if figure is not None:
         typer.echo(str(figure))
