@@ -24,8 +24,8 @@ def test_variability_along_a_route(file, tmp_path):
 
 
 def test_where_the_map_ends_the_variability_is_missing(file):
-    """More than half of a template 120 km wide lies off the map."""
-    words = ("map", "variability", file, *ROUTE, "--half-width", 60_000)
+    """More than half of a template 400 km wide lies off the map."""
+    words = ("map", "variability", file, *ROUTE, "--half-width", 200_000)
     places = json.loads(answer(*words, "--json"))["places"]
     assert all(place["variability"] is None for place in places)
     assert "nan" not in answer(*words)
