@@ -11,8 +11,9 @@ Cases that are in FILE.json already are not computed again."""
 
 import os
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
 
 import argparse
 import json

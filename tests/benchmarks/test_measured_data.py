@@ -1,11 +1,16 @@
 """The main figures of docs/real-data.md, with fewer directions than the benchmark."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import real_data
+from measured_data.lines import MGAL, clear_lake, scotland
+from measured_data.matches import nis, noise_of, rigid_search, summary_of, whole_line
+from measured_data.scotland import LEAST_SENSOR
+
+from isogal.tracks.map_error import fit_map_error
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "real-data.md"
@@ -14,55 +19,45 @@ DIRECTIONS = ((2598.0, 1500.0), (-1500.0, -2598.0))
 
 
 @pytest.fixture(scope="module")
-def bench():
-    spec = importlib.util.spec_from_file_location(
-        "real_data", ROOT / "benchmarks" / "real_data.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["real_data"] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["real_data"]
-
-
-@pytest.fixture(scope="module")
-def lake(bench, shared_data):
+def lake(shared_data):
     """Map, lines, and for each line the settings from the other three."""
-    field_map, lines, _ = bench.clear_lake(shared_data)
+    field_map, lines, _ = clear_lake(shared_data)
     fits = [
-        bench.fit_map_error([o.track(1.0) for o in lines if o is not line], field_map)
-        for line in lines
+        fit_map_error([o.track(1.0) for o in lines if o is not line], field_map) for line in lines
     ]
     return field_map, lines, fits
 
 
-def rows_of(bench, lake, number, white=False, readings=None, aided=False):
+def rows_of(lake, number, white=False, readings=None, aided=False):
     field_map, lines, fits = lake
-    line = lines[number] if readings is None else lines[number].part(readings)
-    length = 1.0 if white else fits[number].correlation_length
+    line = lines[number].part(slice(readings))
+    noise = noise_of(fits[number])
     return [
-        bench.row_of(
+        whole_line(
             line,
-            bench.match_line(
-                line, field_map, length, fits[number].sensor_sigma, shift, checked=not white
-            )[0],
-            aided,
+            field_map,
+            noise.white if white else noise,
+            shift,
+            checked=not white,
+            aided=aided,
         )
         for shift in DIRECTIONS
     ]
 
 
-def test_clear_lake_errors_are_as_large_as_the_map_says_and_shared_by_neighbours(bench, lake):
+def nis_of(lake, number):
+    """NIS per reading and of the mean, with independent and with correlated map errors."""
     field_map, lines, fits = lake
-    figures = np.array(
-        [
-            [
-                *bench.nis(line, field_map, 1.0, fit.sensor_sigma),
-                *bench.nis(line, field_map, fit.correlation_length, fit.sensor_sigma),
-            ]
-            for line, fit in zip(lines, fits, strict=True)
-        ]
-    )
+    noise = noise_of(fits[number])
+    return [
+        *nis(lines[number], field_map, noise.white),
+        *nis(lines[number], field_map, noise),
+    ]
+
+
+def test_clear_lake_errors_are_as_large_as_the_map_says_and_shared_by_neighbours(lake):
+    _, lines, fits = lake
+    figures = np.array([nis_of(lake, number) for number in range(len(lines))])
     sizes = np.array([line.value.size for line in lines])
     white, _, correlated, _ = sizes @ figures / sizes.sum()
     assert 0.7 < white < 1.3
@@ -76,42 +71,32 @@ def test_clear_lake_errors_are_as_large_as_the_map_says_and_shared_by_neighbours
 
 
 @pytest.mark.parametrize(("number", "limit"), [(0, 150.0), (2, 1100.0), (3, 2300.0)])
-def test_clear_lake_lines_are_found_from_3_km_away(bench, lake, number, limit):
-    rows = rows_of(bench, lake, number)
+def test_clear_lake_lines_are_found_from_3_km_away(lake, number, limit):
+    rows = rows_of(lake, number)
     for row in rows:
         assert "error_m" in row, row
         assert row["error_m"] < limit or row["in_sigma"] < 2.5
     assert np.mean([row["nees_per_axis"] for row in rows]) < 4.0
-    overconfident = rows_of(bench, lake, number, white=True)
+    overconfident = rows_of(lake, number, white=True)
     assert np.mean([row["nees_per_axis"] for row in overconfident if "error_m" in row]) > 5.0
 
 
-def test_clear_lake_line_1_is_uncertain_at_first_and_no_false_fix_later(bench, lake):
+def test_clear_lake_line_1_is_uncertain_at_first_and_no_false_fix_later(lake):
     field_map, lines, _ = lake
-    assert (
-        bench.rigid_search(lines[1], field_map, DIRECTIONS[0]) > 1500.0
-    )  # where least squares goes
-    for row in rows_of(bench, lake, 1, readings=15, aided=True):
+    assert rigid_search(lines[1], field_map, DIRECTIONS[0]) > 1500.0  # where least squares goes
+    for row in rows_of(lake, 1, readings=15, aided=True):
         assert row["sigma_long_m"] > 600.0
-    for row in rows_of(bench, lake, 1):
+    for row in rows_of(lake, 1):
         assert "error_m" not in row or row["in_sigma"] < 2.5
 
 
 @pytest.mark.slow
-def test_scotland_tie_lines_with_what_the_flight_lines_say(bench, shared_data):
-    field_map, flights, ties = bench.scotland(shared_data)
-    fit = bench.fit_map_error([bench.thinned(line, 3).track(1.0) for line in flights], field_map)
-    own = fit.apply(field_map)
-    rows = [
-        bench.row_of(
-            line,
-            bench.match_line(
-                line, own, fit.correlation_length, max(fit.sensor_sigma, 1.0), DIRECTIONS[0]
-            )[0],
-        )
-        for line in ties
-    ]
-    summary = bench.summary_of(rows)
+def test_scotland_tie_lines_with_what_the_flight_lines_say(shared_data):
+    field_map, flights, ties = scotland(shared_data)
+    every_third = slice(None, None, 3)
+    fit = fit_map_error([line.part(every_third).track(1.0) for line in flights], field_map)
+    own, noise = fit.apply(field_map), noise_of(fit, LEAST_SENSOR)
+    summary = summary_of([whole_line(line, own, noise, DIRECTIONS[0]) for line in ties])
     assert summary["fixes"] >= 10
     assert summary["error_median_m"] < 450.0
     assert summary["error_90_m"] < 800.0
@@ -135,20 +120,19 @@ def table(title: str) -> dict[str, list[str]]:
     return {line[0]: line[1:] for line in lines}
 
 
-def test_the_page_says_how_wrong_the_map_is_as_computed_anew(bench, lake):
-    field_map, lines, fits = lake
+def test_the_page_says_how_wrong_the_map_is_as_computed_anew(lake):
+    _, lines, fits = lake
     rows = table("Clear Lake: how wrong the map is")
-    for line, fit in zip(lines, fits, strict=True):
-        length, sensor, *nis = (float(cell) for cell in rows[line.name])
+    for number, (line, fit) in enumerate(zip(lines, fits, strict=True)):
+        length, sensor, *said = (float(cell) for cell in rows[line.name])
         assert length == pytest.approx(fit.correlation_length / 1e3, abs=0.011)
-        assert sensor == pytest.approx(fit.sensor_sigma / bench.MGAL, abs=0.011)
-        white, white_mean = bench.nis(line, field_map, 1.0, fit.sensor_sigma)
-        correlated, mean = bench.nis(line, field_map, fit.correlation_length, fit.sensor_sigma)
-        assert nis == pytest.approx([white, correlated, white_mean, mean], abs=0.06)
+        assert sensor == pytest.approx(fit.sensor_sigma / MGAL, abs=0.011)
+        white, white_mean, correlated, mean = nis_of(lake, number)
+        assert said == pytest.approx([white, correlated, white_mean, mean], abs=0.06)
 
 
 @pytest.mark.parametrize("number", [0, 3])
-def test_the_page_says_how_good_the_fixes_are_as_computed_anew(bench, lake, number):
+def test_the_page_says_how_good_the_fixes_are_as_computed_anew(lake, number):
     """Two of its directions, so not quite its medians."""
     cells = table("Clear Lake: fixes on whole lines")[f"line {number}"]
     error, sigma = (float(cell.split()[0]) * 1e3 for cell in cells[:2])
@@ -157,7 +141,7 @@ def test_the_page_says_how_good_the_fixes_are_as_computed_anew(bench, lake, numb
         (False, (error, sigma)),
         (True, (white_error, white_sigma)),
     ):
-        rows = rows_of(bench, lake, number, white=white)
+        rows = rows_of(lake, number, white=white)
         assert np.median([row["error_m"] for row in rows]) == pytest.approx(
             expected, rel=0.3, abs=60.0
         )
@@ -166,9 +150,10 @@ def test_the_page_says_how_good_the_fixes_are_as_computed_anew(bench, lake, numb
         )
 
 
-def test_a_folder_that_is_none_is_one_line(bench, capsys, monkeypatch):
+def test_a_folder_that_does_not_exist_is_one_line(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["real_data.py", "/none"])
-    with pytest.raises(
-        bench.InputError, match="/none: no such folder; name the folder of the data"
-    ):
-        bench.main()
+    with pytest.raises(SystemExit) as end:
+        real_data.main()
+    assert end.value.code == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.endswith("/none: no such folder; name the folder of the data")

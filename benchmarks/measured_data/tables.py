@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-MGAL = 1e-5
+from measured_data.lines import MGAL
 
 
 def tables(results: dict[str, Any]) -> str:
@@ -31,9 +31,14 @@ def nis_table(lake: dict[str, Any]) -> str:
     """NIS per reading and of a line's mean residual, with independent and with correlated
     errors."""
     header = (
-        "stations", "L", "sensor", "NIS, independent errors", "NIS, correlated",
-        "NIS of the mean, independent", "NIS of the mean, correlated",
-    )  # fmt: skip
+        "stations",
+        "L",
+        "sensor",
+        "NIS, independent errors",
+        "NIS, correlated",
+        "NIS of the mean, independent",
+        "NIS of the mean, correlated",
+    )
     rows = []
     for name, (white, white_mean, correlated, mean) in lake["nis"].items():
         fit = lake["settings"].get(name, lake["settings"]["all lines"])
@@ -67,18 +72,19 @@ def nis_table(lake: dict[str, Any]) -> str:
 def whole_table(lake: dict[str, Any]) -> str:
     """Whole lines, each from some directions: error, 1-sigma and NEES per axis."""
     header = (
-        "line", "correlated: error", "1-sigma", "NEES", "likelihood alone: NEES", "nothing learnt: error", "1-sigma", "NEES",
-        "white noise: error", "1-sigma", "NEES", "least squares: error",
-    )  # fmt: skip
+        *("line", "correlated: error", "1-sigma", "NEES"),
+        "likelihood alone: NEES",
+        *("nothing learnt: error", "1-sigma", "NEES"),
+        *("white noise: error", "1-sigma", "NEES"),
+        "least squares: error",
+    )
     rows = []
     for name in lake["whole"]:
-        cells = [
-            cell
-            for kind in ("whole", "bare", "unlearnt", "white")
-            for cell in _whole(lake[kind][name])
-        ]
-        cells[3:6] = cells[5:6]
-        rows.append([name, *cells, f"{np.median(lake['rigid_m'][name]) / 1e3:.2f}"])
+        whole, bare, unlearnt, white = (
+            _whole(lake[kind][name]) for kind in ("whole", "bare", "unlearnt", "white")
+        )
+        rigid = f"{np.median(lake['rigid_m'][name]) / 1e3:.2f}"
+        rows.append([name, *whole, bare[-1], *unlearnt, *white, rigid])
     return _markdown(header, rows)
 
 
@@ -160,13 +166,17 @@ def _summaries(title: str, kinds: dict[str, dict[str, Any]]) -> str:
     with_nis = any("nis" in summary for summary in kinds.values())
     rows = []
     for kind, s in kinds.items():
-        rows.append(
-            [
-                kind,
-                f"{s['fixes']} of {s['batches']}" if s["batches"] else "all",
-                *(f"{s[key] / 1e3:.2f}" if key in s else "–" for key in ("error_median_m", "error_90_m", "sigma_long_median_m")),
-                *(f"{s[key]:.1f}" if key in s else "–" for key in ("nees_per_axis", "nees_per_axis_median")),
-                *([f"{s['nis']:.2f}" if np.isfinite(s["nis"]) else "–"] if with_nis else []),
-            ]
-        )  # fmt: skip
+        kilometres = (
+            f"{s[key] / 1e3:.2f}" if key in s else "–"
+            for key in ("error_median_m", "error_90_m", "sigma_long_median_m")
+        )
+        nees = (
+            f"{s[key]:.1f}" if key in s else "–"
+            for key in ("nees_per_axis", "nees_per_axis_median")
+        )
+        fixes = f"{s['fixes']} of {s['batches']}" if s["batches"] else "all"
+        row = [kind, fixes, *kilometres, *nees]
+        if with_nis:
+            row.append(f"{s['nis']:.2f}" if np.isfinite(s["nis"]) else "–")
+        rows.append(row)
     return _markdown([*header, "NIS"] if with_nis else header, rows)

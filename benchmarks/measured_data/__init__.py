@@ -1,0 +1,10 @@
+"""Maps and readings that were measured, not simulated, and how well the readings are matched.
+
+lines          readings along lines, and the maps that they are matched against
+matches        matches of lines: error, 1-sigma, NEES; normalised innovations
+clear_lake     the study at Clear Lake: gravity stations
+scotland       the study over Scotland: aeromagnetic lines
+tables         the tables of docs/real-data.md
+figures        its figures of errors
+map_figures    its figures of maps
+"""
