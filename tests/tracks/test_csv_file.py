@@ -1,4 +1,4 @@
-"""Tracks in CSV files: what is read, and one clear line for everything that cannot be."""
+"""Tracks in CSV files: what is read, and the line with which other files are refused."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_separators_comments_order_and_other_columns(tmp_path, separator):
     assert found.offset is None
 
 
-def test_a_byte_order_mark_is_no_part_of_the_header(tmp_path):
+def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
     assert read_csv_track(file_of(tmp_path, b"\xef\xbb\xbf" + GOOD.encode())).time.size == 3
 
 
@@ -134,7 +134,7 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         ),
     )
 )
-def test_no_file_crashes_the_reader(tmp_path_factory, data):
+def test_any_file_is_read_or_refused(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("fuzz") / "track.csv"
     path.write_bytes(data)
     try:

@@ -1,15 +1,11 @@
-"""The report of a matched track: figures of any track, whatever was found."""
-
-from dataclasses import replace
+"""Figures of a matched track."""
 
 import numpy as np
 import pytest
 
 from helpers.tracks import field_of, made_track
-from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.tracks.figures import matched_positions, readings_figure, track_map_figure
-from isogal.tracks.match_report import write_match_report
 from isogal.tracks.matching import Uncertainty, match_track
 
 HEIGHT = field_of("height")
@@ -47,34 +43,9 @@ def test_map_shows_the_track_and_its_fixes(step):
     }
 
 
-def test_readings_agree_with_the_map_where_the_track_was():
+def test_readings_agree_with_the_map_along_the_matched_track():
     track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
     figure = readings_figure(track, HEIGHT, match_track(track, HEIGHT, Matcher(), PRIOR))
     recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
     assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
     assert figure.axes[0].get_ylabel() == "Height\n(m)"
-
-
-class _Declines:
-    name = "declines"
-    context = 0
-
-    def match(self, batch, field_map, memory):
-        return declined(batch, "it is < & >"), None
-
-
-@pytest.mark.parametrize("matcher", [None, _Declines()], ids=["fixes", "none"])
-def test_report_has_figures_and_reasons(tmp_path, matcher):
-    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
-    holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
-    matches = match_track(holed, HEIGHT, Matcher(), PRIOR, matcher=matcher)
-    page = write_match_report(holed, HEIGHT, Matcher(), PRIOR, matches, tmp_path)
-    text = page.read_text()
-    assert text.count("data:image/png") == 2
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "report.html",
-        "track.png",
-        "readings.png",
-    }
-    assert f"{sum(m.fix.published for m in matches)} fixes from 2 batches of 30 readings" in text
-    assert ("it is &lt; &amp; &gt;" in text) == (matcher is not None)

@@ -1,5 +1,5 @@
-"""How wrong a map is, from tracks with known positions: the parameters that made the errors are
-found again."""
+"""The error of a map from tracks with known positions: the parameters that simulated errors were
+drawn with are found."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
     return result
 
 
-def test_length_and_sensor_noise_of_a_map_that_knows_its_sigma():
+def test_length_and_sensor_noise_on_a_map_with_its_own_sigma():
     side = np.linspace(1e-5, 6e-5, FIELD.values.shape[0])[:, None] * np.ones(FIELD.values.shape[1])
     field_map = replace(FIELD, sigma=side)
     fit = fit_map_error(reference_tracks(field_map, field_map.sigma_at, 3000.0, 2e-5), field_map)
@@ -50,7 +50,7 @@ def test_length_and_sensor_noise_of_a_map_that_knows_its_sigma():
     np.testing.assert_array_equal(applied.sigma, field_map.sigma)
 
 
-def test_error_that_goes_with_the_gradient():
+def test_an_error_in_proportion_to_the_gradient():
     rough = replace(FIELD, sigma=rms_gradient(FIELD, 2000.0))
 
     def sigma_of(latitude, longitude):
@@ -67,7 +67,7 @@ def test_error_that_goes_with_the_gradient():
     )
 
 
-def test_gradient_of_a_plane_is_its_slope_also_at_the_edges_and_round_holes():
+def test_gradient_of_a_plane_also_at_edges_and_round_holes():
     plane = field_map_of(lambda north, east: 3e-8 * north + 4e-8 * east)
     np.testing.assert_allclose(rms_gradient(plane, 1000.0), 5e-8, rtol=0.01)
     values = plane.values.copy()

@@ -1,5 +1,5 @@
-"""Matching recorded tracks: every scalar field, the fixes' own covariance, chains, edges of
-maps."""
+"""Matching recorded tracks: every scalar field, consistency of the fixes, chained batches, edges
+of the map."""
 
 from dataclasses import replace
 
@@ -15,7 +15,6 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.batches import FEWEST_IN_BATCH, batch_ends
 from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
@@ -41,11 +40,11 @@ class Recorder:
 
     def match(self, batch, field_map, memory):
         self.batches.append(batch)
-        return declined(batch, "only looking"), None
+        return declined(batch, "not matched"), None
 
 
 @pytest.mark.parametrize("quantity", FIELDS)
-def test_every_scalar_field_is_matched_alike(quantity):
+def test_fixes_are_near_the_truth_in_every_scalar_field(quantity):
     field_map = field_of(quantity)
     sigma = 1e-5 * FIELDS[quantity][1]
     track, latitude, longitude = made_track(field_map, error=(900.0, -600.0), sigma=sigma)
@@ -74,7 +73,7 @@ def test_the_same_field_in_another_unit_gives_the_same_fixes():
         ) == pytest.approx([0.0, 0.0], abs=0.1)
 
 
-def test_fixes_know_their_error():
+def test_fixes_are_consistent_with_their_covariance():
     """Position errors drawn from the prior, 40 tracks of three batches: the mean NEES lies in its
     99.9 % interval."""
     nees, declined_batches = [], 0
@@ -105,9 +104,8 @@ def test_fixes_know_their_error():
     assert declined_batches < 30
 
 
-def test_chained_batches_add_up_to_the_whole():
-    """The last chained batch knows as much as one batch of everything: white noise, so the
-    likelihoods multiply."""
+def test_chained_batches_know_as_much_as_one_batch_of_all():
+    """The noise is white, so the likelihoods of the batches multiply."""
     track, _, _ = made_track(DISTURBANCE, count=60, error=(350.0, -250.0), sigma=3e-5)
     settings = Matcher(batch_length=20, options={"context": 0})
     chained = match_track(track, DISTURBANCE, settings, PRIOR, chained=True)
@@ -121,70 +119,53 @@ def test_chained_batches_add_up_to_the_whole():
     assert variances[0] > variances[1] > variances[2]
 
 
-def test_independent_batches_start_alike_and_chained_ones_from_the_last():
+def test_without_fixes_all_batches_start_from_the_same_prior():
     track, _, _ = made_track(DISTURBANCE, error=(350.0, -250.0))
     settings = Matcher(batch_length=20)
     for chained in (False, True):
-        looker = Recorder()
-        match_track(track, DISTURBANCE, settings, PRIOR, chained=chained, matcher=looker)
-        for batch in looker.batches:
+        recorder = Recorder()
+        match_track(track, DISTURBANCE, settings, PRIOR, chained=chained, matcher=recorder)
+        for batch in recorder.batches:
             np.testing.assert_allclose(np.diag(batch.prior)[:2], 800.0**2)
             np.testing.assert_allclose(
                 batch.latitude, track.latitude[np.searchsorted(track.time, batch.time)]
             )
 
 
-def test_the_error_walks_and_drifts_between_chained_batches():
+def test_velocity_error_and_walk_widen_the_prior_between_chained_batches():
     track, _, _ = made_track(DISTURBANCE)
-    looker = Recorder()
+    recorder = Recorder()
     uncertainty = Uncertainty(position=100.0, velocity=0.5, walk=3000.0)
     match_track(
-        track, DISTURBANCE, Matcher(batch_length=20), uncertainty, chained=True, matcher=looker
+        track, DISTURBANCE, Matcher(batch_length=20), uncertainty, chained=True, matcher=recorder
     )
     expected = [
         100.0**2 + (0.5 * 200.0 * k) ** 2 + 3000.0**2 * 200.0 * k / 3600.0 for k in range(3)
     ]
-    np.testing.assert_allclose([batch.prior[0, 0] for batch in looker.batches], expected)
+    np.testing.assert_allclose([batch.prior[0, 0] for batch in recorder.batches], expected)
     np.testing.assert_allclose(
-        [batch.prior[0, 2] for batch in looker.batches], [0.5**2 * 200.0 * k for k in range(3)]
+        [batch.prior[0, 2] for batch in recorder.batches], [0.5**2 * 200.0 * k for k in range(3)]
     )
 
 
-@pytest.mark.parametrize(
-    ("count", "length", "stride", "ends"),
-    [
-        (60, 30, None, [30, 60]),
-        (65, 30, None, [30, 60, 65]),
-        (63, 30, None, [30, 60]),  # three are too few
-        (10, 30, None, [10]),
-        (3, 30, None, [3]),
-        (60, 30, 10, [30, 40, 50, 60]),
-        (64, 30, 10, [30, 40, 50, 60, 64]),
-    ],
-)
-def test_where_batches_end(count, length, stride, ends):
-    assert FEWEST_IN_BATCH == 4
-    assert batch_ends(count, Matcher(batch_length=length, stride=stride)) == ends
-
-
-def test_every_reading_is_new_once_and_context_comes_first():
+def test_each_reading_is_new_in_one_batch_and_context_comes_before():
     track, _, _ = made_track(DISTURBANCE, count=64)
     for stride, context in ((None, 0), (None, 15), (10, 5)):
-        looker = Recorder(context)
+        recorder = Recorder(context)
         match_track(
-            track, DISTURBANCE, Matcher(batch_length=30, stride=stride), PRIOR, matcher=looker
+            track, DISTURBANCE, Matcher(batch_length=30, stride=stride), PRIOR, matcher=recorder
         )
-        seen = np.concatenate([batch.time[-batch.new :] for batch in looker.batches])
+        seen = np.concatenate([batch.time[-batch.new :] for batch in recorder.batches])
         np.testing.assert_array_equal(seen, track.time)
-        for batch in looker.batches[1:-1]:
+        for batch in recorder.batches[1:-1]:
             assert len(batch) == min(
                 30 + context, int(np.searchsorted(track.time, batch.time[-1])) + 1
             )
 
 
-def test_readings_reduced_with_the_tracks_latitude_are_matched_without_bias():
-    """Disturbances that had normal gravity taken off at the navigator's latitude, 2 km off: 1.6
-    mGal."""
+def test_the_reduction_with_a_wrong_latitude_is_allowed_for():
+    """Disturbances reduced with normal gravity at the navigator's latitude, 2 km from the true
+    one: 1.6 mGal."""
     track, latitude, longitude = made_track(DISTURBANCE, error=(2000.0, 500.0), sigma=2e-6)
     wrong = track.value + normal_gravity(latitude) - normal_gravity(track.latitude)
     prior = Uncertainty(position=1500.0)
@@ -196,17 +177,17 @@ def test_readings_reduced_with_the_tracks_latitude_are_matched_without_bias():
         assert consistent == good
 
 
-def test_a_track_that_began_off_the_map_is_not_pushed_onto_it():
-    """The truth starts 1 km beyond the map's end; the navigator says 1 km on this side, so all its
-    readings seem to be on the map."""
+def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
+    """The true track starts 1 km beyond the edge of the map, and the recorded one 1 km within, so
+    all readings seem to be on the map."""
     wider = replace(field_map_of(wavy, half=50e3), quantity="disturbance")
     track, latitude, longitude = made_track(
         wider, count=120, error=(2000.0, 0.0), start=(-41e3, -25e3), step=(150.0, 150.0), seed=3
     )
     prior = Uncertainty(position=1500.0)
-    looker = Recorder()
-    match_track(track, DISTURBANCE, Matcher(batch_length=120), prior, matcher=looker)
-    kept = np.isfinite(looker.batches[0].reading)
+    recorder = Recorder()
+    match_track(track, DISTURBANCE, Matcher(batch_length=120), prior, matcher=recorder)
+    kept = np.isfinite(recorder.batches[0].reading)
     assert not kept[:10].any()
     assert kept[-80:].all()
     match = match_track(track, DISTURBANCE, Matcher(batch_length=120), prior)[0]
@@ -214,7 +195,7 @@ def test_a_track_that_began_off_the_map_is_not_pushed_onto_it():
     assert nees_per_axis(errors_of([match], latitude, longitude)[0], match.fix.covariance) < 6.9
 
 
-def test_a_longitude_counted_from_the_other_side_changes_nothing():
+def test_longitudes_less_a_whole_circle_give_the_same_fixes():
     track, _, _ = made_track(DISTURBANCE, error=(300.0, 200.0))
     turned = replace(track, longitude=track.longitude - 2.0 * np.pi)
     for a, b in zip(
@@ -227,8 +208,16 @@ def test_a_longitude_counted_from_the_other_side_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    "keys", [{"position": 0.0}, {"velocity": -1.0}, {"walk": np.nan}, {"position": np.inf}]
+    "keys",
+    [
+        {"position": 0.0},
+        {"position": 1e-4},
+        {"position": np.inf},
+        {"velocity": -1.0},
+        {"velocity": 2e3},
+        {"walk": np.nan},
+    ],
 )
-def test_uncertainties_that_make_no_sense_are_refused(keys):
+def test_uncertainties_out_of_range_are_refused(keys):
     with pytest.raises(InputError, match="1-sigma of the track's"):
         Uncertainty(**keys)

@@ -1,4 +1,5 @@
-"""Tracks in bags, written here with the mcap library: topics, stamps, cut files, wrong types."""
+"""Tracks in bags that are written with the mcap library: topics, stamps, incomplete files, wrong
+types."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -49,16 +50,16 @@ def test_readings_of_other_sensors(tmp_path):
     np.testing.assert_allclose(terrain.value, [*(100.0 + terrain.time[:-1]), np.nan])
     np.testing.assert_allclose(terrain.sigma, 3.0)
     assert (magnetic.reduction, terrain.reduction) == ("main-field", "none")
-    assert recording.time.size == 20  # the ground is no position of the navigator
+    assert recording.time.size == 20  # heights of the ground are not positions of the navigator
     for track, quantity in ((magnetic, "magnetic_anomaly"), (terrain, "height")):
         assert track.jacobian(quantity).any() == (quantity == "magnetic_anomaly")
 
 
-def test_of_a_stamp_that_comes_twice_the_first_counts(tmp_path):
+def test_of_two_positions_with_the_same_stamp_the_first_is_used(tmp_path):
     messages = drive()
     messages.insert(
         9, ("/nav/fix", FIX, position(3, -40.0, 147.0))
-    )  # the filter after it has used a fix
+    )  # published by the filter after it has used a fix
     late = write_bag(tmp_path / "late.mcap", *messages)
     first = write_bag(tmp_path / "first.mcap", *drive())
     np.testing.assert_array_equal(
@@ -67,7 +68,7 @@ def test_of_a_stamp_that_comes_twice_the_first_counts(tmp_path):
     )
 
 
-def test_positions_without_a_fix_and_other_topics_are_left_out(tmp_path):
+def test_positions_without_a_fix_and_other_topics_are_ignored(tmp_path):
     messages = [
         *drive(),
         ("/nav/fix", FIX, position(30.0, 0.0, 0.0, status=-1)),
@@ -137,13 +138,13 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
         ),
     ],
 )
-def test_what_is_no_track_is_refused_in_one_line(tmp_path, make, message):
+def test_bags_without_a_track_are_refused_in_one_line(tmp_path, make, message):
     with pytest.raises(InputError, match=message) as caught:
         read_recording(make(tmp_path))
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_no_mcap(tmp_path):
+def test_a_file_that_is_not_mcap(tmp_path):
     file = tmp_path / "x.mcap"
     for data in (b"", b"hello", b"\x89MCAP0\r\n" + bytes(50)):
         file.write_bytes(data)
@@ -151,7 +152,7 @@ def test_a_file_that_is_no_mcap(tmp_path):
             read_recording(file)
 
 
-def test_what_the_map_needs_must_be_in_the_bag(tmp_path):
+def test_a_bag_without_the_readings_for_the_map_is_refused(tmp_path):
     recording = read_recording(
         write_bag(tmp_path / "b.mcap", *[m for m in drive() if "disturbance" not in m[0]])
     )
@@ -167,7 +168,7 @@ def test_what_the_map_needs_must_be_in_the_bag(tmp_path):
         read_recording(write_bag(tmp_path / "e.mcap", *early)).track("gravity", None)
 
 
-def test_a_bag_is_told_from_a_csv_file(tmp_path):
+def test_bags_are_recognised_by_suffix_or_as_folders(tmp_path):
     assert is_recording(tmp_path)
     assert is_recording(Path("a.MCAP"))
     assert not is_recording(Path("a.csv"))

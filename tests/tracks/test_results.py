@@ -1,4 +1,4 @@
-"""Files of results: what stands in them, in which order, and that they are whole."""
+"""Files of results: their content and order."""
 
 import csv
 import io
@@ -39,7 +39,7 @@ def a_match(reason=None):
 FIXED, DECLINED = a_match(), a_match("ambiguous: 2 places fit")
 
 
-def test_objects_are_those_of_the_contract():
+def test_keys_of_objects_with_and_without_a_fix():
     fixed, none = as_objects([FIXED, DECLINED])
     assert list(fixed) == ["time", "latitude", "longitude", "covariance_enu", "status", "reason"]
     assert fixed == {
@@ -55,7 +55,7 @@ def test_objects_are_those_of_the_contract():
     assert none["reason"] == "ambiguous: 2 places fit"
 
 
-def test_chained_objects_say_the_aided_position_too():
+def test_chained_objects_hold_the_aided_position():
     entry = as_objects([FIXED], chained=True)[0]
     assert entry["aided_latitude"] == pytest.approx(
         -36.5 - 0.001, abs=3e-6
@@ -102,7 +102,7 @@ def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
     assert none["properties"]["reason"] == "ambiguous: 2 places fit"
 
 
-def test_files_are_chosen_by_suffix_and_written_whole(tmp_path):
+def test_the_suffix_chooses_the_format(tmp_path):
     objects = as_objects([FIXED])
     for name, text in (
         ("a.json", as_json(objects)),

@@ -1,4 +1,5 @@
-"""What a track must be, and whether it belongs to a map."""
+"""Recorded tracks: what is refused, whether a track belongs to a map, derivatives of the
+reduction."""
 
 from dataclasses import replace
 
@@ -31,7 +32,7 @@ def changed(**changes):
         ({"reduction": "speed"}, "reduction must be one of none, latitude, velocity"),
     ],
 )
-def test_what_cannot_be_a_track_is_refused(changes, message):
+def test_wrong_numbers_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         changed(**changes)
 
@@ -93,13 +94,13 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
     fit_to_map(replace(gravity, offset=gamma), DISTURBANCE)
 
 
-def test_a_quiet_sensor_is_not_another_unit():
+def test_constant_readings_are_not_taken_for_another_unit():
     track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
     flat = replace(track, value=np.full(60, float(np.median(track.value))))
     fit_to_map(flat, DISTURBANCE)
 
 
-def test_jacobian_says_what_the_reduction_put_in():
+def test_jacobian_of_each_reduction():
     track, _, _ = made_track(DISTURBANCE)
     assert not track.jacobian("disturbance").any()
     north = 1.0 / 6.36e6
@@ -130,7 +131,7 @@ def test_jacobian_says_what_the_reduction_put_in():
             replace(track, reduction=reduction).jacobian(quantity)
 
 
-def test_a_magnetic_anomaly_has_the_main_field_of_the_track_taken_off():
+def test_jacobian_of_the_reduction_with_the_main_field():
     track, _, _ = made_track(DISTURBANCE)
     jacobian = replace(track, reduction="main-field").jacobian("magnetic_anomaly")
     at = np.degrees([track.latitude, track.longitude])

@@ -1,0 +1,42 @@
+"""The report of a matched track, with and without fixes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.tracks import field_of, made_track
+from isogal.matching.interfaces import declined
+from isogal.scenario import Matcher
+from isogal.tracks.match_report import write_match_report
+from isogal.tracks.matching import Uncertainty, match_track
+
+HEIGHT = field_of("height")
+PRIOR = Uncertainty(position=800.0)
+
+
+class Decliner:
+    """A matcher that never gives a fix."""
+
+    name = "declines"
+    context = 0
+
+    def match(self, batch, field_map, memory):
+        return declined(batch, "it is < & >"), None
+
+
+@pytest.mark.parametrize("matcher", [None, Decliner()], ids=["fixes", "none"])
+def test_report_has_figures_and_reasons(tmp_path, matcher):
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
+    holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
+    matches = match_track(holed, HEIGHT, Matcher(), PRIOR, matcher=matcher)
+    page = write_match_report(holed, HEIGHT, Matcher(), PRIOR, matches, tmp_path)
+    text = page.read_text()
+    assert text.count("data:image/png") == 2
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "report.html",
+        "track.png",
+        "readings.png",
+    }
+    assert f"{sum(m.fix.published for m in matches)} fixes from 2 batches of 30 readings" in text
+    assert ("it is &lt; &amp; &gt;" in text) == (matcher is not None)
