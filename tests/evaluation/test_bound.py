@@ -88,8 +88,9 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
 
 @pytest.mark.parametrize("grade", ["precision", "quantum"])
 def test_the_unscented_filter_without_aiding_claims_the_same(grade):
-    from isogal.fusion.navigator import FilterModel, FilterState
+    from isogal.fusion.model import FilterModel
     from isogal.fusion.navigator import propagate as propagate_filter
+    from isogal.fusion.state import FilterState
 
     settings = scenario(imu={"grade": grade}, route={"duration": 3600.0})
     trajectory = build_trajectory(settings)

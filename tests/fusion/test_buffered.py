@@ -11,12 +11,12 @@ from helpers.navigators import ROUTE, error_between, fly
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import (
-    FilterState,
     propagate,
     update_information,
     update_position,
     widen,
 )
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_covariance, batch_difference
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
@@ -55,7 +55,7 @@ def reference(until: int, fixes) -> FilterState:
 
 def position_fix(stamp: int):
     fix = FLIGHT.fix(stamp, *FIXES[stamp])
-    return lambda state: update_position(state, 0, *fix, R)
+    return lambda state: update_position(state, FLIGHT.model, 0, *fix, R)
 
 
 def information_at(state: FilterState, stamp: int, attitude: bool = False):
@@ -189,7 +189,8 @@ def test_a_stamp_between_samples_counts_at_the_nearest(stamp, sample):
     fix = FLIGHT.fix(20, *FIXES[20])
     assert it.update_position(stamp, *fix, R).accepted
     assert identical(
-        it.state, reference(40, {sample: [lambda state: update_position(state, 0, *fix, R)]})
+        it.state,
+        reference(40, {sample: [lambda state: update_position(state, FLIGHT.model, 0, *fix, R)]}),
     )
 
 

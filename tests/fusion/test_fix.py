@@ -66,7 +66,7 @@ def test_a_run_and_a_buffered_navigator_take_it_alike(information, reset):
     place = flight.fix(0, 40.0, -60.0)
     fix = Fix(0.0, *place, COVARIANCE, information=information, reset=reset)
     runs, before = flight.start.copy(), flight.start.copy()
-    innovation, nis = apply_fix(fix, NavigatorRun(runs, 1))
+    innovation, nis = apply_fix(fix, NavigatorRun(runs, flight.model, 1))
     alone = flight.start.copy()
     one = type(alone)(*(array[1:].copy() for array in alone.arrays()))
     navigator = BufferedNavigator(flight.model, one)

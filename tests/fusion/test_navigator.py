@@ -10,15 +10,15 @@ from scipy.stats import chi2
 from helpers.navigators import error_between, fly, random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.ins_error_model import divide
+from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import (
     FilterDivergenceError,
-    FilterModel,
-    FilterState,
     propagate,
     update_information,
     update_position,
     widen,
 )
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import (
     BATCH,
@@ -35,6 +35,7 @@ SIGMA = np.array(
     [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
 )
 SCALE = SIGMA * SIGMA[:, None]
+MODEL = FilterModel.from_scenario(Scenario())
 
 
 def with_covariance(seed=0):
@@ -114,7 +115,7 @@ def test_errors_keep_to_their_covariance():
         )
         for run in range(runs if stamp < 1800 else 0):
             fix = flight.fix(stamp, *(np.linalg.cholesky(R) @ random.standard_normal(2)))
-            fix_nis.append(update_position(state, run, *fix, R)[1])
+            fix_nis.append(update_position(state, flight.model, run, *fix, R)[1])
     trajectory = flight.trajectory
     grade = GRADES["precision"]
     sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
@@ -150,7 +151,8 @@ def test_covariance_stays_symmetric_positive_definite_through_hours(grade):
         deviation = np.sqrt(np.diag(covariance))
         assert np.linalg.eigvalsh(covariance / deviation / deviation[:, None])[0] > 1e-9
         # a fix to the metre after kilometres: the hardest update for positive definiteness
-        update_position(state, 0, *flight.fix(stamp + 1620, 0.0, 0.0), np.eye(2))
+        perfect = flight.fix(stamp + 1620, 0.0, 0.0)
+        update_position(state, flight.model, 0, *perfect, np.eye(2))
         np.linalg.cholesky(state.covariance[0])
     assert flight.trajectory.time[-1] == 3.6 * 3600.0
 
@@ -249,7 +251,7 @@ def test_information_of_a_position_fix_equals_the_position_update(seed):
     latitude, longitude, height = by_position.position[0]
     north, east = metres_per_radian(latitude, height)
     _, expected = update_position(
-        by_position, 0, latitude + y[0] / north, longitude + y[1] / east, R
+        by_position, MODEL, 0, latitude + y[0] / north, longitude + y[1] / east, R
     )
     assert nis == pytest.approx(expected, rel=1e-6)
     np.testing.assert_allclose(
@@ -262,7 +264,7 @@ BAD = np.diag([1.0, 1.0, 1.0, -1e6])
 
 
 def with_position(latitude, covariance):
-    return lambda state: update_position(state, 0, latitude, 0.0, covariance)
+    return lambda state: update_position(state, MODEL, 0, latitude, 0.0, covariance)
 
 
 def with_information(vector, matrix):

@@ -72,7 +72,7 @@ def test_position_fix_equals_filterpy(offset):
     R = np.array([[120.0**2, 3000.0], [3000.0, 80.0**2]])
     error, covariance = filterpy_update(before.covariance[0], np.eye(2, 15), R, z)
     y0, y1, nis = ukf.update_position(
-        state.nominal_of(0), state.covariance[0], latitude, longitude, R
+        state.nominal_of(0), state.covariance[0], latitude, longitude, R, flight.model.assumptions
     )
     np.testing.assert_allclose([y0, y1], z, atol=1e-9)
     assert nis == pytest.approx(

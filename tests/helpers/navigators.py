@@ -7,7 +7,8 @@ import numpy as np
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.fusion.navigator import FilterModel, FilterState
+from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
 from isogal.scenario import Route, Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState, propagate
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import FilterDivergenceError, propagate
+from isogal.fusion.state import FilterState
 from isogal.inertial import rotations
 from isogal.inertial.strapdown import NavState
 from isogal.inertial.strapdown import propagate as propagate_ins

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from isogal.evaluation.consistency import spread_test
-from isogal.fusion.navigator import FilterModel, FilterState, propagate
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import propagate
+from isogal.fusion.state import FilterState
 from isogal.montecarlo.engine import simulate_unaided
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.measure import drift_by_theory, measure_tracks, roughness

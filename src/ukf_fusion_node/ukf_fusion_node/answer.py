@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
-from isogal.fusion.navigator import FilterState
+from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import rotate
 from isogal_ros import topics
 from isogal_ros.messages.convert import BASE, MAP, fill_fix, fill_numbers, fill_odom, map_frame

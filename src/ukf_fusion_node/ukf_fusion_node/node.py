@@ -8,7 +8,9 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.navigator import FilterDivergenceError, FilterModel, FilterState
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import FilterDivergenceError
+from isogal.fusion.state import FilterState
 from isogal_ros import topics
 from isogal_ros.messages.convert import read_imu, read_information
 from isogal_ros.messages.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
@@ -26,7 +28,7 @@ class UkfFusionNode(GraphNode):
     """Advances with each IMU sample and answers it, and every message on pmht_mm/fix, with nav/*
     of its newest stamp."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error")
+    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error", "fusion")
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
 

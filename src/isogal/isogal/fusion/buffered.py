@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import (
     FilterDivergenceError,
-    FilterModel,
-    FilterState,
     propagate,
     update_information,
     update_position,
     widen,
 )
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 
 
@@ -144,7 +144,8 @@ class BufferedNavigator:
         an interval."""
         covariance = np.array(covariance, float)
         return self._update(
-            time, lambda state: update_position(state, 0, latitude, longitude, covariance)
+            time,
+            lambda state: update_position(state, self.model, 0, latitude, longitude, covariance),
         )
 
     def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:

@@ -1,150 +1,33 @@
-"""The navigator: the unscented filter of many runs at once."""
+"""The navigator: prediction and updates of the unscented filter, for many runs at once
+(docs/mathematics.md, sections 3.5 and 3.6)."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion import ukf
-from isogal.fusion.nominal import Nominal, move
-from isogal.fusion.sigma_points import merwe_weights
-from isogal.inertial.error_state import BATCH, Estimate
-from isogal.inertial.strapdown import NavState
-from isogal.scenario import Scenario
-from isogal.sensors.imu import GRADES
-
-# Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
-# definite covariance.
-_POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9
-
-UNKNOWN_GRAVITY = 1.6e-2
-"""Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the
-strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 sigma² tau). Without
-it the known height turns the vertical accelerometer into a velocity sensor by the Eötvös term, and
-the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has
-that."""
+from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import move
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import BATCH
 
 LEAST_INFORMATION = -4.0
 """Of a likelihood, per unit of the navigator's own information. A posterior has less than its
 prior by -1 at most; the navigator may have become less certain meanwhile."""
 
 
-@dataclass(frozen=True, slots=True)
-class FilterModel:
-    """What the filter assumes about sensors and aids; the same for all runs."""
-
-    noise: tuple[float, ...]
-    """White noise densities of accelerometers (3; m/s²/sqrt(Hz)) and gyroscopes (3;
-    rad/s/sqrt(Hz))."""
-    initial_sigma: tuple[float, ...]
-    """(15,) 1-sigma of the error state at the start."""
-    dt: float
-    """IMU interval, s."""
-    height_sigma: float = 0.1
-    """1-sigma of the known height, m; 0 = no height aid."""
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
-    assumptions: ukf.Assumptions = field(init=False, repr=False, compare=False)
-    """The same as the compiled filter takes it."""
-
-    def __post_init__(self) -> None:
-        weights = merwe_weights(self.alpha, self.beta, self.kappa)
-        assumptions = ukf.Assumptions(self.dt, np.array(self.noise), self.height_sigma, weights)
-        object.__setattr__(self, "assumptions", assumptions)
-
-    @classmethod
-    def from_scenario(cls, scenario: Scenario) -> "FilterModel":
-        """Return the model that knows what the scenario's simulation draws from."""
-        grade, initial = GRADES[scenario.imu.grade], scenario.initial_error
-        position, velocity = (
-            max(initial.position, _POSITION_FLOOR),
-            max(initial.velocity, _VELOCITY_FLOOR),
-        )
-        tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
-        sigma = (position, position, 0.1, velocity, velocity, 0.01, tilt, tilt, heading)
-        return cls(
-            noise=(
-                *grade.accelerometer_noise[:2],
-                math.hypot(grade.accelerometer_noise[2], UNKNOWN_GRAVITY),
-                *grade.gyroscope_noise,
-            ),
-            initial_sigma=(*sigma, *grade.accelerometer_bias, *grade.gyroscope_bias),
-            dt=1.0 / scenario.imu.rate,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FilterState:
-    """Mean and covariance of R runs."""
-
-    position: Array
-    """(R, 3) latitude rad, longitude rad, height m."""
-    velocity: Array
-    """(R, 3) m/s NED."""
-    attitude: Array
-    """(R, 4) quaternion body to NED."""
-    accelerometer_bias: Array
-    """(R, 3) m/s², body."""
-    gyroscope_bias: Array
-    """(R, 3) rad/s, body."""
-    covariance: Array
-    """(R, 15, 15) of the filter's error state (`isogal.inertial.error_state`)."""
-
-    def __len__(self) -> int:
-        return self.position.shape[0]
-
-    @classmethod
-    def start(cls, nav: NavState, model: FilterModel) -> "FilterState":
-        """Return the state at the start: biases zero, covariance diagonal."""
-        runs = len(nav)
-        covariance = np.tile(np.diag(np.square(model.initial_sigma)), (runs, 1, 1))
-        return cls(
-            nav.position.copy(),
-            nav.velocity.copy(),
-            nav.attitude.copy(),
-            np.zeros((runs, 3)),
-            np.zeros((runs, 3)),
-            covariance,
-        )
-
-    def copy(self) -> "FilterState":
-        """Return a state that shares nothing with this one."""
-        return replace(self, **{name: getattr(self, name).copy() for name in self.__slots__})
-
-    @property
-    def batch_prior(self) -> Array:
-        """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a
-        batch takes as prior."""
-        return self.covariance[:, BATCH[:, None], BATCH]
-
-    @property
-    def nominal(self) -> Nominal:
-        """The mean as the kernels take it; shares the arrays."""
-        return Nominal(
-            self.position,
-            self.velocity,
-            self.attitude,
-            self.accelerometer_bias,
-            self.gyroscope_bias,
-        )
-
-    def arrays(self) -> tuple[Array, ...]:
-        """Return all arrays, those of the mean first."""
-        return (*self.nominal, self.covariance)
-
-    def nominal_of(self, run: int) -> Nominal:
-        """Return the mean of one run; it shares the arrays."""
-        return Nominal(*(array[run] for array in self.nominal))
-
-    def estimate_of(self, run: int) -> Estimate:
-        """Return position, velocity and attitude of one run; they share the arrays."""
-        return Estimate(self.position[run], self.velocity[run], self.attitude[run])
-
-
 class FilterDivergenceError(RuntimeError):
     """The covariance lost positive definiteness: the filter's numbers can no longer be trusted."""
+
+
+def _reference() -> ModuleType:
+    """Return `isogal.fusion.reference`, which takes some time to import."""
+    from isogal.fusion import reference
+
+    return reference
 
 
 def propagate(
@@ -168,8 +51,9 @@ def propagate(
     FilterDivergenceError
         A covariance is no longer positive definite (not repaired in silence).
     """
+    advance = _reference().advance if model.filter == "reference" else ukf.advance
     height = np.asarray(height, dtype=float)
-    done = ukf.advance(
+    done = advance(
         state.nominal, state.covariance, specific_force, angular_rate, height, model.assumptions
     )
     steps = specific_force.shape[1]
@@ -243,7 +127,12 @@ def _bounded(matrix: Array, covariance: Array) -> Array:
 
 
 def update_position(
-    state: FilterState, run: int, latitude: float, longitude: float, covariance: Array
+    state: FilterState,
+    model: FilterModel,
+    run: int,
+    latitude: float,
+    longitude: float,
+    covariance: Array,
 ) -> tuple[Array, float]:
     """Update one run with a horizontal fix, in place.
 
@@ -275,8 +164,14 @@ def update_position(
         and covariance[0, 0] * covariance[1, 1] > covariance[0, 1] * covariance[1, 0]
     ):
         raise ValueError("covariance of the fix is not positive definite")
-    north, east, nis = ukf.update_position(
-        state.nominal_of(run), state.covariance[run], latitude, longitude, covariance
+    update = _reference().update_position if model.filter == "reference" else ukf.update_position
+    north, east, nis = update(
+        state.nominal_of(run),
+        state.covariance[run],
+        latitude,
+        longitude,
+        covariance,
+        model.assumptions,
     )
     if math.isnan(nis):
         raise ValueError("innovation covariance is not positive definite")
@@ -294,6 +189,7 @@ class NavigatorRun:
     """One of the runs of a state (a `isogal.fusion.fix.FixTarget`)."""
 
     state: FilterState
+    model: FilterModel
     run: int
 
     def widen(self, covariance: Array) -> None:
@@ -308,4 +204,4 @@ class NavigatorRun:
         self, latitude: float, longitude: float, covariance: Array
     ) -> tuple[Array, float]:
         """See `update_position`."""
-        return update_position(self.state, self.run, latitude, longitude, covariance)
+        return update_position(self.state, self.model, self.run, latitude, longitude, covariance)

@@ -41,6 +41,8 @@ class Assumptions(NamedTuple):
     height_sigma: float
     """m, 1-sigma of the known height; 0 = no height aid."""
     weights: Weights
+    scaling: tuple[float, float, float]
+    """alpha, beta, kappa of the scaled transform, which the weights follow from."""
 
 
 @kernel(**INLINE)
@@ -77,12 +79,12 @@ def update_height(nominal, covariance, height, sigma, gain, error):  # type: ign
 
 
 @kernel(error_model="numpy")
-def update_position(nominal, covariance, latitude, longitude, fix_covariance):  # type: ignore[no-untyped-def]
+def update_position(nominal, covariance, latitude, longitude, fix_covariance, assumptions):  # type: ignore[no-untyped-def]
     """Update one run with a horizontal position fix (rad; (2, 2) m²), in place; return (innovation
     north, east, normalised innovation squared).
 
     NaN for the last where fix plus prior covariance is not positive definite: nothing is changed
-    then."""
+    then. The update is linear and needs none of the assumptions; filterpy's does."""
     position, R = nominal.position, fix_covariance
     m, n = curvature(math.sin(position[0]))
     wrap = 2.0 * math.pi
@@ -120,7 +122,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     known height after each. A run whose covariance is no longer positive definite stops at that
     step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights = assumptions
+    dt, noise, height_sigma, weights, _ = assumptions
     done = np.empty(runs, np.int64)
     P = np.zeros((N, HALF))
     factor = np.empty((N, HALF))

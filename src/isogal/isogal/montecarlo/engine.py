@@ -18,13 +18,9 @@ from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
 from isogal.fusion.fix import apply_fix
-from isogal.fusion.navigator import (
-    FilterModel,
-    FilterState,
-    NavigatorRun,
-    propagate,
-    update_position,
-)
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import NavigatorRun, propagate
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_difference
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import AnyMap
@@ -206,7 +202,7 @@ class _ClosedLoop:
         ]
         for run, fix in enumerate(fixes):
             if run not in each_scan:
-                apply_fix(fix, NavigatorRun(self.state, run))
+                apply_fix(fix, NavigatorRun(self.state, self.model, run))
         if each_scan:
             self._retrodict(each_scan, fixes, scan)
 
@@ -221,7 +217,8 @@ class _ClosedLoop:
                 assert positions is not None and covariances is not None
                 i = len(positions) - 1 - (scan - past)
                 if i >= 0 and np.isfinite(covariances[i]).all():
-                    update_position(part, row, positions[i, 0], positions[i, 1], covariances[i])
+                    navigator = NavigatorRun(part, self.model, row)
+                    navigator.update_position(positions[i, 0], positions[i, 1], covariances[i])
             if self.revised is not None:
                 self.revised(past, runs, part)
         for target, source in zip(self.state.arrays(), part.arrays(), strict=True):

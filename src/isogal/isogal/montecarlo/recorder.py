@@ -5,7 +5,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
-from isogal.fusion.navigator import FilterState
+from isogal.fusion.state import FilterState
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import Candidates, Fix
 from isogal.sensors.trajectory import Trajectory

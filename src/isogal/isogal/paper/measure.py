@@ -13,7 +13,7 @@ from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import SpreadTest, spread_test
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.summary import summarise
-from isogal.fusion.navigator import FilterState
+from isogal.fusion.state import FilterState
 from isogal.matching.paper.matcher import PaperOptions
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting

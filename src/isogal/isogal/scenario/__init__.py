@@ -8,10 +8,12 @@ vehicle      which keys describe the route, the inertial sensors and the initial
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
 world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
+fusion       which keys describe the navigator's filter?
 model        which sections has a scenario?
 loading      how is a file read, and how are single keys overridden?
 messages     how does a validation error become one line?"""
 
+from isogal.scenario.fusion import Fusion
 from isogal.scenario.instruments import (
     TENSOR_COMPONENTS,
     Altimeter,
@@ -29,6 +31,7 @@ from isogal.scenario.world import Map, MapError
 __all__ = [
     "TENSOR_COMPONENTS",
     "Altimeter",
+    "Fusion",
     "Gradiometer",
     "Gravimeter",
     "Imu",

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from isogal.scenario.fusion import Fusion
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.section import Section
@@ -28,6 +29,7 @@ class Scenario(Section):
     map: Map = Map()
     map_error: MapError = MapError()
     matcher: Matcher = Field(default_factory=Matcher)
+    fusion: Fusion = Fusion()
 
     @model_validator(mode="after")
     def _whole_scans(self) -> "Scenario":

@@ -1,0 +1,73 @@
+"""What the filter assumes about sensors and aids."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from isogal.fusion.sigma_points import merwe_weights
+from isogal.fusion.ukf import Assumptions
+from isogal.scenario import Scenario
+from isogal.sensors.imu import GRADES
+
+# Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
+# definite covariance.
+_POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9
+
+UNKNOWN_GRAVITY = 1.6e-2
+"""Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the
+strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 sigma² tau). Without
+it the known height turns the vertical accelerometer into a velocity sensor by the Eötvös term, and
+the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has
+that."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterModel:
+    """What the filter assumes about sensors and aids; the same for all runs."""
+
+    noise: tuple[float, ...]
+    """White noise densities of accelerometers (3; m/s²/sqrt(Hz)) and gyroscopes (3;
+    rad/s/sqrt(Hz))."""
+    initial_sigma: tuple[float, ...]
+    """(15,) 1-sigma of the error state at the start."""
+    dt: float
+    """IMU interval, s."""
+    height_sigma: float = 0.1
+    """1-sigma of the known height, m; 0 = no height aid."""
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+    filter: Literal["compiled", "reference"] = "compiled"
+    """Who filters: `isogal.fusion.ukf` or `isogal.fusion.reference`."""
+    assumptions: Assumptions = field(init=False, repr=False, compare=False)
+    """The same as the compiled filter takes it."""
+
+    def __post_init__(self) -> None:
+        scaling = self.alpha, self.beta, self.kappa
+        assumptions = Assumptions(
+            self.dt, np.array(self.noise), self.height_sigma, merwe_weights(*scaling), scaling
+        )
+        object.__setattr__(self, "assumptions", assumptions)
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> "FilterModel":
+        """Return the model that knows what the scenario's simulation draws from."""
+        grade, initial = GRADES[scenario.imu.grade], scenario.initial_error
+        position, velocity = (
+            max(initial.position, _POSITION_FLOOR),
+            max(initial.velocity, _VELOCITY_FLOOR),
+        )
+        tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
+        sigma = (position, position, 0.1, velocity, velocity, 0.01, tilt, tilt, heading)
+        return cls(
+            noise=(
+                *grade.accelerometer_noise[:2],
+                math.hypot(grade.accelerometer_noise[2], UNKNOWN_GRAVITY),
+                *grade.gyroscope_noise,
+            ),
+            initial_sigma=(*sigma, *grade.accelerometer_bias, *grade.gyroscope_bias),
+            dt=1.0 / scenario.imu.rate,
+            filter=scenario.fusion.filter,
+        )

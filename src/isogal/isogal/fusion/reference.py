@@ -1,0 +1,137 @@
+"""The same filter by filterpy's UnscentedKalmanFilter, some hundred times slower: what the
+compiled one is compared with.
+
+filterpy's state x is the error state, relative to a nominal state that goes through the strapdown
+beside it: zero before each step, and added to the nominal state after it. The functions take and
+return what those of `isogal.fusion.ukf` do."""
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.nominal import Nominal, move, of_run
+from isogal.fusion.ukf import Assumptions
+from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.rotations import matrix, multiply, to_rotation_vector
+from isogal.inertial.strapdown import step
+
+
+def advance(
+    nominal: Nominal,
+    covariance: Array,
+    force: Array,
+    rate: Array,
+    height: Array,
+    assumptions: Assumptions,
+) -> Integers:
+    """Run prediction and the known-height update over S intervals for R runs, in place; return
+    (R,) steps done before a failure, as `ukf.advance` does."""
+    done = np.full(len(covariance), force.shape[1])
+    for run, P in enumerate(covariance):
+        state = of_run(nominal, run)
+        unscented = _unscented(P, assumptions)
+        for k, known in enumerate(height):
+            try:
+                end = _predict(unscented, state, force[run, k], rate[run, k], assumptions)
+                if assumptions.height_sigma > 0.0:
+                    at = end.position[2]
+                    unscented.update([known], hx=lambda error, at=at: [at - error[2]])
+            except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
+                done[run] = k
+                break
+            move(end, unscented.x)
+            for array, new in zip(state, end, strict=True):
+                array[:] = new
+        P[:] = 0.5 * (unscented.P + unscented.P.T)
+    return done
+
+
+def update_position(
+    nominal: Nominal,
+    covariance: Array,
+    latitude: float,
+    longitude: float,
+    fix_covariance: Array,
+    assumptions: Assumptions,
+) -> tuple[float, float, float]:
+    """Update one run with a horizontal position fix (rad; (2, 2) m²), in place; return (innovation
+    north, east, normalised innovation squared), NaN for the last where nothing is changed, as
+    `ukf.update_position` does."""
+    north, east = metres_per_radian(nominal.position[0], nominal.position[2])
+    turns = np.round((longitude - nominal.position[1]) / (2.0 * np.pi))
+    seen = np.array(
+        [
+            (latitude - nominal.position[0]) * north,
+            (longitude - nominal.position[1] - 2.0 * np.pi * turns) * east,
+        ]
+    )
+    unscented = _unscented(covariance, assumptions)
+    try:
+        unscented.sigmas_f = unscented.points_fn.sigma_points(unscented.x, unscented.P)
+        unscented.update(seen, R=0.5 * (fix_covariance + fix_covariance.T), hx=lambda x: x[:2])
+    except (np.linalg.LinAlgError, ValueError):
+        return float(seen[0]), float(seen[1]), np.nan
+    covariance[:] = 0.5 * (unscented.P + unscented.P.T)
+    move(nominal, unscented.x)
+    return float(seen[0]), float(seen[1]), float(seen @ unscented.SI @ seen)
+
+
+def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:
+    points = MerweScaledSigmaPoints(FILTER_STATES, *assumptions.scaling)
+    unscented = UnscentedKalmanFilter(
+        FILTER_STATES, 1, assumptions.dt, hx=None, fx=None, points=points
+    )
+    unscented.P = covariance.copy()
+    unscented.R *= assumptions.height_sigma**2
+    return unscented
+
+
+def _predict(
+    unscented: UnscentedKalmanFilter,
+    state: Nominal,
+    force: Array,
+    rate: Array,
+    assumptions: Assumptions,
+) -> Nominal:
+    """Predict over one interval; return the nominal state at its end, which filterpy's x is
+    relative to then."""
+    centre = _after(state, force, rate, assumptions.dt)
+
+    def process(error: Array, dt: float) -> Array:
+        moved = Nominal(*(array.copy() for array in state))
+        move(moved, error)
+        return _difference(_after(moved, force, rate, dt), centre)
+
+    axes, power = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
+    unscented.x = np.zeros(FILTER_STATES)
+    unscented.Q = np.zeros((FILTER_STATES, FILTER_STATES))
+    unscented.Q[3:6, 3:6] = axes @ np.diag(power[:3]) @ axes.T
+    unscented.Q[6:9, 6:9] = axes @ np.diag(power[3:]) @ axes.T
+    unscented.predict(fx=process)
+    return centre
+
+
+def _after(state: Nominal, force: Array, rate: Array, dt: float) -> Nominal:
+    """Return the state after one interval of the strapdown."""
+    felt = tuple((force - state.accelerometer_bias).tolist())
+    turned = tuple((rate - state.gyroscope_bias).tolist())
+    start = (tuple(array.tolist()) for array in state[:3])
+    end = (np.array(part) for part in step(*start, felt, turned, dt))
+    return Nominal(*end, state.accelerometer_bias.copy(), state.gyroscope_bias.copy())
+
+
+def _difference(state: Nominal, centre: Nominal) -> Array:
+    """Return the error state (15,) that leads from one state to another."""
+    north, east = metres_per_radian(centre.position[0], centre.position[2])
+    w, x, y, z = centre.attitude.tolist()
+    turn = to_rotation_vector(*multiply(*state.attitude.tolist(), w, -x, -y, -z))
+    return np.concatenate(
+        [
+            (state.position - centre.position) * [north, east, -1.0],
+            state.velocity - centre.velocity,
+            turn,
+            state.accelerometer_bias - centre.accelerometer_bias,
+            state.gyroscope_bias - centre.gyroscope_bias,
+        ]
+    )

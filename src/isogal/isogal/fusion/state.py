@@ -1,0 +1,79 @@
+"""The filter's state: mean and covariance of many runs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import Nominal
+from isogal.inertial.error_state import BATCH, Estimate
+from isogal.inertial.strapdown import NavState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterState:
+    """Mean and covariance of R runs."""
+
+    position: Array
+    """(R, 3) latitude rad, longitude rad, height m."""
+    velocity: Array
+    """(R, 3) m/s NED."""
+    attitude: Array
+    """(R, 4) quaternion body to NED."""
+    accelerometer_bias: Array
+    """(R, 3) m/s², body."""
+    gyroscope_bias: Array
+    """(R, 3) rad/s, body."""
+    covariance: Array
+    """(R, 15, 15) of the filter's error state (`isogal.inertial.error_state`)."""
+
+    def __len__(self) -> int:
+        return self.position.shape[0]
+
+    @classmethod
+    def start(cls, nav: NavState, model: FilterModel) -> "FilterState":
+        """Return the state at the start: biases zero, covariance diagonal."""
+        runs = len(nav)
+        covariance = np.tile(np.diag(np.square(model.initial_sigma)), (runs, 1, 1))
+        return cls(
+            nav.position.copy(),
+            nav.velocity.copy(),
+            nav.attitude.copy(),
+            np.zeros((runs, 3)),
+            np.zeros((runs, 3)),
+            covariance,
+        )
+
+    def copy(self) -> "FilterState":
+        """Return a state that shares nothing with this one."""
+        return replace(self, **{name: getattr(self, name).copy() for name in self.__slots__})
+
+    @property
+    def batch_prior(self) -> Array:
+        """(R, 7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a
+        batch takes as prior."""
+        return self.covariance[:, BATCH[:, None], BATCH]
+
+    @property
+    def nominal(self) -> Nominal:
+        """The mean as the kernels take it; shares the arrays."""
+        return Nominal(
+            self.position,
+            self.velocity,
+            self.attitude,
+            self.accelerometer_bias,
+            self.gyroscope_bias,
+        )
+
+    def arrays(self) -> tuple[Array, ...]:
+        """Return all arrays, those of the mean first."""
+        return (*self.nominal, self.covariance)
+
+    def nominal_of(self, run: int) -> Nominal:
+        """Return the mean of one run; it shares the arrays."""
+        return Nominal(*(array[run] for array in self.nominal))
+
+    def estimate_of(self, run: int) -> Estimate:
+        """Return position, velocity and attitude of one run; they share the arrays."""
+        return Estimate(self.position[run], self.velocity[run], self.attitude[run])
