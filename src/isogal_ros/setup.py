@@ -19,5 +19,14 @@ setup(
     ),
     license="Apache-2.0",
     python_requires=">=3.11",
-    entry_points={"console_scripts": ["isogal_recorder = isogal_ros.bags.recorder:main"]},
+    entry_points={
+        "console_scripts": ["isogal_recorder = isogal_ros.bags.recorder:main"],
+        "isogal.message_adapters": [
+            "gravity = isogal_ros.messages.gravimeter:gravity",
+            "disturbance = isogal_ros.messages.gravimeter:disturbance",
+            "magnetic = isogal_ros.messages.magnetometer:magnetic",
+            "terrain = isogal_ros.messages.altimeter:terrain",
+            "gradient = isogal_ros.messages.gradiometer:gradient",
+        ],
+    },
 )

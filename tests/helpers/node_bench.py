@@ -3,7 +3,7 @@ process."""
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,33 +11,62 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from isogal.fields.measured import FIELDS, of_instrument
+from isogal import plugins
+from isogal.fields.measured import measured_field, of_instrument
 from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import claim_domain
+from isogal_ros.graph.domain import claim_domain, local_context
 from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan, node_class
-from isogal_ros.messages import convert
-from isogal_ros.messages.readings import ADAPTERS
-from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.base import graph_values
+from isogal_ros.graph.plan import Outcome, Plan, node_class
+from isogal_ros.messages.adapter import adapter_of, all_topics
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.gravimeter import PLATFORM, GravimeterAdapter
+from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamped_numbers import fill_numbers
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.health import figures_of
-from isogal_ros.nodes.spin import Interrupt, local_context, make_executor
+from isogal_ros.nodes.spin import Interrupt, make_executor
+from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
 
 PATIENCE = 60.0
 
 
-def topics_of(field: str) -> list[Topic]:
-    """Topics of a graph that measures a field: not those of other instruments."""
-    instruments = {name: {adapter.raw, adapter.reduced} for name, adapter in ADAPTERS.items()}
-    own = set().union(
-        *(instruments[other.name] for other in of_instrument(FIELDS[field].instrument))
-    )
-    others = set().union(*instruments.values()) - own
-    return [topic for topic in topics.ALL if topic not in others]
+def topics_of(scenario: Scenario) -> list[Topic]:
+    """Topics that the graph of a scenario publishes: not those of other instruments."""
+    fields = of_instrument(measured_field(scenario).instrument)
+    own = {adapter_of(scenario, field.name) for field in fields}
+    wanted = {topic for adapter in own for topic in (adapter.raw, adapter.reduced)}
+    of_instruments = set()
+    for name in plugins.names(plugins.MESSAGE_ADAPTERS):
+        adapter = adapter_of(scenario, name)
+        of_instruments |= {adapter.raw, adapter.reduced}
+    return [
+        topic for topic in all_topics(scenario) if topic in wanted or topic not in of_instruments
+    ]
+
+
+def absolute(topic: Topic) -> str:
+    """A topic's name as a bag has it."""
+    return "/" + topic.name.lstrip("/")
+
+
+def stamps(bench: "Bench", topic: Topic) -> list[int]:
+    """Stamps of the messages that a bench has heard on a topic, whole seconds."""
+    return [to_ns(message.header.stamp) // 10**9 for message in bench.heard[topic.name]]
+
+
+def vector_reading(scenario: Scenario, seconds: float, values: Sequence[float]) -> Any:
+    """A raw message of an instrument with several channels, of 1e-9 1-sigma each."""
+    adapter = adapter_of(scenario)
+    message = adapter.new_raw()
+    covariance = 1e-18 * np.eye(len(values))
+    adapter.fill_raw(message, from_seconds(seconds), np.array(values), covariance)
+    return message
 
 
 class Bench:
@@ -45,12 +74,12 @@ class Bench:
 
     def __init__(self, context: Any, name: str, scenario: Scenario, **own: Any) -> None:
         self.executor = make_executor(context)
-        values = graph_values(scenario, {"peers": [name]} | own, node_class(name).sections)
+        values = node_values(scenario, {"peers": [name]} | own, node_class(name).sections)
         self.node = node_class(name)(name, values=values, context=context)
         self.probe = Node("probe", context=context, use_global_arguments=False)
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.publishers: dict[str, Any] = {}
-        for topic in topics.ALL:
+        for topic in all_topics(scenario):
             self.probe.create_subscription(
                 topic.type, topic.name, self.heard[topic.name].append, topics.LOSSLESS
             )
@@ -91,9 +120,9 @@ class Bench:
     ) -> None:
         """Publish an IMU sample, FRD."""
         message = topics.IMU.type()
-        message.header.frame_id = changes.pop("frame", convert.BASE)
+        message.header.frame_id = changes.pop("frame", BASE)
         assert not changes
-        convert.fill_imu(message, from_seconds(seconds), np.array(force), np.zeros(3))
+        fill_imu(message, from_seconds(seconds), np.array(force), np.zeros(3))
         self.publish(topics.IMU, message)
 
     def fix(
@@ -102,13 +131,13 @@ class Bench:
         latitude: float,
         longitude: float,
         variance: float = 100.0,
-        frame: str = convert.BASE,
+        frame: str = BASE,
         **keys: Any,
     ) -> None:
         """Publish a fix, rad."""
         message = topics.FIX.type()
         message.header.frame_id = frame
-        convert.fill_fix(
+        fill_fix(
             message,
             from_seconds(seconds),
             latitude,
@@ -130,15 +159,15 @@ class Bench:
         ns = from_seconds(seconds)
         fix, odom, cov = (
             topics.NAV_FIX.type(),
-            topics.NAV_ODOM.type(child_frame_id=convert.BASE),
+            topics.NAV_ODOM.type(child_frame_id=BASE),
             topics.NAV_COVARIANCE.type(),
         )
-        fix.header.frame_id, odom.header.frame_id = convert.BASE, convert.MAP
+        fix.header.frame_id, odom.header.frame_id = BASE, MAP
         matrix = np.diag([900.0, 900.0, 0.01, 0.01, 0.01, 1e-4, 1e-10, 1e-10, 1e-8])
         state = np.array([latitude, longitude, 100.0, *velocity, 0.0, *from_heading(0.8)])
-        convert.fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
-        convert.fill_odom(odom, ns, convert.map_frame(self.scenario), state, np.zeros(3), matrix)
-        convert.fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
+        fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
+        fill_odom(odom, ns, map_frame(self.scenario), state, np.zeros(3), matrix)
+        fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
         self.publish(topics.NAV_COVARIANCE, cov)
         self.publish(topics.NAV_FIX, fix)
         self.publish(topics.NAV_ODOM, odom)
@@ -148,14 +177,16 @@ class Bench:
         seconds: float,
         value: float,
         variance: float = 1e-10,
-        frame: str = convert.PLATFORM,
+        frame: str = PLATFORM,
         topic: Topic | None = None,
     ) -> None:
         """Publish a reduced (or raw) reading."""
-        topic = topic or topics.readings(self.scenario.measured_field)
+        topic = topic or adapter_of(self.scenario).reduced
         message = topic.type()
         message.header.frame_id = frame
-        convert.fill_accel(message, from_seconds(seconds), value, variance)
+        GravimeterAdapter(topic).fill_reduced(
+            message, from_seconds(seconds), value, variance, None
+        )
         self.publish(topic, message)
 
     def says(self) -> list[tuple[bytes, str, dict[str, str]]]:
@@ -169,7 +200,7 @@ class Bench:
 
 
 @contextmanager
-def bench(name: str, scenario: Scenario, **own: Any):
+def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
     """A bench with one node on it."""
     with claim_domain() as domain, local_context(domain) as context:
         made = Bench(context, name, scenario, **own)
@@ -181,7 +212,7 @@ def bench(name: str, scenario: Scenario, **own: Any):
                 node.destroy_node()
 
 
-def run_here(scenario: Scenario, bag: Path | None) -> Any:
+def run_here(scenario: Scenario, bag: Path | None) -> Outcome:
     """Run the graph in this process to its end."""
     outcome = run_in_process(Plan(scenario, bag), Interrupt(), lambda progress: None)
     assert not outcome.interrupted

@@ -3,12 +3,16 @@
 from pathlib import Path
 
 import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import NavSatFix
 
 from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import record_of
+from isogal_ros.messages.position import read_position
 
 
 def collect(bag: Path) -> Collector:
@@ -20,9 +24,16 @@ def collect(bag: Path) -> Collector:
     return collector
 
 
+def nav_positions(collector: Collector) -> np.ndarray:
+    """Latitude, longitude (rad) and height (m) of the navigator at every stamp, after fixes."""
+    stamps = sorted(collector.last_nav)
+    messages = [deserialize_message(collector.last_nav[ns], NavSatFix) for ns in stamps]
+    return np.array([read_position(message) for message in messages])
+
+
 def record(bag: Path, scenario: Scenario) -> Runs:
     """Record of the run in a bag."""
-    return collect(bag).runs(map_for_scenario(scenario))
+    return record_of(collect(bag), map_for_scenario(scenario))
 
 
 def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:

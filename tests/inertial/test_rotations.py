@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from isogal.inertial.rotations import (
     SMALL,
     from_heading,
+    from_matrix,
     from_rotation_vector,
     from_short_rotation_vector,
     matrix,
@@ -35,6 +36,21 @@ def test_product_rotation_and_matrix_equal_scipy(seed):
     np.testing.assert_allclose(product, expected * np.sign(expected @ product), atol=1e-15)
     np.testing.assert_allclose(rotate(*quaternion(a), *vector), a.apply(vector), atol=1e-13)
     np.testing.assert_allclose(matrix(quaternion(a)), a.as_matrix(), atol=1e-15)
+
+
+@given(seeds)
+def test_quaternion_of_a_matrix(seed):
+    rotation = Rotation.random(random_state=np.random.default_rng(seed))
+    found, expected = from_matrix(rotation.as_matrix()), quaternion(rotation)
+    np.testing.assert_allclose(found, expected * np.sign(expected @ found), atol=1e-15)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_quaternion_of_half_a_turn(axis):
+    """The first component is zero, so that another is the largest."""
+    expected = np.eye(4)[1 + axis]
+    found = from_matrix(matrix(expected))
+    np.testing.assert_allclose(np.abs(found), expected, atol=1e-15)
 
 
 def test_matrices_of_many_quaternions():

@@ -9,10 +9,21 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.node_bench import run_here
 from isogal.maps.formats.netcdf import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.graph.domain import DOMAIN, claim_domain
+
+Recorded = tuple[Scenario, Path]
+"""A scenario and the bag of its run."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark all tests of this folder."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.ros)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -63,8 +74,45 @@ def scenario(settings: Callable[..., list[str]]) -> Callable[..., Scenario]:
 
 
 @pytest.fixture(scope="session")
+def magnetic(shared_data: Path) -> Scenario:
+    """A quarter of an hour with a magnetometer over a measured map."""
+    return load_scenario(
+        None, [*SCOTLAND, f"map.source={shared_data / 'scotland_magnetic_map.nc'}"]
+    )
+
+
+@pytest.fixture(scope="session")
+def terrain(shared_data: Path) -> Scenario:
+    """A quarter of an hour with a clearance meter over a measured map."""
+    return load_scenario(None, [*ALPS, f"map.source={shared_data / 'se_australia_gravity.nc'}"])
+
+
+@pytest.fixture(scope="session")
+def gradient(scenario: Callable[..., Scenario]) -> Scenario:
+    """Ten minutes with a gradiometer over the small map."""
+    return scenario(*GRADIENT)
+
+
+@pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory, scenario: Callable[..., Scenario]) -> Path:
-    """A bag of that scenario, run in this process."""
+    """A bag of the scenario, run in this process."""
     bag = tmp_path_factory.mktemp("recording") / "bag"
     run_here(scenario(), bag)
     return bag
+
+
+@pytest.fixture(scope="session")
+def recorded(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Callable[[str], Recorded]:
+    """The scenario of a field that is not gravity and the bag of its run, made at first use."""
+    made: dict[str, Recorded] = {}
+
+    def record(field: str) -> Recorded:
+        if field not in made:
+            scenario = request.getfixturevalue(field)
+            made[field] = scenario, tmp_path_factory.mktemp(field) / "bag"
+            run_here(*made[field])
+        return made[field]
+
+    return record

@@ -12,17 +12,19 @@ import numpy as np
 from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
-from gravimeter_node.thinning import Thinning
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
+from isogal.sensors.scans import Thinning
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.readings import adapter_of
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.checks import require_later
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
-from isogal_ros.nodes.health import OK, BadMessageError
-from isogal_ros.nodes.nav_buffer import NavBuffer
+from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.nav_queue import NavQueue
+from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import run_node
 
 
@@ -43,8 +45,8 @@ class GravimeterNode(GraphNode):
     state of that stamp is there."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map",
-        "map_error",
+        "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
+        "map", "map_error",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
@@ -56,10 +58,9 @@ class GravimeterNode(GraphNode):
         self._out_of_range = self._left_out = 0
         covariance = measured_field(self.scenario).covariance(self.scenario)
         self._variance = self.scenario.gravimeter.sigma**2 if covariance is None else covariance
-        self._waiting: list[tuple[int, Any, Any]] = []
         self._newest = -1
         self._adapter = adapter_of(self.scenario)
-        self._message = self._adapter.new_raw(self.scenario)
+        self._message = self._adapter.new_raw()
         if self.settings.simulate:
             self._felt = self._readings()
             self._raw = self.advertise(self._adapter.raw)
@@ -68,7 +69,7 @@ class GravimeterNode(GraphNode):
             self._thinning = Thinning(from_seconds(self.scenario.gravimeter.interval))
             self.listen(self._adapter.raw, self._take)
         self._outputs = Outputs(self)
-        self._nav = NavBuffer(self, self.scenario, self._reduce)
+        self._queue = NavQueue(self, self.scenario, self._reduce)
 
     def _readings(self) -> dict[int, Any]:
         """Return what is felt at each scan, a number or one for each channel, by stamp; the map is
@@ -94,10 +95,7 @@ class GravimeterNode(GraphNode):
     def _take(self, message: Any) -> None:
         ns = to_ns(message.header.stamp)
         felt, variance = self._adapter.read_raw(message)
-        if ns <= self._newest:
-            raise BadMessageError(
-                f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s"
-            )
+        require_later(ns, self._newest)
         self._newest = ns
         if self._thinning.takes(ns):
             self._enqueue(ns, felt, self._variance if variance is None else variance)
@@ -109,27 +107,14 @@ class GravimeterNode(GraphNode):
         if np.isnan(felt).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
-        self._waiting.append((ns, felt, variance))
-        self._reduce()
+        self._queue.put(ns, (felt, variance))
 
-    def _reduce(self) -> None:
-        """Reduce the waiting readings as far as the navigator's states reach."""
-        while self._waiting:
-            ns, felt, variance = self._waiting[0]
-            try:
-                nav = self._nav.at(ns)
-            except BadMessageError as error:
-                self.health.drop(topics.NAV_ODOM.name, str(error))
-                nav = None
-            else:
-                if nav is None:
-                    return
-            del self._waiting[0]
-            self._outputs.publish(ns, felt, variance, nav)
-            self.reduced += 1
-            self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
-            self.health.state(OK, "reducing")
-            self.health.tick(ns)
+    def _reduce(self, ns: int, reading: tuple[Any, Any], nav: NavSample | None) -> None:
+        """Reduce and publish a reading, the value and its variance."""
+        self._outputs.publish(ns, *reading, nav)
+        self.reduced += 1
+        self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
+        self.health.state(OK, "reducing")
 
 
 def main(args: Sequence[str] | None = None) -> None:

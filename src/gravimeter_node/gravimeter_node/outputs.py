@@ -6,9 +6,9 @@ from typing import Any
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
-from isogal_ros.messages.readings import adapter_of
+from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_buffer import NavSample
+from isogal_ros.nodes.nav_sample import NavSample
 
 
 class Outputs:
@@ -32,10 +32,9 @@ class Outputs:
         for reduction, adapter, publisher, message in self._reductions:
             value, total, place = math.nan * felt, variance, None
             if nav is not None:
-                place = nav.latitude, nav.longitude
-                estimate = State(
-                    *place, nav.height, float(nav.velocity[0]), float(nav.velocity[1])
-                )
+                latitude, longitude, height = nav.position
+                place = latitude, longitude
+                estimate = State(*place, height, *nav.velocity[:2])
                 value = reduction.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance

@@ -9,14 +9,15 @@ from typing import Any, ClassVar
 
 from rclpy.clock import Clock, ClockType
 
+from ins_sim_node.answers import Answers
 from ins_sim_node.lock_step import LockStep
 from ins_sim_node.outputs import Outputs
 from ins_sim_node.pace import Pace
 from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
-from ins_sim_node.simulation import simulate
+from isogal.sensors.vehicle import simulate_vehicle
 from isogal_ros import topics
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.spin import run_node
@@ -30,44 +31,27 @@ class InsSimNode(GraphNode):
     answered."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed",
-        "field",
-        "route",
-        "imu",
-        "initial_error",
-        "gravimeter",
-        "matcher",
-    )
+        "seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher",
+    )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)
     settings: InsSimSettings
 
     def setup(self) -> None:
         """Simulate the run and make publishers and subscriptions."""
-        self.simulation = simulate(self.scenario, self.settings.run)
+        self.vehicle = simulate_vehicle(self.scenario, self.settings.run)
         self.rate = self.settings.rate
         self.step = -1
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
         self.begun = time.monotonic()
         """When the first step was published."""
-        self._outputs = Outputs(self, self.simulation)
-        self._peers = Peers(self, self.settings.peers)
         self._moved = self.begun
-        self.lock_step = LockStep(self.scenario)
+        self._outputs = Outputs(self, self.vehicle)
+        self._peers = Peers(self, self.settings.peers)
+        self._answers: LockStep | None = None
         if self.settings.lock_step:
-            self._others_say = self.listen(topics.DIAGNOSTICS, self._peers.hear)
-            self.listen(topics.NAV_ODOM, self._hear_nav, raw=True)
-            self.listen(
-                topics.FIX,
-                lambda data: self._answered(self.lock_step.fix(peek_ns(data))),
-                raw=True,
-            )
-            reading = topics.readings(self.scenario.measured_field)
-            self.listen(
-                reading,
-                lambda data: self._answered(self.lock_step.reading(peek_ns(data))),
-                raw=True,
-            )
+            self._diagnostics = self.listen(topics.DIAGNOSTICS, self._peers.hear)
+            self._answers = Answers(self, self._outputs, self._answered).lock_step
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._pace = Pace(self, steady, self._paced)
         self.create_timer(0.05, self._watch, clock=steady)
@@ -80,47 +64,44 @@ class InsSimNode(GraphNode):
                 self._set_pace()
 
     def _watch(self) -> None:
-        """Begin when all is ready; notice when the graph does not come up, or has stopped
+        """Begin when all is ready; fail where the graph does not come up or has stopped
         answering."""
-        waited, settings = time.monotonic() - self._moved, self.settings
-        if self.step >= 0:
-            if (
-                settings.lock_step
-                and not self.finished
-                and waited > settings.reply_timeout
-                and not self.lock_step.complete
-            ):
-                at = f"{to_seconds(self.lock_step.ns):.3f} s"
-                self.fail(
-                    f"no answer to the step at {at} within {settings.reply_timeout:g} s:"
-                    f" {self.lock_step.missing()}"
-                )
+        waited = time.monotonic() - self._moved
+        if self.step < 0:
+            self._watch_start(waited)
         elif (
-            (self.ready and not self._peers.missing)
-            if settings.lock_step
-            else (self.ready or waited > UNLOCKED_START)
+            self._answers is not None
+            and not (self.finished or self._answers.complete)
+            and waited > self.settings.reply_timeout
         ):
+            self.fail(
+                f"no answer to the step at {to_seconds(self._answers.ns):.3f} s within"
+                f" {self.settings.reply_timeout:g} s: {self._answers.missing()}"
+            )
+
+    def _watch_start(self, waited: float) -> None:
+        if self._answers is not None:
+            ready = self.ready and not self._peers.missing
+        else:
+            ready = self.ready or waited > UNLOCKED_START
+        if ready:
             self._begin()
-        elif waited > settings.start_timeout:
+        elif waited > self.settings.start_timeout:
             reasons = [f"{name} is not ready" for name in sorted(self._peers.missing)]
             reasons += [f"listeners of {text}" for text in self.missing_listeners()]
-            self.fail(f"cannot begin after {settings.start_timeout:g} s: {'; '.join(reasons)}")
+            self.fail(
+                f"cannot begin after {self.settings.start_timeout:g} s: {'; '.join(reasons)}"
+            )
 
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
-        if self.settings.lock_step:
-            self.destroy_subscription(self._others_say)
+        if self._answers is not None:
+            self.destroy_subscription(self._diagnostics)
         self._advance()
         self._set_pace()
 
-    def _hear_nav(self, data: bytes) -> None:
-        ns = peek_ns(data)
-        if ns == self.lock_step.ns:
-            self._outputs.compare(data)
-        self._answered(self.lock_step.nav(ns))
-
-    def _answered(self, complete: bool) -> None:
-        if complete and self.rate == 0.0:
+    def _answered(self) -> None:
+        if self.rate == 0.0:
             self._advance()
 
     def _set_pace(self) -> None:
@@ -128,37 +109,32 @@ class InsSimNode(GraphNode):
         to go by."""
         if self.rate > 0.0:
             self._pace.set(self.rate * self.scenario.imu.rate)
-        elif not self.settings.lock_step:
+        elif self._answers is None:
             self._pace.set(math.inf)
         else:
             self._pace.clear()
             self._paced()
 
     def _paced(self) -> None:
-        if not self.settings.lock_step or self.lock_step.complete:
+        if self._answers is None or self._answers.complete:
             self._advance()
 
     def _advance(self) -> None:
         """Publish the next step, or end."""
         if self.finished:
             return
-        if self.step >= len(self.simulation):
+        if self.step >= len(self.vehicle):
             self.health.state(OK, "finished")
             self._pace.end()
             self.finished = self.settings.exit_at_end
             return
         self.step += 1
         self._moved = time.monotonic()
-        ns = from_seconds(self.simulation.trajectory.time[self.step])
-        self.lock_step.begin(self.step, ns)
+        ns = from_seconds(self.vehicle.trajectory.time[self.step])
+        if self._answers is not None:
+            self._answers.begin(self.step, ns)
         self._outputs.publish(self.step, ns)
-        elapsed = self._moved - self.begun
-        self.health.figures |= {
-            "simulated": to_seconds(ns),
-            "duration": float(self.simulation.trajectory.time[-1]),
-            "speed": to_seconds(ns) / elapsed if elapsed > 0.0 else 0.0,
-            "position error": self._outputs.error,
-        }
+        self.health.figures |= self._outputs.progress(ns, self._moved - self.begun)
         self.health.state(OK, "running")
         self.health.tick(ns)
 

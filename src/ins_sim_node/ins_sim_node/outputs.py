@@ -5,30 +5,31 @@ import time
 
 from rclpy.serialization import deserialize_message
 
-from ins_sim_node.simulation import Simulation
+from isogal.sensors.vehicle import SimulatedVehicle
 from isogal_ros import topics
-from isogal_ros.messages.convert import BASE, MAP, fill_fix, fill_imu, fill_odom, map_frame
-from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamps import set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.1
-"""s of wall time between looks at the navigator's error."""
+"""s of wall time between comparisons of navigator and truth."""
 
 
 class Outputs:
     """Publishers and messages; the messages are made once and overwritten."""
 
-    def __init__(self, node: GraphNode, simulation: Simulation) -> None:
-        self.simulation = simulation
-        self.error = math.nan
-        """m, horizontal, of the navigator when it was last looked at."""
+    def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
+        self._vehicle = vehicle
+        self._error = math.nan
+        """m, horizontal, of the navigator when it was last compared."""
         self._compared = 0.0
         self._frame = map_frame(node.scenario)
         self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
-        self._truth_fix, self._truth_odom = (
-            node.advertise(topics.TRUTH_FIX),
-            node.advertise(topics.TRUTH_ODOM),
-        )
+        self._truth_fix = node.advertise(topics.TRUTH_FIX)
+        self._truth_odom = node.advertise(topics.TRUTH_ODOM)
         self._ins_fix = node.advertise(topics.INS_FIX)
         self._m_clock, self._m_imu = topics.CLOCK.type(), topics.IMU.type()
         self._m_truth, self._m_ins = topics.TRUTH_FIX.type(), topics.INS_FIX.type()
@@ -41,7 +42,7 @@ class Outputs:
     def publish(self, k: int, ns: int) -> None:
         """Publish step k: the clock, then the IMU, so that the filter works while the rest is
         made. The start (k = 0) has no sample."""
-        run = self.simulation
+        run = self._vehicle
         set_stamp(self._m_clock.clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
@@ -58,16 +59,24 @@ class Outputs:
         self._truth_fix.publish(self._m_truth)
 
     def compare(self, odometry: bytes) -> None:
-        """Bring `error` up to date, the distance of a serialised nav/odom from the truth last
+        """Measure the distance of a serialised nav/odom from the truth last
         published.
 
-        It is only for display: not worth decoding every message of a fast run.
-        """
+        It is for display only, so that not every message of a fast run is decoded."""
         if (now := time.monotonic()) - self._compared < COMPARE_EVERY:
             return
         self._compared = now
-        point, truth = (
-            deserialize_message(odometry, topics.NAV_ODOM.type).pose.pose.position,
-            self._m_odom.pose.pose.position,
-        )
-        self.error = math.hypot(point.x - truth.x, point.y - truth.y)
+        point = deserialize_message(odometry, topics.NAV_ODOM.type).pose.pose.position
+        truth = self._m_odom.pose.pose.position
+        self._error = math.hypot(point.x - truth.x, point.y - truth.y)
+
+    def progress(self, ns: int, elapsed: float) -> dict[str, float]:
+        """Return figures of the progress at a stamp, `elapsed` s of wall time after the first
+        step."""
+        simulated = to_seconds(ns)
+        return {
+            "simulated": simulated,
+            "duration": float(self._vehicle.trajectory.time[-1]),
+            "speed": simulated / elapsed if elapsed > 0.0 else 0.0,
+            "position error": self._error,
+        }

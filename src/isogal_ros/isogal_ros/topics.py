@@ -1,5 +1,20 @@
-"""The topics of the graph: types, who publishes, who listens, and with which quality of
-service."""
+"""The topics of the graph: types, who listens, and with which quality of service.
+
+All types are standard messages, also where none is of what is said. A package of message types of
+our own (``isogal_msgs``) has to be generated and compiled with CMake and a C compiler. colcon does
+that where ROS 2 is installed, but neither `make demo` nor `pip install`, which have ROS 2 as
+wheels and no compiler, could; nor could anybody echo a topic or read a recording without our
+package. So what no standard message has a place for is carried by one that describes its own
+content:
+
+- A reading of several channels is a PointCloud2 of one point, whose fields have names
+  (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name.
+- ``nav/covariance`` and ``pmht_mm/information`` are Float64MultiArrays, which have neither stamp
+  nor names (`isogal_ros.messages.stamped_numbers`). That is the weaker choice; it stays until what
+  a fix says is one message. That message is to be a PointCloud2 of one point as well, with the
+  fields latitude, longitude, covariance, lost, vector and matrix: a fix and its information then
+  arrive together or not at all, and the filter listens to it alone. ``pmht_mm/fix`` remains for
+  all others."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -56,9 +71,10 @@ FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
-"""Beside each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector
-(4) and matrix (4 x 4) of the likelihood of the (north, east, v_north, v_east) error, or nothing
-more where the fix says all. Relative to ``nav/*`` of that stamp before the fix."""
+"""Before each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector
+(7) and matrix (7 x 7) of the likelihood of the error north, east, v_north, v_east, attitude about
+north, east, down, or of its first four, or nothing more where the fix says all. Relative to
+``nav/*`` of that stamp before the fix."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))
@@ -69,21 +85,12 @@ NAV_PATH = Topic("nav/path", Path)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
-    CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN,
-    FULL_GRADIENT, GRADIENT, FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
+    CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
+    MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
+    FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
 )  # fmt: skip
-
-
-def readings(field: str) -> Topic:
-    """Return the topic of a field's reduced readings (`isogal.fields.measured`)."""
-    names = {
-        "gravity": GRAVITY,
-        "disturbance": DISTURBANCE,
-        "magnetic": ANOMALY,
-        "terrain": TERRAIN,
-        "gradient": GRADIENT,
-    }
-    return names[field]
+"""Isogal's own; the field of another package brings its topics along
+(`isogal_ros.messages.adapter`)."""
 
 
 def type_name(message_type: Any) -> str:

@@ -12,13 +12,14 @@ from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix, declined
 from isogal.matching.registry import build_matcher
 from isogal_ros import topics
-from isogal_ros.messages.readings import adapter_of
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
-from isogal_ros.nodes import parameters as params
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import OK, BadMessageError, status
-from isogal_ros.nodes.nav_buffer import NavSample
+from isogal_ros.nodes.health import OK, status
+from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import run_node
+from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.warm_up import warm_up
@@ -29,7 +30,8 @@ class PmhtMmNode(GraphNode):
     fix, or says why there is none."""
 
     sections: ClassVar[Sequence[str]] = (
-        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer", "map", "matcher",
+        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
+        "map", "matcher",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
@@ -64,7 +66,7 @@ class PmhtMmNode(GraphNode):
         for name, value in values.items():
             section, _, key = name.partition(".")
             document[section][key] = value
-        scenario = params.scenario_from(document, self.get_name())
+        scenario = scenario_from(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
             self._matcher, self._memory = build_matcher(scenario.matcher, self._channels), None
             self.scenario = scenario
@@ -72,21 +74,20 @@ class PmhtMmNode(GraphNode):
     def _take(self, message: Any) -> None:
         self.taken += 1
         ns = to_ns(message.header.stamp)
-        self.scans.require_later(ns)
+        self.scans.begin(ns)
         try:
             reading, _ = self._adapter.read_reduced(message)
         except BadMessageError as error:
             self.health.drop(self._adapter.reduced.name, str(error))
-            reading = math.nan  # the scan took place; that it gave nothing is known to the batch
+            reading = math.nan  # the batch is to know of the scan
         self.scans.add(ns, reading)
 
     def _scan(self, nav: NavSample, reading: Any) -> None:
         for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
-        sigma = self.scenario.gravimeter.sigma
-        self._builder.add_scan(
-            to_seconds(nav.ns), nav.latitude, nav.longitude, nav.velocity[:2], reading, sigma
-        )
+        latitude, longitude, _ = nav.position
+        velocity, sigma = nav.velocity[:2], self.scenario.gravimeter.sigma
+        self._builder.add_scan(to_seconds(nav.ns), latitude, longitude, velocity, reading, sigma)
         if self._builder.ready:
             self._match(nav)
 
@@ -96,17 +97,15 @@ class PmhtMmNode(GraphNode):
         try:
             fix, self._memory = self._matcher.match(batch, self._map, self._memory)
         except Exception as error:
-            self.get_logger().error(f"the matcher failed: {type(error).__name__}: {error}")
-            fix, self._memory = (
-                declined(batch, f"the matcher failed: {type(error).__name__}: {error}"),
-                None,
-            )
+            reason = f"the matcher failed: {type(error).__name__}: {error}"
+            self.get_logger().error(reason)
+            fix, self._memory = declined(batch, reason), None
         seconds = time.perf_counter() - begun
         self._fixes += fix.published
         self._declined += not fix.published
         self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
         self._say(nav.ns, fix, seconds)
-        self.outputs.publish(nav.ns, batch, fix, nav.height)
+        self.outputs.publish(nav.ns, batch, fix, nav.position[2])
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""

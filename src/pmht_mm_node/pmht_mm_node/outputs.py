@@ -6,13 +6,10 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.matching.interfaces import Batch, Fix, Information
 from isogal_ros import topics
-from isogal_ros.messages.convert import (
-    BASE,
-    NOT_MEASURED,
-    candidates_cloud,
-    fill_fix,
-    fill_information,
-)
+from isogal_ros.messages.candidates import candidates_cloud
+from isogal_ros.messages.frames import BASE
+from isogal_ros.messages.position import NOT_MEASURED, fill_fix
+from isogal_ros.messages.stamped_numbers import fill_information
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 

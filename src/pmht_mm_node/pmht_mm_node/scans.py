@@ -6,14 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from isogal.scenario import Scenario
-from isogal_ros import topics
-from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal.sensors.scans import missing_scans
+from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import BadMessageError
-from isogal_ros.nodes.nav_buffer import Jump, NavBuffer, NavSample
-
-MOST_MISSING = 1000
-"""Longest run of missing scans that is filled in, scans."""
+from isogal_ros.nodes.nav_buffer import Jump
+from isogal_ros.nodes.nav_queue import NavQueue
+from isogal_ros.nodes.nav_sample import NavSample
 
 
 class Scans:
@@ -33,63 +32,45 @@ class Scans:
     def __init__(
         self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, Any], None]
     ) -> None:
-        self.waiting: list[tuple[int, Any]] = []
-        """Readings (stamp, value) for which the navigator's state is still to come."""
-        self._health = node.health
+        self._health, self._taken = node.health, taken
         self._interval = from_seconds(scenario.gravimeter.interval)
-        self._taken = taken
         self._missing = 0
         self._newest, self._last = -1, -1
-        self._nav = NavBuffer(node, scenario, self._process)
+        self._queue = NavQueue(node, scenario, self._process)
 
-    def require_later(self, ns: int) -> None:
-        """Raise BadMessageError unless a stamp is later than those of all readings so far, and
-        note it."""
-        if ns <= self._newest:
-            raise BadMessageError(
-                f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(self._newest):.3f} s"
-            )
+    @property
+    def waiting(self) -> int:
+        """Number of readings for which the navigator's state is still to come."""
+        return len(self._queue.waiting)
+
+    def begin(self, ns: int) -> None:
+        """Note that a reading of a stamp came, whatever is in it; raises BadMessageError unless it
+        is later than all before."""
+        require_later(ns, self._newest)
         self._newest = ns
 
     def add(self, ns: int, reading: Any) -> None:
         """Take a reading; NaN = the scan took place and gave nothing."""
-        self.waiting.append((ns, reading))
-        self._process()
+        self._queue.put(ns, reading)
 
     def take_jumps(self, before: int) -> list[Jump]:
         """Take out the navigator's jumps with stamps earlier than `before` (ns), oldest first."""
-        return self._nav.take_jumps(before)
+        return self._queue.nav.take_jumps(before)
 
-    def _process(self) -> None:
-        """Deal with the waiting readings as far as the navigator's states reach."""
-        while self.waiting:
-            ns, reading = self.waiting[0]
-            try:
-                nav = self._nav.at(ns)
-                if nav is None:
-                    return
-            except BadMessageError as error:
-                self._health.drop(topics.NAV_ODOM.name, str(error))
-                nav = None
-            del self.waiting[0]
-            if nav is not None:
+    def _process(self, ns: int, reading: Any, nav: NavSample | None) -> None:
+        if nav is not None:
+            if self._last >= 0:
                 self._fill_missing(ns)
-                self._scan(nav, reading)
-            self._health.tick(ns)
+            self._scan(nav, reading)
 
     def _fill_missing(self, ns: int) -> None:
         """Add scans without reading where messages are missing, so that batches keep their length
         in time."""
-        if self._last < 0:
-            return
-        expected = [self._last + i * self._interval for i in range(1, MOST_MISSING)]
-        for stamp in expected:
-            if stamp > ns - self._interval // 2:
-                break
+        for stamp in missing_scans(self._last, ns, self._interval):
             self._missing += 1
             self._health.figures["scans missing"] = self._missing
             try:
-                nav = self._nav.at(stamp)
+                nav = self._queue.nav.at(stamp)
             except BadMessageError:
                 continue
             if nav is not None:

@@ -11,7 +11,10 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import rotate
 from isogal_ros import topics
-from isogal_ros.messages.convert import BASE, MAP, fill_fix, fill_numbers, fill_odom, map_frame
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
 

@@ -8,9 +8,10 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.fix import apply_fix
 from isogal.matching.interfaces import Fix
-from isogal_ros.messages.convert import read_covariance, read_position
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
-from isogal_ros.nodes.health import BadMessageError, Health
+from isogal_ros.nodes.health import Health
 from ukf_fusion_node.fixes import Extra
 
 

@@ -12,10 +12,12 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import FilterDivergenceError
 from isogal.fusion.state import FilterState
 from isogal_ros import topics
-from isogal_ros.messages.convert import read_imu, read_information
-from isogal_ros.messages.stamps import from_seconds, peek_numbers_ns, to_ns, to_seconds
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.imu import read_imu
+from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_information
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
-from isogal_ros.nodes.health import ERROR, OK, WARN, BadMessageError
+from isogal_ros.nodes.health import ERROR, OK, WARN
 from isogal_ros.nodes.spin import run_node
 from ukf_fusion_node.answer import Answer
 from ukf_fusion_node.corrections import Corrections

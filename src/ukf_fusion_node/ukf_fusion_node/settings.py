@@ -4,7 +4,7 @@ import math
 
 from pydantic import Field
 
-from isogal_ros.messages.convert import BASE
+from isogal_ros.messages.frames import BASE
 from isogal_ros.nodes.base import NodeSettings
 
 Triple = tuple[float, float, float]

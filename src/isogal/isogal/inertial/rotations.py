@@ -115,3 +115,24 @@ def from_heading(heading: ArrayLike) -> Array:
     half = 0.5 * np.asarray(heading, float)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+@kernel
+def from_matrix(rotation):  # type: ignore[no-untyped-def]
+    """Return the quaternion (4,) of a rotation matrix (3, 3), from its largest component (Shepperd
+    1978)."""
+    a, b, c = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    d, e, f = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    g, h, i = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    squares = np.array([a + e + i, a - e - i, e - a - i, i - a - e])
+    largest = int(np.argmax(squares))
+    s = math.sqrt(1.0 + squares[largest]) * 2.0
+    if largest == 0:
+        q = (s / 4.0, (h - f) / s, (c - g) / s, (d - b) / s)
+    elif largest == 1:
+        q = ((h - f) / s, s / 4.0, (b + d) / s, (c + g) / s)
+    elif largest == 2:
+        q = ((c - g) / s, (b + d) / s, s / 4.0, (f + h) / s)
+    else:
+        q = ((d - b) / s, (c + g) / s, (f + h) / s, s / 4.0)
+    return np.array(q)

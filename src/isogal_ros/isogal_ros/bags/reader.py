@@ -2,9 +2,10 @@
 
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import yaml
 
@@ -43,9 +44,7 @@ class BagReader:
     def __post_init__(self) -> None:
         self.path = Path(self.path)
         self.file = _find_file(self.path)
-        # the scenario stands ahead of the messages
-        for item in self._records(metadata_only=True):
-            raise AssertionError(item)
+        self._read_texts()
 
     def scenario(self) -> Scenario | None:
         """Return the scenario of the recorded run; None where the bag has none."""
@@ -55,57 +54,60 @@ class BagReader:
 
     def messages(self) -> Iterator[Recorded]:
         """Yield the messages in the order they were written, up to the end or the cut."""
-        return self._records(metadata_only=False)
-
-    def _records(self, metadata_only: bool) -> Iterator[Recorded]:
-        from mcap.exceptions import McapError
-        from mcap.records import Channel, Chunk, Message, Metadata, Schema
+        from mcap.records import Channel, Chunk, Message, Schema
         from mcap.stream_reader import StreamReader, breakup_chunk
 
         channels: dict[int, str] = {}
         schemas: dict[int, str] = {}
-        with self.file.open("rb") as stream:
-            try:
-                for record in StreamReader(stream, emit_chunks=True).records:
-                    if isinstance(record, Metadata):
-                        if record.name == "isogal":
-                            self.texts.update(record.metadata)
-                            if metadata_only:
-                                return
-                        continue
-                    if metadata_only and isinstance(record, Chunk):
-                        return
-                    for inner in (
-                        breakup_chunk(record, validate_crc=True)
-                        if isinstance(record, Chunk)
-                        else (record,)
-                    ):
-                        if isinstance(inner, Schema):
-                            schemas[inner.id] = inner.name
-                        elif isinstance(inner, Channel):
-                            channels[inner.id] = inner.topic
-                            self.types[inner.topic] = schemas.get(inner.schema_id, "")
-                        elif isinstance(inner, Message):
-                            yield Recorded(channels[inner.channel_id], inner.data, inner.log_time)
-            except (
-                McapError,
-                struct.error,
-                EOFError,
-                KeyError,
-                ValueError,
-                MemoryError,
-                OSError,
-            ) as error:
-                if _is_empty(stream) or (type(error).__name__ == "InvalidMagic" and not channels):
-                    raise InputError(f"{self.file}: not an MCAP file") from None
-                self.cut = (
-                    f"the file ends early, at byte {self.file.stat().st_size}"
-                    f" ({type(error).__name__})"
-                )
-            except Exception as error:
-                if type(error).__name__ != "ZstdError":
-                    raise
-                self.cut = "a chunk is damaged"
+        with self.file.open("rb") as stream, self._up_to_damage(stream):
+            for record in StreamReader(stream, emit_chunks=True).records:
+                is_chunk = isinstance(record, Chunk)
+                for item in breakup_chunk(record, validate_crc=True) if is_chunk else (record,):
+                    if isinstance(item, Schema):
+                        schemas[item.id] = item.name
+                    elif isinstance(item, Channel):
+                        channels[item.id] = item.topic
+                        self.types[item.topic] = schemas.get(item.schema_id, "")
+                    elif isinstance(item, Message):
+                        yield Recorded(channels[item.channel_id], item.data, item.log_time)
+
+    def _read_texts(self) -> None:
+        """Read what stands ahead of the messages."""
+        from mcap.records import Chunk, Message, Metadata
+        from mcap.stream_reader import StreamReader
+
+        with self.file.open("rb") as stream, self._up_to_damage(stream):
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Metadata) and record.name == "isogal":
+                    self.texts.update(record.metadata)
+                if self.texts or isinstance(record, Chunk | Message):
+                    return
+
+    @contextmanager
+    def _up_to_damage(self, stream: BinaryIO) -> Iterator[None]:
+        """End the reading where the file is cut off or damaged, and say so in `cut`; raises
+        InputError where it is no MCAP file."""
+        from mcap.exceptions import InvalidMagic, McapError
+
+        try:
+            yield
+        except (
+            McapError,
+            struct.error,
+            EOFError,
+            KeyError,
+            ValueError,
+            MemoryError,
+            OSError,
+        ) as error:
+            if _is_empty(stream) or (isinstance(error, InvalidMagic) and not self.types):
+                raise InputError(f"{self.file}: not an MCAP file") from None
+            size, kind = self.file.stat().st_size, type(error).__name__
+            self.cut = f"the file ends early, at byte {size} ({kind})"
+        except Exception as error:
+            if type(error).__name__ != "ZstdError":  # of a package that only mcap depends on
+                raise
+            self.cut = "a chunk is damaged"
 
 
 def _is_empty(stream: BinaryIO) -> bool:
@@ -144,10 +146,3 @@ def topic_of(recorded: str, name: str) -> bool:
     """Whether a recorded (absolute) topic is the graph's topic of that name, in whatever
     namespace."""
     return recorded == name or recorded.endswith("/" + name.lstrip("/"))
-
-
-def decode(data: bytes, message_type: Any) -> Any:
-    """Return the message."""
-    from rclpy.serialization import deserialize_message
-
-    return deserialize_message(data, message_type)

@@ -12,7 +12,9 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.writer import BagWriter, qos_text
+from isogal_ros.bags.metadata import qos_entries
+from isogal_ros.bags.writer import BagWriter
+from isogal_ros.messages.adapter import all_topics
 from isogal_ros.messages.stamps import peek_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
@@ -33,9 +35,9 @@ class RecorderSettings(NodeSettings):
 class RecorderNode(GraphNode):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
-    Log time is the simulation's clock (never earlier than the message's own stamp), as ``ros2 bag
-    record --use-sim-time`` has it. Publish time is the wall clock at reception: the events
-    executor cannot tell when a serialised message was sent."""
+    Log time is the simulation's clock, never earlier than the message's own stamp, as with ``ros2
+    bag record --use-sim-time``. Publish time is the wall clock at reception, as the events
+    executor does not tell when a serialised message was sent."""
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
@@ -52,7 +54,7 @@ class RecorderNode(GraphNode):
         )
         self._now = 0
         self._written = 0
-        for topic in topics.ALL:
+        for topic in all_topics(self.scenario):
             self._record(topic)
 
     def _record(self, topic: Topic) -> None:
@@ -79,7 +81,7 @@ class RecorderNode(GraphNode):
         discovery, so it is the graph's own."""
         offers = self.get_publishers_info_by_topic(name)
         profiles = [offer.qos_profile for offer in offers] or [topics.LOSSLESS]
-        entries = qos_text([_with_history(profile) for profile in profiles])
+        entries = qos_entries([_with_history(profile) for profile in profiles])
         type_hash = str(offers[0].topic_type_hash) if offers else ""
         self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
 

@@ -1,1 +1,14 @@
-"""To be written."""
+"""The whole graph: run, watched, replayed, evaluated.
+
+domain         in which ROS domain?
+shared_memory  which files of Fast DDS are left behind?
+plan           which nodes, with which parameters, and how did it end?
+progress       how far is it?
+in_process     how does it run in one process?
+processes      how does it run as one process for each node?
+replay         how is a recording fed to fresh nodes?
+comparison     how do a replay's fixes differ from the recorded ones?
+evaluation     how good was the navigator?
+session        what are the steps of a run and of a replay, from input to report?
+console        what is the user told?
+commands       what do ``isogal run`` and ``isogal replay`` print and return?"""

@@ -1,11 +1,14 @@
-"""A ROS domain that nobody else on this machine uses, and the traces that Fast DDS leaves
-behind."""
+"""A ROS domain that no other graph on this machine uses."""
 
 import os
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
 
@@ -16,7 +19,6 @@ DEFAULTS = {
 }
 """Environment of the graph where the user has not said otherwise: found on this machine only;
 quick acknowledgements."""
-_MEMORY = Path("/dev/shm")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula,
 section 9.6.2.3)."""
@@ -75,46 +77,21 @@ def _in_use(domain: int) -> bool:
     return False
 
 
-def shared_memory() -> set[str]:
-    """List Fast DDS's shared memory files."""
-    if not _MEMORY.is_dir():
-        return set()
-    return {
-        entry.name
-        for entry in _MEMORY.iterdir()
-        if "fastrtps_" in entry.name or "fastdds_" in entry.name
-    }
-
-
-def sweep_shared_memory(before: set[str]) -> None:
-    """Delete the files that came since and that no process has open: a killed process leaves its
-    own behind."""
-    left = shared_memory() - before
-    if not left:
-        return
-    used = _open_files()
-    for name in left:
-        path = _MEMORY / name
-        if str(path) not in used:
-            try:
-                path.unlink()
-            except OSError:
-                continue  # somebody else's
-
-
-def _open_files() -> set[str]:
-    """List the shared memory files that any process has mapped or open, as far as this user may
-    see."""
-    found: set[str] = set()
-    for process in Path("/proc").glob("[0-9]*"):
-        if int(process.name) == os.getpid():
-            continue  # its participant is gone, and what it still has mapped it no longer needs
-        try:
-            lines = (process / "maps").read_text(errors="replace").splitlines()
-            found.update(
-                line[line.index(str(_MEMORY)) :] for line in lines if str(_MEMORY) in line
-            )
-            found.update(str(entry.readlink()) for entry in (process / "fd").iterdir())
-        except OSError:
-            continue
-    return found
+@contextmanager
+def local_context(domain: int) -> Iterator[Context]:
+    """Yield a context in a domain, with `DEFAULTS` where the user has not said otherwise."""
+    for name, value in DEFAULTS.items():
+        os.environ.setdefault(name, value)
+    context = Context()
+    # without log files, which would go to the user's home folder
+    arguments = ["--ros-args", "--disable-external-lib-logs"]
+    rclpy.init(
+        args=arguments,
+        context=context,
+        domain_id=domain,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        yield context
+    finally:
+        context.try_shutdown()

@@ -4,9 +4,10 @@ import time
 
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import claim_domain
-from isogal_ros.graph.plan import GraphError, Outcome, Plan, Report, node_class, progress_of
-from isogal_ros.nodes.spin import Interrupt, drain, local_context, make_executor
+from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.plan import GraphError, Outcome, Plan, node_class
+from isogal_ros.graph.progress import Report, ReportTimer, progress_of
+from isogal_ros.nodes.spin import Interrupt, drain, make_executor
 
 
 def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
@@ -27,13 +28,11 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
                 nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
                 executor.add_node(nodes[name])
             simulator = nodes[topics.INS_SIM]
-            told = begun = time.monotonic()
+            begun, timer = time.monotonic(), ReportTimer()
             while not (interrupt or simulator.finished):
                 executor.spin_once(timeout_sec=0.2)
-                if (now := time.monotonic()) - told > 0.2:
-                    told = now
-                    if (progress := progress_of(simulator.health.figures)) is not None:
-                        report(progress)
+                if timer.due() and (progress := progress_of(simulator.health.figures)) is not None:
+                    report(progress)
             wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
             simulator.finished = True  # no further step while the recorder takes what is under way
             if RECORDER in nodes:

@@ -1,8 +1,7 @@
-"""What the two ways to run the graph share: which nodes, with which parameters, and what they tell
-while they run."""
+"""What the ways to run the graph share: which nodes, with which parameters, and how a run
+ends."""
 
 import importlib
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.nodes.base import graph_values
+from isogal_ros.parameters.values import node_values
 
 CLASSES = {
     topics.INS_SIM: ("ins_sim_node.node", "InsSimNode"),
@@ -20,23 +19,6 @@ CLASSES = {
     RECORDER: ("isogal_ros.bags.recorder", "RecorderNode"),
 }
 """Module and class of each node."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is."""
-
-    simulated: float
-    """s."""
-    duration: float
-    """s."""
-    speed: float
-    """Simulated seconds per second of wall time."""
-    position_error: float
-    """m; NaN = not known."""
-
-
-Report = Callable[[Progress], None]
 
 
 @dataclass(frozen=True)
@@ -70,7 +52,7 @@ class Plan:
 
     def values(self, name: str) -> dict[str, Any]:
         """Return all parameters of a node."""
-        return graph_values(self.scenario, self.own(name), node_class(name).sections)
+        return node_values(self.scenario, self.own(name), node_class(name).sections)
 
 
 @dataclass(frozen=True)
@@ -90,11 +72,3 @@ def node_class(name: str) -> Any:
     """Return the class of a node."""
     module, attribute = CLASSES[name]
     return getattr(importlib.import_module(module), attribute)
-
-
-def progress_of(figures: Mapping[str, Any]) -> Progress | None:
-    """Return the progress that ins_sim_node's figures tell; None before the first step."""
-    if "simulated" not in figures:
-        return None
-    names = ("simulated", "duration", "speed", "position error")
-    return Progress(*(float(figures[name]) for name in names))

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -17,33 +16,41 @@ from rclpy.qos import QoSProfile
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import (
-    DEFAULTS,
-    DOMAIN,
-    claim_domain,
-    shared_memory,
-    sweep_shared_memory,
-)
-from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan, Report, progress_of
-from isogal_ros.nodes import parameters as params
+from isogal_ros.graph.domain import DEFAULTS, DOMAIN, claim_domain, local_context
+from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan
+from isogal_ros.graph.progress import Report, ReportTimer, progress_of
+from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
 from isogal_ros.nodes.base import PARENT
 from isogal_ros.nodes.health import figures_of
-from isogal_ros.nodes.spin import Interrupt, local_context, make_executor
+from isogal_ros.nodes.spin import Interrupt, make_executor
+from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
 LOG_LINES = 5
+"""Last lines of a node's output that its end is described with."""
 
 
 class Processes:
-    """The processes of one graph. Their output goes to files, one each."""
+    """The processes of one graph, each with its output in a file.
+
+    Parameters
+    ----------
+    plan : Plan
+        Nodes and their parameters.
+    folder : Path
+        For the parameter file and the nodes' output.
+    domain : int
+        ROS domain.
+    """
 
     def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
         self.folder = folder
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         folder.mkdir(parents=True, exist_ok=True)
         self.parameters = folder / "params.yaml"
-        self.parameters.write_text(parameter_text(plan), encoding="utf-8")
+        own = {name: plan.own(name) for name in plan.names}
+        self.parameters.write_text(parameter_file(plan.scenario, own), encoding="utf-8")
         environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
         for name, value in DEFAULTS.items():
             environment.setdefault(name, value)
@@ -52,19 +59,10 @@ class Processes:
             self.running[name] = self._start(name, environment)
 
     def _start(self, name: str, environment: dict[str, str]) -> "subprocess.Popen[bytes]":
-        parameters = ["--params-file", str(self.parameters)]
-        # what a node logs goes to its output, and that to a file
-        logging = ["--disable-external-lib-logs"]
-        command = [
-            sys.executable,
-            "-m",
-            CLASSES[name][0],
-            "--ros-args",
-            "-r",
-            f"__node:={name}",
-            *logging,
-            *parameters,
-        ]
+        command = [sys.executable, "-m", CLASSES[name][0], "--ros-args"]
+        command += ["--remap", f"__node:={name}", "--params-file", str(self.parameters)]
+        # without log files of its own: what a node logs is in its output
+        command += ["--disable-external-lib-logs"]
         with self.log(name).open("wb") as log:
             # a session of its own: Ctrl-C in the terminal reaches this process only, which ends
             # the others in order
@@ -86,6 +84,15 @@ class Processes:
         codes = {name: process.poll() for name, process in self.running.items()}
         return {name: code for name, code in codes.items() if code is not None}
 
+    def arrived(self) -> bool:
+        """Whether the simulator has ended; raises GraphError where a node ended before it, or with
+        an error."""
+        ended = self.ended()
+        for name, code in ended.items():
+            if name != topics.INS_SIM or code != 0:
+                raise GraphError(self.describe(name, code))
+        return topics.INS_SIM in ended
+
     def describe(self, name: str, code: int) -> str:
         """Say in one line how a node ended, with its last words."""
         how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
@@ -106,24 +113,13 @@ class Processes:
             for process in alive:
                 process.send_signal(number)
             deadline = time.monotonic() + PATIENCE
-            # who asks again does not want to wait
+            # another interrupt ends the wait
             while alive and time.monotonic() < deadline and interrupt.count == asked:
                 time.sleep(0.01)
                 alive = [process for process in alive if process.poll() is None]
             asked = interrupt.count
         for name in names:
             self.running[name].wait()
-
-
-def parameter_text(plan: Plan) -> str:
-    """Return a parameter file for the whole graph: the scenario for all, each node's own
-    parameters by its name."""
-    document: dict[str, Any] = yaml.safe_load(
-        params.parameter_file(params.scenario_values(plan.scenario))
-    )
-    for name in plan.names:
-        document[f"/**/{name}"] = {"ros__parameters": plan.own(name)}
-    return yaml.safe_dump(document, sort_keys=False)
 
 
 class _Watcher(Node):
@@ -190,24 +186,18 @@ def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Repo
         watcher, executor = _Watcher(context), make_executor(context)
         executor.add_node(watcher)
         first: float | None = None
-        told = now = time.monotonic()
+        now, timer = time.monotonic(), ReportTimer()
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
                 now = time.monotonic()
                 progress = progress_of(watcher.figures)
                 if progress is not None:
-                    # the simulator's own count of time, so that the start of the processes is not
-                    # in it
+                    # by the simulator's own count of time, which leaves out the processes' start
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
-                    if now - told > 0.2:
-                        told = now
+                    if timer.due():
                         report(progress)
-                ended = processes.ended()
-                for name, code in ended.items():
-                    if name != topics.INS_SIM or code != 0:
-                        raise GraphError(processes.describe(name, code))
-                if topics.INS_SIM in ended:
+                if processes.arrived():
                     break
             return now - first if first is not None else 0.0
         finally:

@@ -1,1 +1,15 @@
-"""To be written."""
+"""Messages to arrays and back.
+
+stamps           which time does a stamp say, in whole nanoseconds?
+frames           which frames and axes have messages, and which the library?
+checks           what makes a message unusable?
+imu              how is an inertial sample written and read?
+position         how is a position with its covariance?
+odometry         how is a navigation state?
+stamped_numbers  how are the covariance of the navigator's errors and a fix's information?
+candidates       how are a matcher's candidates?
+adapter          what do the messages of any field do, and which adapter has a field?
+gravimeter       what are the messages of a gravimeter?
+magnetometer     what are those of a magnetometer?
+altimeter        what are those of a clearance meter?
+gradiometer      what are those of a gradiometer?"""

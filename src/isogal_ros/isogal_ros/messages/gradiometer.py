@@ -1,10 +1,9 @@
 """Components of the gravity gradient tensor as messages.
 
-No standard message is of a tensor. A PointCloud2 is stamped and says itself what it holds: a
-reading is one point of as many dimensions as there are components, each a field by its name (T_nn,
-T_ne, T_nd, T_ee, T_ed, T_dd; 1/s²), and `covariance`, a field of C x C numbers, row by row in the
-order of those fields. Nothing has to stand in a place that means something else, and components
-may be left out."""
+No standard message holds a tensor. A PointCloud2 has a stamp and describes its own content: a
+reading is one point with a field for each component (T_nn, T_ne, T_nd, T_ee, T_ed, T_dd; 1/s²) and
+the field `covariance` of C x C numbers, row by row in the order of those fields. Numbers are found
+by name, so that components may be left out and none is put where another quantity is meant."""
 
 import math
 from collections.abc import Sequence
@@ -15,11 +14,11 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
-from isogal.scenario import TENSOR_COMPONENTS, Scenario
+from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.convert import require_frame
+from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.stamps import set_stamp
-from isogal_ros.nodes.health import BadMessageError
 
 GRADIOMETER = "gradiometer_link"
 """Frame of a level platform that points north: x north, y east, z down, as the components are
@@ -29,8 +28,13 @@ _LARGEST = 2.0 * QUANTITIES["gradient"].highest
 """1/s²: the normal gradient's 3.1e-6 and what the Earth's crust adds."""
 
 
+def gradient(scenario: Scenario) -> "GradiometerAdapter":
+    """Return the adapter of the field gradient."""
+    return GradiometerAdapter(scenario.gradiometer.components)
+
+
 class GradiometerAdapter:
-    """Both messages of a gradiometer with some components, see the module.
+    """Gradient of gravity and of the disturbing potential, some components of each.
 
     Parameters
     ----------
@@ -41,19 +45,14 @@ class GradiometerAdapter:
 
     raw, reduced = topics.FULL_GRADIENT, topics.GRADIENT
 
-    def __init__(self, components: Sequence[str] = TENSOR_COMPONENTS[:5]) -> None:
-        self.components = tuple(components)
+    def __init__(self, components: Sequence[str]) -> None:
         self._names = [PREFIX + name for name in components]
         count = len(self._names)
         self._kind = np.dtype(
             [*((name, "<f8") for name in self._names), (COVARIANCE, "<f8", (count, count))]
         )
 
-    def new_raw(self, scenario: Scenario) -> Any:
-        """Return a message of one point."""
-        return self.new_reduced()
-
-    def new_reduced(self) -> Any:
+    def new_raw(self) -> Any:
         """Return a message of one point."""
         size = self._kind.itemsize
         message = PointCloud2(
@@ -84,8 +83,12 @@ class GradiometerAdapter:
         message.is_dense = bool(np.isfinite(value).all())
         message.data = point.tobytes()
 
+    def new_reduced(self) -> Any:
+        """Return a message of one point."""
+        return self.new_raw()
+
     def fill_reduced(
-        self, message: Any, ns: int, value: Array, variance: Array, place: Any
+        self, message: Any, ns: int, value: Array, variance: Array, place: Place
     ) -> None:
         """Write a gradient of the disturbing potential (C,), 1/s², and its covariance (C, C)."""
         self.fill_raw(message, ns, value, variance)
@@ -93,15 +96,32 @@ class GradiometerAdapter:
     def read_raw(self, message: Any) -> tuple[Array, Array | None]:
         """Return the gradient felt (C,), NaN = no reading of that component, and its covariance;
         None = unknown (zero)."""
-        value, covariance = self._read(message)
+        value, covariance = self.read_reduced(message)
         return value, covariance if covariance.any() else None
 
     def read_reduced(self, message: Any) -> tuple[Array, Array]:
         """Return the gradient (C,), NaN = no reading of that component, and its covariance."""
-        return self._read(message)
-
-    def _read(self, message: Any) -> tuple[Array, Array]:
         require_frame(message, GRADIOMETER)
+        there, order = self._layout(message)
+        data, number = bytes(message.data), np.dtype(">f8" if message.is_bigendian else "<f8")
+
+        def numbers(name: str) -> Array:
+            field = there[name]
+            return np.frombuffer(data, number, field.count, field.offset).astype(np.float64)
+
+        rows = [order.index(name) for name in self._names]
+        value = np.concatenate([numbers(name) for name in self._names])
+        covariance = numbers(COVARIANCE).reshape(len(order), len(order))[np.ix_(rows, rows)]
+        if np.isinf(value).any() or np.nanmax(np.abs(value), initial=0.0) > _LARGEST:
+            raise BadMessageError(
+                f"a component above {_LARGEST:g} 1/s² is not the Earth's; the unit is 1/s²"
+            )
+        require_covariance(covariance)
+        return value, covariance
+
+    def _layout(self, message: Any) -> tuple[dict[str, Any], list[str]]:
+        """Return (fields by name, names of the components in the order of the covariance's rows);
+        raises BadMessageError where the message does not hold what is needed."""
         there = {field.name: field for field in message.fields}
         order = [field.name for field in message.fields if field.name.startswith(PREFIX)]
         missing = [name for name in (*self._names, COVARIANCE) if name not in there]
@@ -118,20 +138,4 @@ class GradiometerAdapter:
                 raise BadMessageError(f"field {name} lies beyond the end of the data")
         if message.width * message.height != 1:
             raise BadMessageError(f"must hold one point, holds {message.width * message.height}")
-        data, number = bytes(message.data), np.dtype(">f8" if message.is_bigendian else "<f8")
-
-        def numbers(name: str) -> Array:
-            return np.frombuffer(data, number, counts[name], there[name].offset).astype(np.float64)
-
-        rows = [order.index(name) for name in self._names]
-        value = np.concatenate([numbers(name) for name in self._names])
-        covariance = numbers(COVARIANCE).reshape(len(order), len(order))[np.ix_(rows, rows)]
-        if np.isinf(value).any() or np.nanmax(np.abs(value), initial=0.0) > _LARGEST:
-            raise BadMessageError(
-                f"a component above {_LARGEST:g} 1/s² is not the Earth's; the unit is 1/s²"
-            )
-        if not np.isfinite(covariance).all():
-            raise BadMessageError("covariance is not finite")
-        if (np.diag(covariance) < 0.0).any():
-            raise BadMessageError("negative variance")
-        return value, covariance
+        return there, order

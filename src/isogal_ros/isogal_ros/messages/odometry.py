@@ -1,17 +1,89 @@
-"""The arithmetic of a navigation message as one compiled call: it runs at every step, twice."""
+"""Navigation states as Odometry messages of the frame ``map`` and the child ``base_link``."""
 
 import math
+from typing import Any
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, A
+from isogal.earth.frames import LocalFrame
+from isogal.inertial.rotations import from_matrix, matrix
+from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU
+from isogal_ros.messages.stamps import set_stamp
+
+_NO_COVARIANCE = np.zeros((0, 0))
+
+
+def fill_odom(
+    message: Any,
+    ns: int,
+    frame: LocalFrame,
+    state: Array,
+    angular_rate: Array,
+    covariance: Array = _NO_COVARIANCE,
+) -> None:
+    """Write a navigation state into an Odometry message.
+
+    Parameters
+    ----------
+    frame : LocalFrame
+        The frame ``map``.
+    state : (10,) array
+        Latitude rad, longitude rad, height m; velocity NED, m/s; quaternion FRD to NED.
+    angular_rate : (3,) array
+        FRD, rad/s, relative to the Earth.
+    covariance : (9+, 9+) array
+        Position, velocity, attitude errors, NED; (0, 0) = the message's stays as it is. The
+        twist's covariance is that of the NED velocity turned into body axes, so that turning it
+        back with the message's orientation gives it unchanged.
+    """
+    set_stamp(message.header.stamp, ns)
+    pose, twist = np.empty((6, 6)), np.zeros((6, 6))
+    values = _odometry(state, covariance, frame.axes, frame.origin, pose, twist).tolist()
+    point, orientation = message.pose.pose.position, message.pose.pose.orientation
+    point.x, point.y, point.z = values[:3]
+    orientation.w, orientation.x, orientation.y, orientation.z = values[3:7]
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    linear.x, linear.y, linear.z = values[7:]
+    angular.x, angular.y, angular.z = (angular_rate * FRD_FLU).tolist()
+    if covariance.shape[0]:
+        message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
+
+
+def read_velocity(
+    message: Any, frame: LocalFrame, latitude: float, longitude: float
+) -> tuple[Array, Array, Array]:
+    """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry,
+    NED at a point (rad).
+
+    Raises
+    ------
+    BadMessageError
+        The message is of other frames or not finite, its orientation is not a unit quaternion, or
+        a variance is negative.
+    """
+    require_frame(message, MAP)
+    if message.child_frame_id != BASE:
+        raise BadMessageError(f"child_frame_id must be '{BASE}', is '{message.child_frame_id}'")
+    q, linear = message.pose.pose.orientation, message.twist.twist.linear
+    values = np.array([q.w, q.x, q.y, q.z, linear.x, linear.y, linear.z])
+    covariance = np.asarray(message.twist.covariance).reshape(6, 6)[:3, :3]
+    if not np.isfinite(values).all():
+        raise BadMessageError("orientation or velocity is not finite")
+    if abs(values[:4] @ values[:4] - 1.0) > 1e-3:
+        raise BadMessageError("orientation is not a unit quaternion")
+    require_covariance(covariance)
+    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T @ matrix(values[:4])
+    return to_ned @ values[4:], to_ned @ covariance @ to_ned.T, to_ned * FRD_FLU
 
 
 @kernel
-def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-untyped-def]
+def _odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-untyped-def]
     """Return position (3) and orientation quaternion (4; w first) in the frame ``map``, and
-    velocity (3) FLU, as one array of 10.
+    velocity (3) FLU, as one array of 10. Compiled, as the graph needs it twice at every step.
 
     Parameters
     ----------
@@ -44,7 +116,7 @@ def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-u
     )
     result = np.empty(10)
     result[:3] = axes @ (ecef - origin)
-    result[3:7] = quaternion(to_map @ body)
+    result[3:7] = from_matrix(to_map @ body)
     to_body = np.ascontiguousarray(body.T)
     result[7:] = to_body @ state[3:6]
     if covariance.shape[0] > 0:
@@ -55,24 +127,3 @@ def odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-u
         pose[3:, 3:] = to_map @ np.ascontiguousarray(covariance[6:9, 6:9]) @ turn
         twist[:3, :3] = to_body @ np.ascontiguousarray(covariance[3:6, 3:6]) @ body
     return result
-
-
-@kernel
-def quaternion(rotation):  # type: ignore[no-untyped-def]
-    """Return (w, x, y, z) of a rotation matrix (3, 3), from its largest component (Shepperd
-    1978)."""
-    a, b, c = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    d, e, f = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    g, h, i = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    squares = np.array([a + e + i, a - e - i, e - a - i, i - a - e])
-    largest = int(np.argmax(squares))
-    s = math.sqrt(1.0 + squares[largest]) * 2.0
-    if largest == 0:
-        q = (s / 4.0, (h - f) / s, (c - g) / s, (d - b) / s)
-    elif largest == 1:
-        q = ((h - f) / s, s / 4.0, (b + d) / s, (c + g) / s)
-    elif largest == 2:
-        q = ((c - g) / s, (b + d) / s, s / 4.0, (f + h) / s)
-    else:
-        q = ((d - b) / s, (c + g) / s, (f + h) / s, s / 4.0)
-    return np.array(q)

@@ -42,23 +42,3 @@ def peek_ns(serialised: bytes) -> int:
     in order: a message that starts with a ``std_msgs/Header`` has its stamp there."""
     seconds, rest = (_LITTLE if serialised[1] & 1 else _BIG).unpack_from(serialised, 4)
     return int(seconds) * _SECOND + int(rest)
-
-
-_NUMBERS = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
-
-
-def peek_numbers_ns(serialised: bytes) -> int:
-    """Return the stamp at the head of a serialised Float64MultiArray that
-    `isogal_ros.messages.convert.fill_numbers` wrote.
-
-    Raises
-    ------
-    ValueError
-        It has a layout, or too few numbers, or its stamp is not finite.
-    """
-    if len(serialised) < 36:
-        raise ValueError("too few numbers")
-    layout, seconds, rest = _NUMBERS[bool(serialised[1] & 1)].unpack_from(serialised, 4)
-    if layout or not (abs(seconds) < 1e10 and 0 <= rest < _SECOND):
-        raise ValueError("begins with a layout, or with no stamp")
-    return int(seconds) * _SECOND + int(rest)

@@ -3,7 +3,7 @@ readiness."""
 
 import os
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -15,9 +15,13 @@ from rclpy.parameter import Parameter
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes import parameters as params
-from isogal_ros.nodes.health import ERROR, OK, BadMessageError, Health
+from isogal_ros.nodes.health import ERROR, OK, Health
+from isogal_ros.parameters.declaration import declare, on_change
+from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.values import scenario_from, settings_from
 from isogal_ros.topics import LOSSLESS, Topic
 
 PARENT = "ISOGAL_PARENT_PID"
@@ -88,26 +92,14 @@ class GraphNode(Node):
         self._expected: dict[Any, tuple[str, int]] = {}
         self._ready = False
         try:
-            own = params.parameter_specs(self.settings_model, mutable=self.mutable)
-            of_scenario = params.parameter_specs(
-                Scenario, sections=self.sections, mutable=self.mutable
-            )
-            specs = own + of_scenario
-            known = {spec.name for spec in params.parameter_specs(Scenario)}
-            declared = params.declare(self, specs, known)
-            self.settings = params.settings_from(
-                self.settings_model, {spec.name: declared[spec.name] for spec in own}, name
-            )
-            self.scenario = params.scenario_from(
-                {spec.name: declared[spec.name] for spec in of_scenario}, name
-            )
+            specs = self._declare(name)
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
                 self.advertise(topics.DIAGNOSTICS),
                 from_seconds(self.settings.diagnostics_period),
             )
             self.setup()
-            params.on_change(self, specs, self.changed)
+            on_change(self, specs, self.changed)
         except BaseException:
             self.destroy_node()
             raise
@@ -116,6 +108,19 @@ class GraphNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
         self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
+
+    def _declare(self, name: str) -> list[ParameterSpec]:
+        """Declare the parameters, set `settings` and `scenario`, and return the parameters."""
+        own = parameter_specs(self.settings_model, mutable=self.mutable)
+        of_scenario = parameter_specs(Scenario, sections=self.sections, mutable=self.mutable)
+        values = declare(
+            self, own + of_scenario, {spec.name for spec in parameter_specs(Scenario)}
+        )
+        self.settings = settings_from(
+            self.settings_model, {spec.name: values[spec.name] for spec in own}, name
+        )
+        self.scenario = scenario_from({spec.name: values[spec.name] for spec in of_scenario}, name)
+        return own + of_scenario
 
     def setup(self) -> None:
         """Make publishers and subscriptions; the scenario, settings and health are there."""
@@ -204,16 +209,3 @@ class GraphNode(Node):
         if self._parent is not None and os.getppid() != int(self._parent):
             self.get_logger().error("the process that started this node is gone")
             self.finished = True
-
-
-def graph_values(
-    scenario: Scenario, own: Mapping[str, Any], sections: Sequence[str] | Collection[str]
-) -> dict[str, Any]:
-    """Return the parameter values of one node of a graph: its sections of the scenario and its own
-    settings."""
-    values = {
-        name: value
-        for name, value in params.scenario_values(scenario).items()
-        if name.split(".")[0] in sections
-    }
-    return values | dict(own)

@@ -9,10 +9,6 @@ from isogal_ros.messages.stamps import set_stamp
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-class BadMessageError(Exception):
-    """A message that cannot be used; the text says why."""
-
-
 class Health:
     """State, figures and counts of dropped messages of one node, published once a period and on
     change.

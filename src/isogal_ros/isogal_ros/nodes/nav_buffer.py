@@ -7,50 +7,19 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.convert import (
-    map_frame,
-    read_covariance,
-    read_nav_covariance,
-    read_position,
-    read_velocity,
-)
-from isogal_ros.messages.odometry import quaternion
-from isogal_ros.messages.stamps import from_seconds, peek_ns, peek_numbers_ns, to_seconds
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import BadMessageError
+from isogal_ros.nodes.nav_sample import NavSample, difference, moved, read_nav
 
 KEPT = 1024
 """Stamps kept: at 1 Hz a reading may come 17 minutes late."""
 ROUNDING = 1e-7
 """m; what degrees and back may leave where nothing moved."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NavSample:
-    """What the navigator said at one stamp."""
-
-    ns: int
-    latitude: float
-    longitude: float
-    """rad."""
-    height: float
-    velocity: Array
-    """(3,) NED, m/s."""
-    attitude: Array
-    """(3, 3) FRD to NED."""
-    covariance: Array
-    """(7, 7) of a batch's states (`isogal.inertial.error_state`); (4, 4) where the attitude's is
-    not known."""
-    height_variance: float
-
-    def estimate(self, attitude: tuple[float, ...]) -> Estimate:
-        """Return position and velocity with an attitude in place of its own."""
-        position = np.array([self.latitude, self.longitude, self.height])
-        return Estimate(position, self.velocity, np.array(attitude))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +46,7 @@ class NavBuffer:
     """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node.
 
     A further pair of the same stamp is the navigator after a fix. Messages are kept serialised,
-    since only one in ten is ever looked at.
+    since only one in ten is needed.
 
     Parameters
     ----------
@@ -118,7 +87,7 @@ class NavBuffer:
             late = ns < self._newest_covariance or ns + 5 * self._interval < self._newest
             if stamp.covariance is None and not late and self._extra.get_publisher_count():
                 return None
-            return self._decode(ns, stamp)
+            return self._decode(stamp)
         if ns >= self._newest:
             return None
         before = max(
@@ -126,7 +95,7 @@ class NavBuffer:
         )
         if before is None or ns - before > 2 * self._interval:
             raise BadMessageError(f"the navigator said nothing about {to_seconds(ns):.3f} s")
-        return _moved(self._decode(before, self._stamps[before]), ns)
+        return moved(self._decode(self._stamps[before]), ns)
 
     def take_jumps(self, before: int) -> list[Jump]:
         """Take out the jumps with stamps earlier than `before` (ns), oldest first."""
@@ -171,47 +140,19 @@ class NavBuffer:
             self._arrived()
 
     def _note_jump(self, ns: int, stamp: _Stamp) -> None:
-        after = self._state(stamp, stamp.pairs - 1)
-        before = self._state(stamp, stamp.pairs - 2)
-        # only the rotation between the two attitudes matters
-        turn = quaternion(after.attitude @ before.attitude.T)
-        change = batch_difference(after.estimate(turn), before.estimate((1.0, 0.0, 0.0, 0.0)))
+        after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
+        change = difference(after, before)
         if np.abs(change[:2]).max() > ROUNDING:
             self.jumps.append(Jump(ns, change))
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:
         fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)
         odom = deserialize_message(stamp.odom[index], topics.NAV_ODOM.type)
-        latitude, longitude, height = read_position(fix)
-        velocity, of_velocity, attitude = read_velocity(odom, self._frame, latitude, longitude)
-        of_position = read_covariance(fix)
-        covariance = np.zeros((4, 4))
-        covariance[:2, :2], covariance[2:, 2:] = of_position[:2, :2], of_velocity[:2, :2]
-        return NavSample(
-            peek_ns(stamp.fix[index]),
-            latitude,
-            longitude,
-            height,
-            velocity,
-            attitude,
-            covariance,
-            float(of_position[2, 2]),
-        )
+        return read_nav(fix, odom, self._frame)
 
-    def _decode(self, ns: int, stamp: _Stamp) -> NavSample:
+    def _decode(self, stamp: _Stamp) -> NavSample:
         sample = self._state(stamp, 0)
         if stamp.covariance is None:
             return sample
         message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
         return replace(sample, covariance=read_nav_covariance(message))
-
-
-def _moved(sample: NavSample, ns: int) -> NavSample:
-    step = to_seconds(ns - sample.ns)
-    north, east = metres_per_radian(sample.latitude, sample.height)
-    return replace(
-        sample,
-        ns=ns,
-        latitude=sample.latitude + step * float(sample.velocity[0] / north),
-        longitude=sample.longitude + step * float(sample.velocity[1] / east),
-    )

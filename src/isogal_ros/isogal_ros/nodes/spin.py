@@ -1,7 +1,6 @@
 """Running nodes: one node per process for `ros2 run` and launch files, or several in one
 process."""
 
-import os
 import signal
 import sys
 import time
@@ -15,7 +14,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
-from isogal_ros.graph.domain import DEFAULTS
 
 INTERRUPTED = 130
 """Exit code of a process that was interrupted before it had begun."""
@@ -59,27 +57,6 @@ def interrupts() -> Iterator[Interrupt]:
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def local_context(domain: int) -> Iterator[Context]:
-    """Yield a context in a domain, found on this machine only unless the user wants it
-    otherwise."""
-    for name, value in DEFAULTS.items():
-        os.environ.setdefault(name, value)
-    context = Context()
-    # without log files, which would go to the user's home folder
-    arguments = ["--ros-args", "--disable-external-lib-logs"]
-    rclpy.init(
-        args=arguments,
-        context=context,
-        domain_id=domain,
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    try:
-        yield context
-    finally:
-        context.try_shutdown()
 
 
 def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> None:

@@ -1,0 +1,47 @@
+"""What the graph answers to a step."""
+
+from collections.abc import Callable
+
+from ins_sim_node.lock_step import LockStep
+from ins_sim_node.outputs import Outputs
+from isogal_ros import topics
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.nodes.base import GraphNode
+
+
+class Answers:
+    """Listens to the answers and tells when they are complete.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Listens.
+    outputs : Outputs
+        Compares the navigation with the truth.
+    complete : callable
+        Called without arguments when the last answer to a step has come.
+    """
+
+    def __init__(self, node: GraphNode, outputs: Outputs, complete: Callable[[], None]) -> None:
+        self.lock_step = LockStep(node.scenario)
+        self._outputs, self._complete = outputs, complete
+        node.listen(topics.NAV_ODOM, self._take_nav, raw=True)
+        node.listen(topics.FIX, self._take_fix, raw=True)
+        node.listen(adapter_of(node.scenario).reduced, self._take_reading, raw=True)
+
+    def _take_nav(self, data: bytes) -> None:
+        ns = peek_ns(data)
+        if ns == self.lock_step.ns:
+            self._outputs.compare(data)
+        self._tell(self.lock_step.nav(ns))
+
+    def _take_fix(self, data: bytes) -> None:
+        self._tell(self.lock_step.fix(peek_ns(data)))
+
+    def _take_reading(self, data: bytes) -> None:
+        self._tell(self.lock_step.reading(peek_ns(data)))
+
+    def _tell(self, complete: bool) -> None:
+        if complete:
+            self._complete()

@@ -1,0 +1,64 @@
+"""A simulated vehicle: the true route, what its inertial sensors say, and the unaided INS."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.inertial.rotations import matrix
+from isogal.inertial.strapdown import propagate
+from isogal.scenario import Scenario
+from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedVehicle:
+    """One run of K steps."""
+
+    trajectory: Trajectory
+    states: Array
+    """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD
+    to NED."""
+    imu: ImuData
+    unaided: Array
+    """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
+    turn_rate: Array
+    """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
+    before."""
+
+    def __len__(self) -> int:
+        return len(self.trajectory)
+
+
+def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
+    """Return one run of a scenario; raises InputError where the route cannot be driven."""
+    trajectory = build_trajectory(scenario)
+    imu = simulate_imu(scenario, trajectory, [run])
+    start = draw_initial_state(scenario, trajectory, [run])
+    _, track = propagate(
+        start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+    )
+    states = np.column_stack(
+        [
+            trajectory.latitude,
+            trajectory.longitude,
+            trajectory.height,
+            trajectory.velocity,
+            trajectory.attitude,
+        ]
+    )
+    unaided = np.concatenate([start.position[:, :2], track[0]])
+    return SimulatedVehicle(trajectory, states, imu, unaided, _turn_rate(trajectory))
+
+
+def _turn_rate(trajectory: Trajectory) -> Array:
+    """Return the angular rate relative to the Earth (K + 1, 3) FRD: the inertial one without the
+    Earth's rotation."""
+    to_body = np.swapaxes(matrix(trajectory.attitude[1:]), 1, 2)
+    c, s = np.cos(trajectory.latitude[1:]), np.sin(trajectory.latitude[1:])
+    of_earth = EARTH_RATE * np.stack([c, np.zeros_like(c), -s], axis=-1)
+    rate = trajectory.angular_rate - np.einsum("kij,kj->ki", to_body, of_earth)
+    return np.concatenate([rate[:1], rate])

@@ -1,0 +1,141 @@
+"""From the messages of a run to the record that the evaluation works on."""
+
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import NavSatStatus
+
+from isogal.arrays import Array
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.records import RunDetail, Runs
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Candidates
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector
+from isogal_ros.messages.adapter import Adapter, adapter_of
+from isogal_ros.messages.candidates import read_candidates
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamps import to_seconds
+
+
+def record_of(collector: Collector, field_map: AnyMap) -> Runs | None:
+    """Return the record of the run; None where truth or navigation is missing, or no scan is
+    covered by both."""
+    truth, last_nav = collector.truth, collector.last_nav
+    scans = sorted(ns for ns in collector.readings if ns in truth and ns in last_nav)
+    starts = sorted(ns for ns in last_nav if ns in truth)
+    if not scans:
+        return None
+    stamps = ([starts[0]] if starts[0] < scans[0] else []) + scans
+    places = _positions(truth, stamps)
+    nav, unaided = _positions(last_nav, stamps), _positions(collector.unaided, stamps)
+    ends = _batch_ends(collector)
+    return Runs(
+        time=np.array([to_seconds(ns) for ns in stamps]),
+        latitude=places[:, 0],
+        longitude=places[:, 1],
+        error=horizontal_difference(*nav.T, *places.T)[None],
+        covariance=np.stack([_covariance(last_nav[ns]) for ns in stamps])[None],
+        unaided_error=horizontal_difference(*unaided.T, *places.T)[None],
+        **_fix_record(collector, ends),
+        detail=_detail(collector, scans, ends, channels_of(field_map)[0]),
+    )
+
+
+def _batch_ends(collector: Collector) -> list[int]:
+    """List the stamps of the batches' ends at which truth and navigation are known.
+
+    Retrodiction publishes a fix for each scan: only the batch ends have figures in the
+    diagnostics."""
+    retrodiction = collector.scenario.matcher.mode == "retrodiction"
+    return sorted(
+        ns
+        for ns in (collector.batches if retrodiction else collector.fixes)
+        if ns in collector.fixes and ns in collector.truth and ns in collector.last_nav
+    )
+
+
+def _fix_record(collector: Collector, ends: list[int]) -> dict[str, Any]:
+    """Return the fields of `Runs` about fixes."""
+    count = len(ends)
+    error, posterior = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
+    covariance = np.full((count, 2, 2), np.nan)
+    reasons: list[str | None] = []
+    for i, ns in enumerate(ends):
+        latitude, longitude = _position(collector.truth[ns])
+        message = deserialize_message(collector.fixes[ns], topics.FIX.type)
+        if message.status.status == NavSatStatus.STATUS_NO_FIX:
+            reasons.append(collector.batches.get(ns, {}).get("message") or "not said")
+        else:
+            reasons.append(None)
+            found = read_position(message)
+            error[i] = horizontal_difference(found[0], found[1], latitude, longitude)
+            covariance[i] = read_covariance(message)[:2, :2]
+        nav = _position(collector.last_nav[ns])
+        posterior[i] = horizontal_difference(*nav, latitude, longitude)
+    posterior_covariance = np.array([_covariance(collector.last_nav[ns]) for ns in ends])
+    return {
+        "fix_time": np.array([to_seconds(ns) for ns in ends]),
+        "fix_error": error[None],
+        "fix_covariance": covariance[None],
+        "fix_reason": (tuple(reasons),),
+        "posterior_error": posterior[None],
+        "posterior_covariance": posterior_covariance.reshape(1, count, 2, 2),
+        "fix_seconds": _figures(collector, ends, "seconds")[None],
+    }
+
+
+def _detail(
+    collector: Collector, scans: list[int], ends: list[int], field_map: FieldMap
+) -> RunDetail:
+    adapter = adapter_of(collector.scenario)
+    truth, seen = _positions(collector.truth, scans), _positions(collector.first_nav, scans)
+    return RunDetail(
+        scan_time=np.array([to_seconds(ns) for ns in scans]),
+        reading=np.array([_reading(adapter, collector.readings[ns]) for ns in scans]),
+        map_value=field_map.value(truth[:, 0], truth[:, 1]),
+        map_value_navigator=field_map.value(seen[:, 0], seen[:, 1]),
+        feature_variability=_figures(collector, scans, "feature_variability"),
+        **RunDetail.flatten([_candidates(collector.candidates.get(ns)) for ns in ends]),
+    )
+
+
+def _figures(collector: Collector, stamps: list[int], name: str) -> Array:
+    """Return one of the matcher's figures at each stamp; NaN where no batch ended."""
+    return np.array([float(collector.batches.get(ns, {}).get(name, "nan")) for ns in stamps])
+
+
+def _candidates(data: bytes | None) -> Candidates | None:
+    if data is None:
+        return None
+    found = read_candidates(deserialize_message(data, topics.CANDIDATES.type))
+    return found if len(found.latitude) else None
+
+
+def _reading(adapter: Adapter, data: bytes) -> float:
+    """Return a reading, or its first channel, which is what figures show."""
+    try:
+        value, _ = adapter.read_reduced(deserialize_message(data, adapter.reduced.type))
+        return float(np.ravel(value)[0])
+    except BadMessageError:
+        return float("nan")
+
+
+def _positions(store: dict[int, bytes], stamps: list[int]) -> Array:
+    nothing = (np.nan, np.nan)
+    return np.array([_position(store[ns]) if ns in store else nothing for ns in stamps])
+
+
+def _position(data: bytes) -> tuple[float, float]:
+    """Return latitude and longitude (rad) of a NavSatFix of any frame."""
+    message = deserialize_message(data, topics.NAV_FIX.type)
+    latitude, longitude, _ = read_position(message, frame="")
+    return latitude, longitude
+
+
+def _covariance(data: bytes) -> Array:
+    """Return the horizontal covariance (2, 2) of a NavSatFix, m²."""
+    return read_covariance(deserialize_message(data, topics.NAV_FIX.type))[:2, :2]

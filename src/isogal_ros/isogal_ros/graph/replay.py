@@ -1,0 +1,245 @@
+"""Feeding recorded sensor messages to a fresh matcher and filter, step by step."""
+
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rclpy.context import Context
+from rosgraph_msgs.msg import Clock
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector, wanted_messages
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.comparison import Comparison, compare
+from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.plan import GraphError, node_class
+from isogal_ros.graph.progress import Progress, Report, ReportTimer
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.stamps import peek_ns, set_stamp, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.spin import Interrupt, drain, make_executor
+from isogal_ros.parameters.values import node_values
+
+FEEDER = "isogal_replay"
+NODES = (topics.PMHT_MM, topics.UKF_FUSION)
+ANSWERS = (
+    topics.NAV_FIX,
+    topics.NAV_ODOM,
+    topics.NAV_COVARIANCE,
+    topics.NAV_PATH,
+    topics.FIX,
+    topics.INFORMATION,
+    topics.CANDIDATES,
+    topics.DIAGNOSTICS,
+)
+PATIENCE = 120.0
+"""s of wall time that a step may take."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay leaves behind."""
+
+    scenario: Scenario
+    outputs: Collector
+    """Messages of the fresh nodes, with the recorded truth."""
+    comparison: Comparison
+    simulated: float
+    """s replayed."""
+    wall_seconds: float
+    notes: list[str]
+    """What was missing, or cut off."""
+    interrupted: bool
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """What a replay needs of a bag."""
+
+    scenario: Scenario
+    run: int
+    imu: dict[int, bytes]
+    """Serialised messages by stamp."""
+    collector: Collector
+
+
+def replay(reader: BagReader, interrupt: Interrupt, report: Report) -> Replay:
+    """Replay a bag as fast as the nodes can, in lock-step.
+
+    Raises
+    ------
+    InputError
+        The bag lacks a topic that is needed, or its scenario cannot be used.
+    GraphError
+        A node did not answer.
+    """
+    notes = []
+    scenario = reader.scenario()
+    if scenario is None:
+        scenario = Scenario()
+        notes.append("the bag has no scenario; the default one is assumed")
+    recorded = _load(reader, scenario)
+    if reader.cut is not None:
+        last = max(recorded.imu, default=0)
+        notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
+    begun = time.monotonic()
+    with claim_domain() as domain, local_context(domain) as context:
+        outputs, answered = _run(recorded, context, interrupt, report)
+    outputs.truth, outputs.unaided = recorded.collector.truth, recorded.collector.unaided
+    outputs.readings = recorded.collector.readings
+    return Replay(
+        scenario,
+        outputs,
+        compare(recorded.collector, outputs, answered),
+        to_seconds(answered - min(recorded.imu)) if answered else 0.0,
+        time.monotonic() - begun,
+        notes,
+        bool(interrupt),
+    )
+
+
+def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
+    collector = Collector(scenario)
+    imu: dict[int, bytes] = {}
+    for topic, data in wanted_messages(reader, (topics.IMU, *collector.topics())):
+        if topic is topics.IMU:
+            imu[peek_ns(data)] = data
+        else:
+            collector.take(topic, data)
+    reduced = adapter_of(scenario).reduced.name
+    needed = ((topics.IMU.name, imu), (reduced, collector.readings))
+    missing = [name for name, store in needed if not store]
+    if missing:
+        there = ", ".join(sorted(reader.types)) or "nothing"
+        cut = f"; {reader.cut}" if reader.cut else ""
+        raise InputError(
+            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
+            f" has {there}{cut}"
+        )
+    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector)
+
+
+def _run(
+    recorded: _Recorded, context: Context, interrupt: Interrupt, report: Report
+) -> tuple[Collector, int]:
+    """Return the fresh nodes' messages and the last stamp (ns) that was answered, 0 = none."""
+    executor = make_executor(context)
+    nodes: dict[str, Any] = {}
+    # the feeder hears everything, as a recorder does
+    own = {"run": recorded.run, "recorders": 1, "peers": list(NODES)}
+    try:
+        for name in NODES:
+            kind = node_class(name)
+            values = node_values(recorded.scenario, own, kind.sections)
+            nodes[name] = kind(name, values=values, context=context)
+        values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
+        feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
+        for node in nodes.values():
+            executor.add_node(node)
+        answered = _LockStep(recorded, nodes, executor).run(interrupt, report)
+        drain(feeder, executor)
+        return feeder.collector, answered
+    finally:
+        for node in nodes.values():
+            executor.remove_node(node)
+            node.destroy_node()
+
+
+class _Feeder(GraphNode):
+    """Publishes the recorded messages and hears all that the nodes answer."""
+
+    sections: ClassVar[Collection[str]] = ("field", "gravimeter", "gradiometer")
+
+    def setup(self) -> None:
+        self.collector = Collector(self.scenario)
+        self.heard = 0
+        self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
+        self._readings = self.advertise(adapter_of(self.scenario).reduced, (topics.PMHT_MM,))
+        for topic in ANSWERS:
+            self.listen(topic, self._keep(topic), raw=True)
+
+    def _keep(self, topic: topics.Topic) -> Callable[[bytes], None]:
+        def keep(data: bytes) -> None:
+            self.heard += 1
+            self.collector.take(topic, data)
+
+        return keep
+
+    def received(self) -> int:
+        """Count the answers."""
+        return self.heard
+
+    def imu(self, ns: int, data: bytes) -> None:
+        """Publish the clock and an IMU sample."""
+        clock = Clock()
+        set_stamp(clock.clock, ns)
+        self._clock_out.publish(clock)
+        self._imu.publish(data)
+
+    def reading(self, data: bytes) -> None:
+        """Publish a reduced reading."""
+        self._readings.publish(data)
+
+
+class _LockStep:
+    """Every IMU sample is answered before the next, every reading before what follows it."""
+
+    def __init__(self, recorded: _Recorded, nodes: dict[str, Any], executor: Any) -> None:
+        self._imu, self._readings = recorded.imu, recorded.collector.readings
+        self._executor = executor
+        self._nodes = nodes.values()
+        self._matcher, self._filter = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION]
+        self._feeder = nodes[FEEDER]
+        self._samples = self._played = 0
+        """IMU samples and readings published so far."""
+
+    def run(self, interrupt: Interrupt, report: Report) -> int:
+        """Play all; return the last stamp (ns) that was answered, 0 = none."""
+        stamps, readings = sorted(self._imu), sorted(self._readings)
+        self._wait(self._ready, "the nodes to find each other")
+        answered, begun, timer = 0, time.monotonic(), ReportTimer()
+        duration = to_seconds(stamps[-1] - stamps[0])
+        for ns in stamps:
+            if interrupt:
+                break
+            self._play_sample(ns)
+            while self._played < len(readings) and readings[self._played] <= ns:
+                self._play_reading(readings[self._played], ns)
+            answered = ns
+            if timer.due():
+                simulated = to_seconds(ns - stamps[0])
+                speed = simulated / (time.monotonic() - begun)
+                report(Progress(simulated, duration, speed, float("nan")))
+        return answered
+
+    def _play_sample(self, ns: int) -> None:
+        self._feeder.imu(ns, self._imu[ns])
+        self._samples += 1
+        self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
+
+    def _play_reading(self, stamp: int, now: int) -> None:
+        self._feeder.reading(self._readings[stamp])
+        self._played += 1
+        self._wait(self._settled, f"the matcher's answer at {to_seconds(now):.3f} s")
+
+    def _ready(self) -> bool:
+        return all(node.ready for node in self._nodes)
+
+    def _advanced(self) -> bool:
+        """Whether the filter has answered all samples."""
+        return bool(self._filter.samples >= self._samples)
+
+    def _settled(self) -> bool:
+        """Whether all readings are dealt with, and all fixes that came of them."""
+        done = self._matcher.taken >= self._played and not self._matcher.scans.waiting
+        return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
+
+    def _wait(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() > deadline:
+                raise GraphError(f"replay: waited {PATIENCE:g} s for {what}")

@@ -1,0 +1,44 @@
+"""What readers of messages check alike; a message that fails raises `BadMessageError`."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal_ros.messages.stamps import to_seconds
+
+
+class BadMessageError(Exception):
+    """A message that cannot be used; the text says why."""
+
+
+def require_later(ns: int, last: int) -> None:
+    """Raise BadMessageError unless a stamp (ns) is later than the last one."""
+    if ns <= last:
+        raise BadMessageError(
+            f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(last):.3f} s"
+        )
+
+
+def require_frame(message: Any, frame: str) -> None:
+    """Raise BadMessageError unless the message is in the frame; an empty frame takes any."""
+    if frame and message.header.frame_id != frame:
+        raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'")
+
+
+def require_covariance(covariance: Array) -> None:
+    """Raise BadMessageError unless a covariance (N, N) is finite with variances >= 0."""
+    if not np.isfinite(covariance).all():
+        raise BadMessageError("covariance is not finite")
+    if (np.diag(covariance) < 0.0).any():
+        raise BadMessageError("negative variance")
+
+
+def require_reading(value: float, variance: float) -> None:
+    """Raise BadMessageError unless a reading and its variance are finite, and the variance >=
+    0."""
+    if not (math.isfinite(value) and math.isfinite(variance)):
+        raise BadMessageError("reading is not finite")
+    if variance < 0.0:
+        raise BadMessageError("negative variance")

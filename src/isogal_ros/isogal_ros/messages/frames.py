@@ -1,0 +1,31 @@
+"""Names of frames, and the axes of messages and library.
+
+The library has body axes forward, right, down (FRD), local axes north, east, down (NED), and
+radians; messages have forward, left, up (FLU), east, north, up (ENU), and degrees (REP-103). The
+frame ``map`` is ENU at the first route point, exact through ECEF
+(`isogal.earth.frames.LocalFrame`)."""
+
+import math
+
+import numpy as np
+
+from isogal.earth.frames import LocalFrame
+from isogal.scenario import Scenario
+
+MAP, BASE, GEODETIC = "map", "base_link", "wgs84"
+"""Frames of the navigation, of the vehicle, and of geodetic coordinates. Those of the instruments
+are in their adapters' modules."""
+
+FRD_FLU = np.array([1.0, -1.0, -1.0])
+"""Factors of the components of a vector FRD that give it FLU, and the reverse."""
+NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Rotation NED to ENU, and the reverse."""
+
+
+def map_frame(scenario: Scenario) -> LocalFrame:
+    """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's
+    height."""
+    route = scenario.route
+    first = route.waypoints[0][:2] if route.waypoints is not None else route.start
+    assert first is not None  # the scenario model has checked
+    return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)

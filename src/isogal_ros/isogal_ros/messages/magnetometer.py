@@ -1,0 +1,91 @@
+"""Messages of a magnetometer: MagneticField, in tesla."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from isogal.maps.quantities import QUANTITIES
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.checks import BadMessageError, require_covariance, require_reading
+from isogal_ros.messages.stamps import set_stamp
+
+MAGNETOMETER, MAIN_FIELD = "magnetometer_link", "main_field"
+"""Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly
+counts."""
+TESLA = 1e-9
+"""T in 1 nT."""
+_EARTH = QUANTITIES["magnetic_field"]
+
+
+def magnetic(scenario: Scenario) -> "MagnetometerAdapter":
+    """Return the adapter of the field magnetic."""
+    return MagnetometerAdapter()
+
+
+class MagnetometerAdapter:
+    """Total field and its anomaly.
+
+    Of a raw vector only the length counts, so that its frame may be any. The simulated instrument
+    measures the total field alone, as optically pumped ones do: it is on z. The anomaly is the
+    component along the main field, the other two are not reported (NaN, as the definition of the
+    message has it)."""
+
+    raw, reduced = topics.MAGNETIC_FIELD, topics.ANOMALY
+
+    def new_raw(self) -> Any:
+        """Return a message in the magnetometer's frame."""
+        message = self.raw.type()
+        message.header.frame_id = MAGNETOMETER
+        return message
+
+    def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
+        """Write a total field, nT."""
+        set_stamp(message.header.stamp, ns)
+        message.magnetic_field.z = value * TESLA
+        message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
+
+    def read_raw(self, message: Any) -> tuple[float, float | None]:
+        """Return the total field (nT) and its variance (nT²), that of the component along the
+        vector; None = unknown (zero)."""
+        field = message.magnetic_field
+        vector = np.array([field.x, field.y, field.z]) / TESLA
+        covariance = np.asarray(message.magnetic_field_covariance).reshape(3, 3) / TESLA**2
+        if not np.isfinite(vector).all():
+            raise BadMessageError("a component is not finite: the total field needs all three")
+        total = math.sqrt(vector @ vector)
+        if not _EARTH.lowest <= total <= _EARTH.highest:
+            raise BadMessageError(
+                f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
+            )
+        require_covariance(covariance)
+        variance = float(vector @ covariance @ vector) / total**2
+        if variance < 0.0:
+            raise BadMessageError("negative variance")
+        return total, variance or None
+
+    def new_reduced(self) -> Any:
+        """Return a message with nothing across the main field."""
+        message = self.reduced.type()
+        message.header.frame_id = MAIN_FIELD
+        message.magnetic_field.x = message.magnetic_field.y = math.nan
+        return message
+
+    def fill_reduced(
+        self, message: Any, ns: int, value: float, variance: float, place: Place
+    ) -> None:
+        """Write an anomaly, nT."""
+        set_stamp(message.header.stamp, ns)
+        message.magnetic_field.z = value * TESLA
+        covariance = np.zeros(9)
+        covariance[8] = variance * TESLA**2
+        message.magnetic_field_covariance = covariance
+
+    def read_reduced(self, message: Any) -> tuple[float, float]:
+        """Return the anomaly (nT) and its variance (nT²)."""
+        value = message.magnetic_field.z / TESLA
+        variance = float(message.magnetic_field_covariance[8]) / TESLA**2
+        require_reading(value, variance)
+        return value, variance

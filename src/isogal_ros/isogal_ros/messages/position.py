@@ -1,0 +1,75 @@
+"""Positions as NavSatFix messages."""
+
+import math
+
+import numpy as np
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+from isogal.arrays import Array
+from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.frames import BASE, NED_ENU
+from isogal_ros.messages.stamps import set_stamp
+
+NOT_MEASURED = 1e6
+"""Variance that stands for a direction that a sensor does not measure, in the message's unit."""
+
+
+def fill_fix(
+    message: NavSatFix,
+    ns: int,
+    latitude: float,
+    longitude: float,
+    height: float,
+    covariance: Array | None = None,
+    status: int = NavSatStatus.STATUS_FIX,
+) -> None:
+    """Write a position (rad, m) and its (3, 3) covariance (NED, m²; None = not known)."""
+    set_stamp(message.header.stamp, ns)
+    message.latitude = math.degrees(latitude)
+    message.longitude = math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    message.altitude = float(height)
+    message.status.status = status
+    if covariance is None:
+        message.position_covariance = np.zeros(9)
+        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    else:
+        message.position_covariance = (NED_ENU @ covariance @ NED_ENU).ravel()
+        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_KNOWN
+
+
+def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
+    """Return (latitude rad, longitude rad, height m).
+
+    Raises
+    ------
+    BadMessageError
+        The message is of another frame, not finite, or of no place on Earth.
+    """
+    require_frame(message, frame)
+    if not (
+        math.isfinite(message.latitude)
+        and math.isfinite(message.longitude)
+        and math.isfinite(message.altitude)
+    ):
+        raise BadMessageError("position is not finite")
+    if abs(message.latitude) > 90.0 or abs(message.longitude) > 360.0:
+        raise BadMessageError(
+            f"no such place: latitude {message.latitude:.4f}, longitude"
+            f" {message.longitude:.4f} deg"
+        )
+    return math.radians(message.latitude), math.radians(message.longitude), message.altitude
+
+
+def read_covariance(message: NavSatFix) -> Array:
+    """Return the (3, 3) covariance of the position, NED, m².
+
+    Raises
+    ------
+    BadMessageError
+        The covariance is not known, not finite, or has a negative variance.
+    """
+    if message.position_covariance_type == NavSatFix.COVARIANCE_TYPE_UNKNOWN:
+        raise BadMessageError("covariance is not known")
+    covariance = np.asarray(message.position_covariance).reshape(3, 3)
+    require_covariance(covariance)
+    return NED_ENU @ covariance @ NED_ENU

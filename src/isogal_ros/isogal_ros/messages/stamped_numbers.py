@@ -1,0 +1,95 @@
+"""Arrays of numbers with a stamp as Float64MultiArray messages: the covariance of the navigator's
+errors, and what a fix says beyond a position. Why this type: `isogal_ros.topics`."""
+
+import math
+import struct
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.matching.interfaces import Information
+from isogal_ros.messages.checks import BadMessageError, require_covariance
+
+_SECOND = 1_000_000_000
+_HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
+"""By whether the byte order is little-endian: the length of layout.dim, then, after
+layout.data_offset and the length of data, the first two numbers."""
+
+
+def fill_numbers(message: Any, ns: int, *arrays: Array) -> None:
+    """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
+    which has no header."""
+    seconds, rest = divmod(ns, _SECOND)
+    data = [float(seconds), float(rest)]
+    for array in arrays:
+        data += array.ravel().tolist()
+    message.data = data
+
+
+def peek_numbers_ns(serialised: bytes) -> int:
+    """Return the stamp at the head of a serialised Float64MultiArray that `fill_numbers` wrote,
+    without decoding the rest.
+
+    Raises
+    ------
+    ValueError
+        It has a layout, or too few numbers, or its stamp is not finite.
+    """
+    if len(serialised) < 36:
+        raise ValueError("too few numbers")
+    layout, seconds, rest = _HEAD[bool(serialised[1] & 1)].unpack_from(serialised, 4)
+    if layout or not (abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+        raise ValueError("begins with a layout, or with no stamp")
+    return int(seconds) * _SECOND + int(rest)
+
+
+def read_nav_covariance(message: Any) -> Array:
+    """Return the covariance of `isogal.matching.batching`'s error states: (7, 7), or (4, 4)
+    without the attitude.
+
+    Raises
+    ------
+    BadMessageError
+        The number of numbers is another, or they are not finite, or a variance is negative.
+    """
+    values = np.array(message.data)
+    size = math.isqrt(max(len(values) - 2, 0))
+    if size not in (4, 7) or len(values) != size * size + 2:
+        raise BadMessageError(
+            f"must hold a stamp and a 7 x 7 or 4 x 4 covariance, holds {len(values)} numbers"
+        )
+    covariance = values[2:].reshape(size, size)
+    require_covariance(covariance)
+    return covariance
+
+
+def fill_information(message: Any, ns: int, reset: bool, information: Information | None) -> None:
+    """Write what belongs to a fix into ``pmht_mm/information``: stamp, whether the navigator is
+    lost, then vector and matrix if there are any."""
+    parts = () if information is None else (information.vector, information.matrix)
+    fill_numbers(message, ns, np.array([float(reset)]), *parts)
+
+
+def read_information(message: Any) -> tuple[bool, Information | None]:
+    """Return (whether the navigator is lost, information); None where the fix itself says all
+    there is.
+
+    Raises
+    ------
+    BadMessageError
+        The number of numbers is another, or they are not finite.
+    """
+    values = np.array(message.data)
+    size = {3: 0, 23: 4, 59: 7}.get(len(values))
+    if size is None:
+        raise BadMessageError(
+            "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7"
+            f" x 7, holds {len(values)} numbers"
+        )
+    if not np.isfinite(values).all():
+        raise BadMessageError("information is not finite")
+    information = (
+        Information(values[3 : 3 + size], values[3 + size :].reshape(size, size)) if size else None
+    )
+    return bool(values[2]), information

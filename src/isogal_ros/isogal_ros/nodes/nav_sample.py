@@ -1,0 +1,70 @@
+"""The navigator's state of one stamp, from its messages."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.frames import LocalFrame
+from isogal.inertial.dead_reckoning import dead_reckoned
+from isogal.inertial.error_state import Estimate, batch_difference
+from isogal.inertial.rotations import from_matrix
+from isogal_ros.messages.odometry import read_velocity
+from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamps import to_ns, to_seconds
+
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavSample:
+    """What the navigator said at one stamp."""
+
+    ns: int
+    position: Array
+    """(3,) latitude rad, longitude rad, height m."""
+    velocity: Array
+    """(3,) NED, m/s."""
+    attitude: Array
+    """(3, 3) FRD to NED."""
+    covariance: Array
+    """(7, 7) of a batch's states (`isogal.inertial.error_state`); (4, 4) where the attitude's is
+    not known."""
+    height_variance: float
+    """m²."""
+
+
+def read_nav(fix: Any, odom: Any, frame: LocalFrame) -> NavSample:
+    """Return the state that messages on nav/fix and nav/odom say, in the frame ``map``; raises
+    BadMessageError where one cannot be used."""
+    position = read_position(fix)
+    velocity, of_velocity, attitude = read_velocity(odom, frame, *position[:2])
+    of_position = read_covariance(fix)
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2], covariance[2:, 2:] = of_position[:2, :2], of_velocity[:2, :2]
+    return NavSample(
+        to_ns(fix.header.stamp),
+        np.array(position),
+        velocity,
+        attitude,
+        covariance,
+        float(of_position[2, 2]),
+    )
+
+
+def moved(sample: NavSample, ns: int) -> NavSample:
+    """Return the state a moment later or earlier, at another stamp."""
+    seconds = to_seconds(ns - sample.ns)
+    position = dead_reckoned(sample.position, sample.velocity, seconds)
+    return replace(sample, ns=ns, position=position)
+
+
+def difference(after: NavSample, before: NavSample) -> Array:
+    """Return (7,) the difference of two states in a batch's states."""
+    # only the rotation between the two attitudes counts
+    turn = from_matrix(after.attitude @ before.attitude.T)
+    return batch_difference(
+        Estimate(after.position, after.velocity, turn),
+        Estimate(before.position, before.velocity, _NO_TURN),
+    )

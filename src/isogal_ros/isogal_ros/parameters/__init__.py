@@ -1,0 +1,18 @@
+"""ROS parameters declared from pydantic models, so that a scenario key is described, typed and
+checked in one place.
+
+A nested model becomes dotted names (``matcher.batch_length``). What ROS parameters cannot hold is
+written thus:
+
+- a number that may be null is 0 where it is null (such numbers are positive),
+- a text that may be null is empty where it is null,
+- a number that may also be a word (``matcher.map_sigma: auto``) is dynamically typed,
+- anything nested (``route.waypoints``, ``matcher.options``) is a string that holds YAML, empty
+  where it is null or has no entries.
+
+annotations   what may a field of a model hold?
+spec          how does a model's value become a parameter's, and the reverse?
+from_model    which parameters has a model?
+declaration   how are they declared on a node, and changed while it runs?
+values        which values has a scenario, and which scenario do values make?
+bringup_file  what does the parameter file of the bringup package say?"""

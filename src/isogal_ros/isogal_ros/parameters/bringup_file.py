@@ -1,0 +1,66 @@
+"""The parameter file of the bringup package: every scenario key with its default, unit and limits.
+
+``python -m isogal_ros.parameters.bringup_file > src/isogal_bringup/params/isogal.yaml`` writes it
+anew after a change of the scenario model."""
+
+import sys
+from collections.abc import Iterator
+
+import yaml
+from rcl_interfaces.msg import ParameterDescriptor
+
+from isogal.scenario import Scenario
+from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.spec import ParameterSpec
+
+HEAD = """\
+# Parameters of all nodes of the graph: the keys of a scenario (the same as in a scenario file of
+# `isogal run`), with their defaults. Made by `python -m isogal_ros.parameters.bringup_file`.
+# A node's own parameters (`ros2 param list`) go under its name, for example
+#   /**/ins_sim_node: {ros__parameters: {rate: 0.0}}
+/**:
+  ros__parameters:
+"""
+
+
+def lines() -> Iterator[str]:
+    """Yield the lines of the file below its head."""
+    section = ""
+    for spec in parameter_specs(Scenario):
+        parent, _, key = spec.name.rpartition(".")
+        if parent != section:
+            section = parent
+            yield f"    {parent}:"
+        indent = " " * (6 if parent else 4)
+        value = yaml.safe_dump(spec.default, default_flow_style=True).splitlines()[0]
+        yield f"{indent}{key}: {value}  # {comment(spec)}"
+
+
+def comment(spec: ParameterSpec) -> str:
+    """Return what a parameter is, its limits and what stands for null."""
+    parts = [
+        spec.descriptor.description or "see docs",
+        limits(spec.descriptor),
+        spec.descriptor.additional_constraints,
+    ]
+    return "; ".join(part for part in parts if part)
+
+
+def limits(descriptor: ParameterDescriptor) -> str:
+    """Return a numeric parameter's range in words; empty where it has none."""
+    for item in (*descriptor.floating_point_range, *descriptor.integer_range):
+        low, high = item.from_value, item.to_value
+        largest = sys.float_info.max if isinstance(low, float) else 2**63 - 1
+        lower = "> 0" if 0.0 < low < 1e-300 else f">= {low:g}"
+        upper = f"<= {high:.12g}"
+        return f"{lower}, {upper}" if high < largest else lower
+    return ""
+
+
+def text() -> str:
+    """Return the whole file."""
+    return HEAD + "\n".join(lines()) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(text())

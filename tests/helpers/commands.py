@@ -1,0 +1,41 @@
+"""The command ``isogal`` as a process, as a user starts it."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+
+PATIENCE = 240.0
+"""s."""
+
+
+def command(*words: object) -> list[str]:
+    """The command line of ``isogal`` with some arguments."""
+    return [sys.executable, "-c", "from isogal.cli.main import main; main()", *map(str, words)]
+
+
+def sets(overrides: Iterable[str]) -> list[str]:
+    """The options that override keys of a scenario."""
+    return [word for item in overrides for word in ("--set", item)]
+
+
+def isogal(
+    *words: object, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess:
+    """Run ``isogal`` to its end."""
+    return subprocess.run(
+        command(*words),
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    """Wait until a condition holds."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.05)

@@ -1,0 +1,79 @@
+"""Bags are read whole or up to a cut, and what is no bag is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from helpers.bag_writing import write
+from isogal.errors import InputError
+from isogal_ros.bags.reader import BagReader, topic_of
+
+
+def test_what_is_written_is_read(tmp_path) -> None:
+    messages = write(tmp_path / "bag")
+    reader = BagReader(tmp_path / "bag")
+    assert reader.scenario().seed == 3
+    assert reader.texts["run"] == "2"
+    found = list(reader.messages())
+    assert [item.data for item in found] == messages
+    assert [item.log_ns for item in found] == [i * 10**9 for i in range(500)]
+    assert {item.topic for item in found} == {"/imu/data_raw"}
+    assert reader.cut is None
+    assert reader.types == {"/imu/data_raw": "sensor_msgs/msg/Imu"}
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.77, 0.95, 0.999])
+def test_a_file_cut_anywhere_is_read_up_to_the_cut(tmp_path, share) -> None:
+    messages = write(tmp_path / "bag", 4000)
+    path = tmp_path / "bag" / "bag_0.mcap"
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    reader = BagReader(tmp_path / "bag")
+    found = [item.data for item in reader.messages()]
+    assert found == messages[: len(found)]
+    assert len(found) >= share * 4000 - 800  # a chunk at most, and what lies behind the messages
+    assert "ends early" in str(reader.cut)
+    assert reader.scenario().seed == 3
+
+
+def test_damage_in_the_middle_is_noticed(tmp_path) -> None:
+    messages = write(tmp_path / "bag", 4000)
+    path = tmp_path / "bag" / "bag_0.mcap"
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 64] = bytes(64)
+    path.write_bytes(data)
+    reader = BagReader(tmp_path / "bag")
+    found = [item.data for item in reader.messages()]
+    assert found == messages[: len(found)]
+    assert 0 < len(found) < 4000
+    assert reader.cut
+
+
+def test_bad_bags(tmp_path) -> None:
+    cases = {
+        tmp_path / "none": "no such bag",
+        tmp_path: "no MCAP file",
+        Path(__file__): "not an MCAP file by its name",
+    }
+    for path, words in cases.items():
+        with pytest.raises(InputError, match=words):
+            BagReader(path)
+    (tmp_path / "x.db3").write_bytes(b"")
+    with pytest.raises(InputError, match="ros2 bag convert"):
+        BagReader(tmp_path)
+    for content in (b"", b"123", b"hello, this is no MCAP file at all"):
+        (tmp_path / "y.mcap").write_bytes(content)
+        with pytest.raises(InputError, match="not an MCAP file"):
+            BagReader(tmp_path / "y.mcap")
+    (tmp_path / "z.mcap").write_bytes(b"")
+    with pytest.raises(InputError, match="2 MCAP files"):
+        BagReader(tmp_path)
+
+
+def test_topics_in_namespaces() -> None:
+    assert topic_of("/nav/fix", "nav/fix")
+    assert topic_of("/ship/nav/fix", "nav/fix")
+    assert topic_of("/diagnostics", "/diagnostics")
+    assert not topic_of("/nav/fixed", "nav/fix")
+    assert not topic_of("/old_nav/fix", "nav/fix")

@@ -1,0 +1,133 @@
+"""What the recorder keeps of a run."""
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+from typer.testing import CliRunner
+
+from helpers.node_bench import absolute, run_here, topics_of
+from helpers.recordings import record
+from isogal.cli.main import app
+from isogal.earth.frames import horizontal_difference
+from isogal_ros import topics
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.nodes.health import ERROR, figures_of
+
+ONE_IN_10000 = 18.4
+"""Of a chi-square with two degrees of freedom."""
+
+
+def test_every_topic_is_recorded(recording, scenario) -> None:
+    reader = BagReader(recording)
+    counts = Counter(message.topic for message in reader.messages())
+    steps, scans, batches = 600, 60, 10
+    assert (
+        counts["/clock"]
+        == counts["/ground_truth/fix"]
+        == counts["/ground_truth/odom"]
+        == counts["/ins/fix"]
+        == steps + 1
+    )
+    assert counts["/imu/data_raw"] == steps
+    assert (
+        counts["/gravimeter/data_raw"]
+        == counts["/gravimeter/gravity"]
+        == counts["/gravimeter/disturbance"]
+        == scans
+    )
+    assert (
+        counts["/pmht_mm/fix"]
+        == counts["/pmht_mm/candidates"]
+        == counts["/pmht_mm/information"]
+        == batches
+    )
+    assert (
+        counts["/nav/fix"]
+        == counts["/nav/odom"]
+        == counts["/nav/covariance"]
+        == steps + 1 + batches
+    )
+    assert counts["/nav/path"] == 11
+    assert counts["/diagnostics"] > 2 * steps
+    assert set(reader.types) == {absolute(topic) for topic in topics_of(scenario())}
+    for topic in topics_of(scenario()):
+        assert reader.types[absolute(topic)] == topics.type_name(topic.type)
+
+
+def test_recorded_time_is_the_simulations(recording) -> None:
+    last = 0
+    for message in BagReader(recording).messages():
+        assert message.log_ns >= last
+        last = message.log_ns
+        if message.topic == "/imu/data_raw":
+            assert message.log_ns == peek_ns(message.data)
+    assert last == 600 * 10**9
+
+
+def test_recorded_types_are_the_publishers(recording, scenario) -> None:
+    with AnyReader([recording]) as reader:  # compares the hashes with the definitions
+        assert len(reader.connections) == len(topics_of(scenario()))
+    information = yaml.safe_load((recording / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
+    for entry in information["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        assert topic["type_description_hash"].startswith("RIHS01_")
+        assert {qos["reliability"] for qos in topic["offered_qos_profiles"]} == {"reliable"}
+
+
+def test_every_node_tells_how_it_is(recording) -> None:
+    names: Counter = Counter()
+    for message in BagReader(recording).messages():
+        if message.topic == "/diagnostics":
+            for item in deserialize_message(message.data, topics.DIAGNOSTICS.type).status:
+                names[item.name] += 1
+                assert item.level < ERROR, item.message
+                assert item.hardware_id == "isogal"
+                figures_of(item)
+    assert {*topics.NODES, "isogal_recorder", "pmht_mm_node: batch"} == set(names)
+    assert names["ins_sim_node"] >= 600
+    assert names["pmht_mm_node: batch"] == 10
+
+
+@pytest.mark.parametrize("field", ["magnetic", "terrain", "gradient"])
+def test_topics_of_other_instruments(recorded, field) -> None:
+    scenario, bag = recorded(field)
+    names = {absolute(topic) for topic in topics_of(scenario)}
+    assert {message.topic for message in BagReader(bag).messages()} == names
+    assert not any("gravimeter" in name for name in names)
+
+
+@pytest.mark.parametrize("field", ["magnetic", "terrain"])
+def test_a_recording_can_be_matched_by_itself(request, field, tmp_path) -> None:
+    scenario = request.getfixturevalue(field)
+    # one batch, which ends with the run: until then no fix has corrected the navigator
+    once = scenario.model_copy(
+        update={
+            "route": scenario.route.model_copy(update={"duration": 600.0}),
+            "matcher": scenario.matcher.model_copy(update={"batch_length": 60}),
+        }
+    )
+    run_here(once, tmp_path / "bag")
+    options = ["--map", scenario.map.source, "--track", str(tmp_path / "bag")]
+    options += ["--out", str(tmp_path / "x.json")]
+    options += ["--prior-sigma", "500", "--velocity-sigma", "0.5", "--map-sigma", "0"]
+    options += [] if field == "magnetic" else ["--variable", "height"]
+    result = CliRunner().invoke(app, ["match", *options])
+    assert result.exit_code == 0, result.output
+    document = json.loads((tmp_path / "x.json").read_text())
+    fixes = [fix for fix in document if fix["status"] == "fix"]
+    runs = record(tmp_path / "bag", once)
+    assert [fix["time"] for fix in fixes] == [300.0, 600.0]
+    for fix in fixes:
+        k = int(np.flatnonzero(runs.time == fix["time"])[0])
+        place = np.radians([fix["latitude"], fix["longitude"]])
+        error = horizontal_difference(*place, runs.latitude[k], runs.longitude[k])[::-1]
+        assert error @ np.linalg.solve(fix["covariance_enu"], error) < ONE_IN_10000
+        assert np.hypot(*error) < 100.0 < np.hypot(*runs.unaided_error[0, k])

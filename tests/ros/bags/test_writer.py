@@ -1,0 +1,97 @@
+"""Recordings: laid out as ros2 bag does, readable by others, kept when the recorder is killed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from helpers.bag_writing import IMU_HASH, write
+from isogal.errors import InputError
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.writer import prepare_folder
+
+
+def test_others_read_it(tmp_path) -> None:
+    write(tmp_path / "bag")
+    with AnyReader([tmp_path / "bag"]) as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype, connection.msgcount) == (
+            "/imu/data_raw",
+            "sensor_msgs/msg/Imu",
+            500,
+        )
+        assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"
+        values = [
+            reader.deserialize(data, kind.msgtype).linear_acceleration.x
+            for kind, _, data in reader.messages()
+        ]
+    assert values == [i * 0.1 for i in range(500)]
+
+
+def test_mcap_decodes_it_by_its_own_schemas(tmp_path) -> None:
+    write(tmp_path / "bag", 20)
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == "ros2"
+        found = list(reader.iter_decoded_messages())
+        metadata = {item.name: item.metadata for item in reader.iter_metadata()}
+    assert [message.linear_acceleration.x for *_, message in found] == [i * 0.1 for i in range(20)]
+    schema, channel, message, _ = found[3]
+    assert (schema.name, schema.encoding, channel.message_encoding) == (
+        "sensor_msgs/msg/Imu",
+        "ros2msg",
+        "cdr",
+    )
+    assert channel.metadata["topic_type_hash"] == IMU_HASH
+    assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["durability"] == "volatile"
+    assert (message.log_time, message.publish_time) == (3 * 10**9, 10**18 + 3)
+    assert yaml.safe_load(metadata["rosbag2"]["serialized_metadata"])["message_count"] == 20
+
+
+def test_a_killed_writer_leaves_what_it_has_flushed(tmp_path) -> None:
+    script = (
+        "import sys, time; from pathlib import Path\n"
+        "from helpers.bag_writing import begin, sample\n"
+        "from isogal_ros.bags import writer as module\n"
+        "module.FLUSH_EVERY = 0.0\n"
+        "writer = begin(Path(sys.argv[1]))\n"
+        "for i in range(1000):\n"
+        "    writer.write('/imu/data_raw', sample(i), i * 10**9, i)\n"
+        "    if i % 100 == 99: writer.flush()\n"
+        "print('ready', flush=True); time.sleep(60)\n"
+    )
+    folder = tmp_path / "bag"
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(folder)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.kill()
+    reader = BagReader(folder)
+    assert len(list(reader.messages())) == 1000
+    assert reader.cut
+    metadata = yaml.safe_load((folder / "metadata.yaml").read_text())
+    assert metadata["rosbag2_bagfile_information"]["version"] == 9
+
+
+def test_folders(tmp_path) -> None:
+    prepare_folder(tmp_path / "a" / "b", replace=False)
+    assert (tmp_path / "a" / "b").is_dir()
+    write(tmp_path / "bag", 5)
+    with pytest.raises(InputError, match="there is a bag already"):
+        prepare_folder(tmp_path / "bag", replace=False)
+    prepare_folder(tmp_path / "bag", replace=True)
+    assert not list((tmp_path / "bag").iterdir())
+    (tmp_path / "bag" / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match=r"something else than a bag \(thesis.txt\)"):
+        prepare_folder(tmp_path / "bag", replace=True)
+    assert (tmp_path / "bag" / "thesis.txt").exists()
+    with pytest.raises(InputError, match="is a file"):
+        prepare_folder(tmp_path / "bag" / "thesis.txt", replace=True)

@@ -1,0 +1,209 @@
+"""The sensor's node: readings of all instruments are reduced, and no message ends it."""
+
+import math
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import MagneticField, Range
+
+from helpers.node_bench import bench, stamps, vector_reading
+from isogal.earth.gravity import normal_gradient
+from isogal.sensors.gravimeter import reduce_disturbance, reduce_gravity
+from isogal.sensors.magnetometer import intensity
+from isogal_ros import topics
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.stamps import from_seconds, set_stamp
+from isogal_ros.nodes.health import OK, WARN
+
+PLACE = np.radians([55.9, -3.9])
+
+
+def field_of(seconds, *vector, variance=0.0):
+    message = MagneticField(
+        magnetic_field_covariance=np.array([variance, 0, 0, 0, variance, 0, 0, 0, variance], float)
+    )
+    set_stamp(message.header.stamp, from_seconds(seconds))
+    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = map(
+        float, vector
+    )
+    return message
+
+
+def range_of(seconds, value, **keys):
+    message = Range(range=float(value), min_range=1.0, max_range=3000.0, **keys)
+    set_stamp(message.header.stamp, from_seconds(seconds))
+    return message
+
+
+def test_a_gravimeters_readings_are_reduced(scenario) -> None:
+    place = (-0.637, 2.5656)
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        made.reading(10.0, 9.7952, topic=topics.FELT)
+        made.nav(10.0, *place, (12.0, 15.0))
+        made.wait(lambda: made.heard["gravimeter/disturbance"])
+        for name, reduce in (
+            ("gravimeter/gravity", reduce_gravity),
+            ("gravimeter/disturbance", reduce_disturbance),
+        ):
+            value, variance = adapter_of(made.scenario).read_reduced(made.heard[name][0])
+            assert value == pytest.approx(
+                float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15
+            )
+            assert variance > 1e-10 + (0.1 * 3.086e-6) ** 2  # sensor, height, and more
+
+
+def test_without_navigator_the_scan_is_known_to_be_empty(scenario) -> None:
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        made.nav(1.0, -0.637, 2.5656)
+        made.nav(90.0, -0.637, 2.5656)
+        made.reading(10.0, 9.7952, topic=topics.FELT)
+        made.wait(lambda: made.heard["gravimeter/gravity"])
+        assert math.isnan(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
+        assert any("said nothing about 10.000 s" in message for _, message, _ in made.says())
+
+
+def test_it_feels_at_its_own_scans_only(scenario) -> None:
+    with bench(topics.GRAVIMETER, scenario()) as made:
+        message = topics.TRUTH_FIX.type()
+        for k in range(1, 25):
+            message.header.stamp.sec = k
+            made.publish(topics.TRUTH_FIX, message)
+        made.wait(lambda: len(made.heard["gravimeter/data_raw"]) == 2)
+        assert stamps(made, topics.FELT) == [10, 20]
+
+
+def test_a_magnetometers_readings_are_reduced(magnetic) -> None:
+    main_field = float(intensity(*np.degrees(PLACE), 100.0, 2025.0))
+    total = (main_field + 321.0) * 1e-9
+    with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
+        made.publish(
+            topics.MAGNETIC_FIELD,
+            field_of(10.0, 0.6 * total, 0.0, -0.8 * total, variance=9e-18),
+        )
+        made.nav(10.0, *PLACE)
+        made.publish(topics.MAGNETIC_FIELD, field_of(20.0, 0.0, total, 0.0))
+        made.nav(20.0, *PLACE)
+        made.wait(lambda: len(made.heard["magnetometer/anomaly"]) == 2)
+        known, unknown = made.heard["magnetometer/anomaly"]
+        assert known.magnetic_field.z * 1e9 == pytest.approx(321.0, abs=0.02)
+        assert known.header.frame_id == "main_field"
+        # the sensor's, and the main field's gradient over the navigator's 30 m
+        variances = [message.magnetic_field_covariance[8] * 1e18 for message in (known, unknown)]
+        assert 9.0 < variances[0] < 9.1
+        assert variances[1] - 4.0 == pytest.approx(
+            variances[0] - 9.0
+        )  # unknown: gravimeter.sigma of 2 nT
+        assert not made.heard["gravimeter/gravity"]
+
+
+def test_a_fast_instrument_gives_one_reading_per_scan(magnetic) -> None:
+    with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
+        for k in range(1, 81):
+            made.publish(topics.MAGNETIC_FIELD, field_of(0.5 * k, 0.0, 0.0, 5e-5))
+        for second in range(41):
+            made.nav(second, *PLACE)
+        made.wait(lambda: len(made.heard["magnetometer/anomaly"]) == 5)
+        made.settle()
+        scans = [message.header.stamp.sec for message in made.heard["magnetometer/anomaly"]]
+        assert np.diff(scans).tolist() == [8, 10, 10, 10]
+        assert not made.node.health.dropped
+        assert made.node.health.figures["readings between scans"] == 75
+
+
+def test_a_clearance_meters_readings_are_reduced(terrain) -> None:
+    with bench(topics.GRAVIMETER, terrain, simulate=False) as made:
+        for seconds, message in (
+            (10.0, range_of(10.0, 70.0, variance=4.0)),
+            (20.0, range_of(20.0, math.inf)),
+        ):
+            made.publish(topics.CLEARANCE, message)
+            made.nav(seconds, *PLACE)
+        made.wait(lambda: len(made.heard["altimeter/terrain"]) == 2)
+        ground, nothing = made.heard["altimeter/terrain"]
+        assert ground.altitude == pytest.approx(30.0)  # the navigator is at 100 m
+        assert ground.position_covariance[8] == pytest.approx(
+            4.0 + 0.01
+        )  # and its height is good to 0.1 m
+        assert [ground.latitude, ground.longitude] == pytest.approx(np.degrees(PLACE))
+        assert math.isnan(nothing.altitude)
+        made.settle()
+        level, _, figures = made.says()[-1]
+        assert (level, figures["readings out of range"]) == (OK, "1")
+        assert not made.node.health.dropped
+
+
+@pytest.mark.parametrize(
+    ("field", "topic", "bad", "words"),
+    [
+        (
+            "magnetic",
+            topics.MAGNETIC_FIELD,
+            lambda: field_of(20.0, math.nan, 0.0, 5e-5),
+            "needs all three",
+        ),
+        (
+            "magnetic",
+            topics.MAGNETIC_FIELD,
+            lambda: field_of(20.0, 0.0, 0.0, 50.0),
+            "the unit is tesla",
+        ),
+        (
+            "magnetic",
+            topics.MAGNETIC_FIELD,
+            lambda: field_of(20.0, 0.0, 0.0, 5e-5, variance=-1.0),
+            "negative",
+        ),
+        (
+            "magnetic",
+            topics.MAGNETIC_FIELD,
+            lambda: field_of(5.0, 0.0, 0.0, 5e-5),
+            "not later than",
+        ),
+        ("terrain", topics.CLEARANCE, lambda: range_of(20.0, math.nan), "not a number"),
+        (
+            "terrain",
+            topics.CLEARANCE,
+            lambda: range_of(20.0, 70.0, variance=-1.0),
+            "negative variance",
+        ),
+        ("terrain", topics.CLEARANCE, lambda: range_of(10.0, 70.0), "not later than"),
+    ],
+)
+def test_bad_messages_are_dropped_and_said(request, field, topic, bad, words) -> None:
+    good = {
+        "magnetic": lambda t: field_of(t, 0.0, 0.0, 5e-5),
+        "terrain": lambda t: range_of(t, 70.0),
+    }[field]
+    scenario = request.getfixturevalue(field)
+    reduced = adapter_of(scenario).reduced.name
+    with bench(topics.GRAVIMETER, scenario, simulate=False) as made:
+        for seconds, message in ((10.0, good(10.0)), (20.0, bad()), (30.0, good(30.0))):
+            made.publish(topic, message)
+            made.nav(seconds, *PLACE)
+        made.wait(lambda: len(made.heard[reduced]) == 2)
+        made.wait(lambda: any(words in message for _, message, _ in made.says()), words)
+        level, message, figures = next(item for item in made.says() if words in item[1])
+        assert (level, figures[f"dropped {topic.name}"]) == (WARN, "1")
+        assert topic.name in message
+
+
+def test_a_gradiometers_readings_are_reduced(gradient) -> None:
+    place = np.radians([-36.5, 147.0])
+    normal = normal_gradient(place[0], 100.0)
+    with bench(topics.GRAVIMETER, gradient, simulate=False) as made:
+        felt = [normal[0, 1] + 4e-8, normal[0, 2] - 2e-8, math.nan]
+        made.publish(topics.FULL_GRADIENT, vector_reading(gradient, 10.0, felt))
+        made.nav(10.0, *place)
+        made.publish(topics.FULL_GRADIENT, vector_reading(gradient, 20.0, [math.nan] * 3))
+        made.nav(20.0, *place)
+        made.wait(lambda: len(made.heard["gradiometer/gradient"]) == 2)
+        read = adapter_of(made.scenario).read_reduced
+        value, covariance = read(made.heard["gradiometer/gradient"][0])
+        np.testing.assert_allclose(value, [4e-8, -2e-8, math.nan], atol=1e-14)
+        np.testing.assert_array_equal(covariance, 1e-18 * np.eye(3))
+        assert np.isnan(read(made.heard["gradiometer/gradient"][1])[0]).all()
+        made.wait(
+            lambda: any(
+                figures.get("readings out of range") == "1" for _, _, figures in made.says()
+            )
+        )

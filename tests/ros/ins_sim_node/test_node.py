@@ -1,0 +1,49 @@
+"""The simulator's node by itself: whom it waits for, and its pace."""
+
+from rclpy.parameter import Parameter
+
+from helpers.node_bench import bench, stamps
+from isogal_ros import topics
+from isogal_ros.nodes.health import ERROR
+
+
+def test_it_says_whom_it_waits_for(scenario) -> None:
+    with bench(topics.INS_SIM, scenario(), peers=list(topics.NODES), start_timeout=0.5) as made:
+        made.wait(lambda: made.node.finished)
+        assert made.node.exit_code == 1
+        assert "cannot begin after 0.5 s" in made.node.failure
+        assert "ukf_fusion_node is not ready" in made.node.failure
+        made.wait(lambda: made.says() and made.says()[-1][0] == ERROR)
+
+
+def test_it_does_not_wait_for_ever_for_an_answer(scenario) -> None:
+    with bench(topics.INS_SIM, scenario(), rate=0.0, reply_timeout=0.5) as made:
+        made.wait(lambda: made.node.finished)
+        assert (
+            "no answer to the step at 1.000 s within 0.5 s: missing nav/odom (0 of 1)"
+            in made.node.failure
+        )
+        assert made.node.exit_code == 1
+        assert made.heard["ground_truth/fix"]
+
+
+def test_without_lock_step_it_keeps_its_rate(scenario) -> None:
+    with bench(
+        topics.INS_SIM, scenario("route.duration=20.0"), rate=200.0, lock_step=False
+    ) as made:
+        made.wait(lambda: made.node.finished)
+        made.settle()
+        assert stamps(made, topics.IMU) == list(range(1, 21))
+        assert stamps(made, topics.TRUTH_FIX) == list(range(21))
+        assert len(made.heard["/clock"]) == 21
+        assert made.node.exit_code == 0
+
+
+def test_rate_may_change(scenario) -> None:
+    with bench(
+        topics.INS_SIM, scenario("route.duration=30.0"), rate=0.01, lock_step=False
+    ) as made:
+        made.wait(lambda: made.node.step == 0)
+        assert made.node.set_parameters([Parameter("rate", value=500)])[0].successful
+        made.wait(lambda: made.node.finished)
+        assert not made.node.set_parameters([Parameter("rate", value=-1.0)])[0].successful

@@ -1,0 +1,59 @@
+"""Inertial samples as messages, and what cannot be used."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Imu
+
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.imu import fill_imu, read_imu
+
+finite = st.floats(-50.0, 50.0)
+vectors = st.tuples(finite, finite, finite).map(np.array)
+
+
+@given(vectors, vectors)
+def test_both_ways(force, rate) -> None:
+    message = Imu()
+    message.header.frame_id = "base_link"
+    fill_imu(message, 5, force, rate)
+    got = read_imu(deserialize_message(serialize_message(message), Imu))
+    np.testing.assert_array_equal(got, [force, rate])
+
+
+def test_axes() -> None:
+    """At rest and level the accelerometer feels +g upward, which is REP-103's +z; turning right is
+    negative about it."""
+    message = Imu()
+    fill_imu(message, 0, np.array([0.0, 0.0, -9.8]), np.array([0.0, 0.0, 0.1]))
+    assert message.linear_acceleration.z == 9.8
+    assert message.angular_velocity.z == -0.1
+
+
+def bad_imu(**changes) -> Imu:
+    message = Imu()
+    message.header.frame_id = changes.pop("frame", "base_link")
+    message.linear_acceleration.z = changes.pop("z", 9.8)
+    message.angular_velocity_covariance = np.diag([changes.pop("variance", 1.0)] * 3).ravel()
+    assert not changes
+    return message
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (bad_imu(frame="camera"), "frame_id must be 'base_link', is 'camera'"),
+        (bad_imu(z=math.nan), "not finite"),
+        (bad_imu(z=math.inf), "not finite"),
+        (bad_imu(z=5e3), "above 1000"),
+        (bad_imu(variance=-1.0), "without specific force"),
+        (bad_imu(variance=-2.0), "negative variance"),
+    ],
+)
+def test_samples_that_cannot_be_used(message, words) -> None:
+    with pytest.raises(BadMessageError, match=words):
+        read_imu(message)

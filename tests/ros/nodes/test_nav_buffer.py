@@ -1,0 +1,173 @@
+"""The navigator's states by stamp, and its jumps."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import NavSatFix
+from std_msgs.msg import Float64MultiArray
+
+from isogal.inertial.rotations import from_heading
+from isogal.scenario import load_scenario
+from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamped_numbers import fill_numbers
+from isogal_ros.nodes.nav_buffer import NavBuffer
+
+S = 10**9
+SCENARIO = load_scenario()
+
+
+def nav_messages(
+    ns: int,
+    latitude: float,
+    longitude: float,
+    north: float = 10.0,
+    east: float = 0.0,
+    variance: float = 4.0,
+):
+    frame = map_frame(SCENARIO)
+    fix, odom, cov = NavSatFix(), Odometry(child_frame_id="base_link"), Float64MultiArray()
+    fix.header.frame_id, odom.header.frame_id = "base_link", "map"
+    matrix = np.diag([variance, variance, 0.01, 0.1, 0.1, 0.1, 1e-8, 1e-8, 1e-6])
+    state = np.array([latitude, longitude, 100.0, north, east, 0.0, *from_heading(0.3)])
+    fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
+    fill_odom(odom, ns, frame, state, np.zeros(3), matrix)
+    fill_numbers(cov, ns, np.arange(49.0).reshape(7, 7) + np.eye(7))
+    return serialize_message(fix), serialize_message(odom), serialize_message(cov)
+
+
+class Buffer:
+    """A NavBuffer whose node is a stand-in."""
+
+    def __init__(self, publishers: int = 1) -> None:
+        self.handlers = {}
+        self.arrivals = 0
+        extra = SimpleNamespace(get_publisher_count=lambda: publishers)
+
+        def listen(topic, handler, raw):
+            assert raw
+            self.handlers[topic.name] = handler
+            return extra
+
+        self.buffer = NavBuffer(SimpleNamespace(listen=listen), SCENARIO, self.arrived)
+
+    def arrived(self) -> None:
+        self.arrivals += 1
+
+    def feed(self, ns: int, *place: float, covariance: bool = True, **more: float) -> None:
+        fix, odom, cov = nav_messages(ns, *place, **more)
+        if covariance:
+            self.handlers[topics.NAV_COVARIANCE.name](cov)
+        self.handlers[topics.NAV_FIX.name](fix)
+        self.handlers[topics.NAV_ODOM.name](odom)
+
+
+PLACE = (math.radians(-37.9), math.radians(144.6))
+
+
+def test_the_state_of_a_stamp() -> None:
+    buffer = Buffer()
+    assert buffer.buffer.at(5 * S) is None
+    buffer.feed(5 * S, *PLACE)
+    sample = buffer.buffer.at(5 * S)
+    assert sample.position[:2] == pytest.approx(PLACE, abs=1e-15)
+    assert sample.velocity == pytest.approx([10.0, 0.0, 0.0], abs=1e-12)
+    assert sample.covariance.shape == (7, 7)
+    assert sample.height_variance == 0.01
+    assert buffer.arrivals == 3
+
+
+def test_it_waits_for_the_covariance_only_where_somebody_publishes_it() -> None:
+    for publishers in (0, 1):
+        buffer = Buffer(publishers)
+        buffer.feed(5 * S, *PLACE, covariance=False)
+        sample = buffer.buffer.at(5 * S)
+        assert (sample is None) == (publishers == 1)
+        if sample is not None:
+            assert np.diag(sample.covariance) == pytest.approx([4.0, 4.0, 0.1, 0.1])
+
+
+def test_it_does_not_wait_for_ever() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE, covariance=False)
+    assert buffer.buffer.at(5 * S) is None
+    buffer.feed(6 * S, *PLACE)
+    assert buffer.buffer.at(5 * S).covariance.shape == (4, 4)
+
+
+def test_a_stamp_between_two_states() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE)
+    assert buffer.buffer.at(5 * S + S // 2) is None
+    buffer.feed(6 * S, *PLACE)
+    sample = buffer.buffer.at(5 * S + S // 2)
+    assert (sample.position[0] - PLACE[0]) * 6.36e6 == pytest.approx(5.0, abs=0.05)
+    assert sample.position[1] == pytest.approx(PLACE[1], abs=1e-15)
+
+
+def test_a_stamp_in_a_gap_is_said() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE)
+    buffer.feed(20 * S, *PLACE)
+    with pytest.raises(BadMessageError, match=r"said nothing about 12\.000 s"):
+        buffer.buffer.at(12 * S)
+
+
+def test_a_second_message_of_a_stamp_is_a_jump() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE)
+    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1], north=10.5)
+    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1] - 1e-5, north=10.5, east=-1.0)
+    buffer.feed(6 * S, *PLACE)
+    first, second = buffer.buffer.take_jumps(6 * S)
+    assert first.ns == second.ns == 5 * S
+    assert first.change == pytest.approx([63.6, 0.0, 0.5, 0.0, 0, 0, 0], abs=0.1)
+    assert second.change == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
+    assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(10.0)  # the state before any fix
+    assert buffer.buffer.take_jumps(6 * S) == []
+
+
+def test_jumps_wait_for_their_scan() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE)
+    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1])
+    assert buffer.buffer.take_jumps(5 * S) == []
+    assert len(buffer.buffer.take_jumps(5 * S + 1)) == 1
+
+
+def test_nothing_moved_is_no_jump() -> None:
+    buffer = Buffer()
+    buffer.feed(5 * S, *PLACE)
+    buffer.feed(5 * S, *PLACE)
+    assert buffer.buffer.jumps == []
+
+
+def test_topics_may_run_ahead_of_each_other() -> None:
+    buffer = Buffer()
+    pairs = [nav_messages(5 * S, PLACE[0] + i * 1e-5, PLACE[1]) for i in range(3)]
+    buffer.handlers[topics.NAV_COVARIANCE.name](pairs[0][2])
+    for fix, _, _ in pairs:
+        buffer.handlers[topics.NAV_FIX.name](fix)
+    assert buffer.buffer.at(5 * S) is None
+    for _, odom, _ in pairs:
+        buffer.handlers[topics.NAV_ODOM.name](odom)
+    assert [jump.change[0] for jump in buffer.buffer.jumps] == pytest.approx([63.6, 63.6], abs=0.1)
+    assert buffer.buffer.at(5 * S).position[0] == pytest.approx(PLACE[0], abs=1e-15)
+
+
+def test_old_states_are_given_up() -> None:
+    buffer = Buffer()
+    for i in range(1100):
+        buffer.feed(i * S, *PLACE)
+    with pytest.raises(BadMessageError, match="said nothing"):
+        buffer.buffer.at(10 * S)
+    with pytest.raises(BadMessageError, match="older than all that are kept"):
+        buffer.feed(3 * S, *PLACE)
+    assert buffer.buffer.at(1000 * S) is not None

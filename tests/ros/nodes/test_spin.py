@@ -1,0 +1,51 @@
+"""A node as a process of its own."""
+
+import importlib
+
+import pytest
+
+from isogal_ros import topics
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.spin import run_node
+
+
+class Finished(GraphNode):
+    """A node with nothing to do."""
+
+    def setup(self) -> None:
+        self.finished = True
+        SEEN.append((self.get_name(), self.settings.run))
+
+
+SEEN: list[tuple[str, int]] = []
+
+
+def test_arguments_reach_the_node() -> None:
+    SEEN.clear()
+    args = ["--ros-args", "-r", "__node:=other", "-p", "run:=3"]
+    assert run_node("quiet", lambda: Finished("quiet"), args) == 0
+    assert SEEN == [("other", 3)]
+
+
+def test_a_bad_argument_is_one_line_and_exit_2(capsys) -> None:
+    args = ["--ros-args", "-p", "runn:=3"]
+    assert run_node("quiet", lambda: Finished("quiet"), args) == 2
+    assert capsys.readouterr().err == "quiet: unknown parameter 'runn', did you mean 'run'?\n"
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        ("ins_sim_node.node", topics.INS_SIM),
+        ("gravimeter_node.node", topics.GRAVIMETER),
+        ("pmht_mm_node.node", topics.PMHT_MM),
+        ("ukf_fusion_node.node", topics.UKF_FUSION),
+        ("isogal_ros.bags.recorder", "isogal_recorder"),
+    ],
+)
+def test_every_entry_point_passes_its_arguments_on(module, name, capsys) -> None:
+    main = importlib.import_module(module).main
+    with pytest.raises(SystemExit) as end:
+        main(["--ros-args", "-p", "no_such_parameter:=1"])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith(f"{name}: unknown parameter 'no_such_parameter'")

@@ -1,0 +1,180 @@
+"""The matcher's node: fixes of batches, and that no message ends it."""
+
+import math
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import NavSatStatus, PointCloud2
+
+from helpers.node_bench import bench, vector_reading
+from isogal.earth.frames import horizontal_difference
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+from isogal_ros.messages.gradiometer import GRADIOMETER
+from isogal_ros.messages.position import read_position
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
+from isogal_ros.nodes.health import WARN
+
+
+@pytest.fixture
+def matcher_bench(scenario):
+    with bench(topics.PMHT_MM, scenario()) as made:
+        yield made
+
+
+@pytest.fixture
+def drive(scenario, matcher_bench):
+    trajectory = build_trajectory(scenario())
+    field_map = map_for_scenario(scenario())
+
+    def go(scan: int, value: float | None = None, nav: bool = True, **keys) -> None:
+        k = scan * 10
+        place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
+        if nav:
+            matcher_bench.nav(k, *place, tuple(trajectory.velocity[k, :2]))
+        if value is None:
+            value = float(field_map.value(*place))
+        matcher_bench.reading(k, value, **keys)
+
+    return go
+
+
+def test_a_batch_gives_a_fix_where_it_is(matcher_bench, drive, scenario) -> None:
+    for scan in range(1, 7):
+        drive(scan)
+    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
+    matcher_bench.settle()
+    (fix,) = matcher_bench.heard["pmht_mm/fix"]
+    assert to_ns(fix.header.stamp) == from_seconds(60.0)
+    assert fix.status.status == NavSatStatus.STATUS_FIX
+    trajectory = build_trajectory(scenario())
+    off = horizontal_difference(
+        *read_position(fix)[:2], trajectory.latitude[60], trajectory.longitude[60]
+    )
+    assert np.hypot(*off) < 200.0  # the navigator's prior is 30 m
+    (cloud,) = matcher_bench.heard["pmht_mm/candidates"]
+    assert cloud.width > 0
+    batch = [
+        item
+        for array in matcher_bench.heard["/diagnostics"]
+        for item in array.status
+        if item.name.endswith("batch")
+    ]
+    assert len(batch) == 1
+
+
+def test_readings_may_come_before_the_navigators_state(matcher_bench, drive, scenario) -> None:
+    trajectory = build_trajectory(scenario())
+    for scan in range(1, 7):
+        drive(scan, nav=False)
+    matcher_bench.wait(lambda: matcher_bench.node.taken == 6)
+    assert matcher_bench.node.scans.waiting == 6
+    for scan in range(1, 7):
+        k = scan * 10
+        matcher_bench.nav(
+            k,
+            trajectory.latitude[k],
+            trajectory.longitude[k],
+            tuple(trajectory.velocity[k, :2]),
+        )
+    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
+    assert matcher_bench.node.scans.waiting == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"value": math.nan}, "not finite"),
+        ({"variance": -1.0}, "negative variance"),
+        ({"frame": "camera"}, "frame_id must be 'gravimeter_link'"),
+    ],
+)
+def test_a_bad_reading_leaves_a_batch_of_the_same_length(
+    matcher_bench, drive, keys, words
+) -> None:
+    for scan in range(1, 7):
+        drive(scan, **(keys if scan == 3 else {}))
+    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
+    assert any(level == WARN and words in message for level, message, _ in matcher_bench.says())
+    assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
+
+
+def test_a_lost_reading_leaves_a_batch_of_the_same_length(matcher_bench, drive) -> None:
+    for scan in (1, 2, 4, 5, 6):
+        if scan == 4:  # the navigator has spoken, the gravimeter was not heard
+            matcher_bench.nav(30, -0.637, 2.5656)
+        drive(scan)
+    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
+    matcher_bench.settle()
+    assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
+    assert matcher_bench.says()[-1][2]["scans missing"] == "1"
+
+
+def test_stamps_must_increase(matcher_bench, drive) -> None:
+    drive(2)
+    drive(1)
+    drive(2)
+    matcher_bench.wait(lambda: matcher_bench.node.taken == 3)
+    assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
+
+
+def test_a_matcher_that_fails_is_answered_for(matcher_bench, drive, monkeypatch) -> None:
+    class Broken:
+        context = 0
+
+        def match(*_):
+            raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(matcher_bench.node, "_matcher", Broken())
+    for scan in range(1, 7):
+        drive(scan)
+    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
+    (fix,) = matcher_bench.heard["pmht_mm/fix"]
+    assert fix.status.status == NavSatStatus.STATUS_NO_FIX
+    batch = [
+        item
+        for array in matcher_bench.heard["/diagnostics"]
+        for item in array.status
+        if item.name.endswith("batch")
+    ]
+    assert batch[0].message == "the matcher failed: ZeroDivisionError: division by zero"
+
+
+def test_settings_may_change_between_batches(matcher_bench) -> None:
+    node = matcher_bench.node
+    assert node.set_parameters([Parameter("matcher.map_sigma", value=3e-5)])[0].successful
+    assert node.scenario.matcher.map_sigma == 3e-5
+    refused = node.set_parameters([Parameter("matcher.options", value="{no_such_option: 1}")])[0]
+    assert not refused.successful
+    assert "no_such_option" in refused.reason
+    assert node.scenario.matcher.options == {}
+
+
+def test_a_bad_anomaly_is_dropped_and_the_batch_keeps_its_length(magnetic) -> None:
+    with bench(topics.PMHT_MM, magnetic) as made:
+        for scan in range(1, 16):
+            value = math.nan if scan == 4 else 50.0
+            message = topics.ANOMALY.type()
+            set_stamp(message.header.stamp, from_seconds(10.0 * scan))
+            message.magnetic_field.z = value * 1e-9
+            made.nav(10.0 * scan, 0.9756 + 1e-5 * scan, -0.0681 + 1e-5 * scan, (6.4, 3.6))
+            made.publish(topics.ANOMALY, message)
+        made.wait(lambda: made.heard["pmht_mm/fix"])
+        assert made.node.health.dropped == {"magnetometer/anomaly": 1}
+
+
+def test_a_vector_that_cannot_be_read_is_an_empty_scan(gradient) -> None:
+    with bench(topics.PMHT_MM, gradient) as made:
+        for scan in range(1, 7):
+            if scan == 3:
+                item = PointCloud2(width=1, height=1)
+                item.header.frame_id = GRADIOMETER
+                set_stamp(item.header.stamp, from_seconds(10.0 * scan))
+            else:
+                item = vector_reading(gradient, 10.0 * scan, [1e-8, 2e-8, 0.0])
+            made.nav(10.0 * scan, np.radians(-36.5) + 2e-5 * scan, np.radians(147.0))
+            made.publish(topics.GRADIENT, item)
+        made.wait(lambda: made.heard["pmht_mm/fix"])
+        assert made.node.health.dropped == {"gradiometer/gradient": 1}

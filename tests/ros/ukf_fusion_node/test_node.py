@@ -1,0 +1,167 @@
+"""The filter's node: what it answers, and that no message ends it."""
+
+import math
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import NavSatStatus
+
+from helpers.node_bench import bench, stamps
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.strapdown import propagate
+from isogal.sensors.imu import simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+from isogal_ros.messages.position import read_position
+from isogal_ros.nodes.health import ERROR, OK, WARN
+
+
+@pytest.fixture
+def filter_bench(scenario):
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        yield made
+
+
+@pytest.fixture
+def start(scenario):
+    state = draw_initial_state(scenario(), build_trajectory(scenario()), [0])
+    return float(state.position[0, 0]), float(state.position[0, 1])
+
+
+def test_every_sample_is_answered(filter_bench) -> None:
+    for k in range(1, 6):
+        filter_bench.imu(k)
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 6)
+    filter_bench.settle()
+    for topic in (topics.NAV_FIX, topics.NAV_ODOM):
+        assert stamps(filter_bench, topic) == [0, 1, 2, 3, 4, 5]  # with the start
+    assert len(filter_bench.heard["nav/covariance"]) == 6
+    assert len(filter_bench.heard["nav/path"]) == 1
+
+
+def test_it_navigates_as_the_library_does(scenario, filter_bench) -> None:
+    trajectory = build_trajectory(scenario())
+    imu = simulate_imu(scenario(), trajectory, [0])
+    for k in range(30):
+        filter_bench.imu(
+            k + 1, tuple(imu.specific_force[0, k])
+        )  # rates of zero: only the order of magnitude counts
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 31)
+    state = draw_initial_state(scenario(), trajectory, [0])
+    force = imu.specific_force[:, :30]
+    end, _ = propagate(state, force, np.zeros_like(force), 1.0, trajectory.height[:31])
+    got = read_position(filter_bench.heard["nav/fix"][-1])
+    off = horizontal_difference(got[0], got[1], end.position[0, 0], end.position[0, 1])
+    assert np.hypot(*off) < 0.01
+
+
+def test_a_fix_moves_it_and_is_answered(filter_bench, start) -> None:
+    filter_bench.imu(1)
+    filter_bench.imu(2)
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 3)
+    before = read_position(filter_bench.heard["nav/fix"][-1])
+    filter_bench.fix(2, before[0] + 1e-5, before[1], variance=1.0)
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 4)
+    after = read_position(filter_bench.heard["nav/fix"][-1])
+    assert (after[0] - before[0]) / 1e-5 == pytest.approx(1.0, abs=0.01)
+    assert stamps(filter_bench, topics.NAV_FIX) == [0, 1, 2, 2]
+    assert filter_bench.says()[-1][0] == OK
+
+
+def test_a_late_fix_equals_one_in_time(scenario, start) -> None:
+    results = []
+    for late in (False, True):
+        with bench(topics.UKF_FUSION, scenario()) as made:
+            for k in range(1, 21):
+                made.imu(k, (0.1, 0.02 * k, -9.8))
+                if k == (20 if late else 8):
+                    made.wait(lambda made=made, k=k: made.node.samples == k)
+                    made.fix(8, start[0] + 1e-5, start[1] - 1e-5)
+                    made.wait(lambda made=made: made.node.answered == 1)
+            made.wait(lambda made=made: len(made.heard["nav/fix"]) == 22)
+            results.append(read_position(made.heard["nav/fix"][-1]))
+    assert horizontal_difference(*results[0][:2], *results[1][:2]) == pytest.approx(
+        [0, 0], abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("send", "topic", "words"),
+    [
+        (lambda b: b.imu(3, (math.nan, 0.0, -9.8)), "imu/data_raw", "not finite"),
+        (lambda b: b.imu(3, frame="camera"), "imu/data_raw", "frame_id must be 'base_link'"),
+        (lambda b: b.imu(1), "imu/data_raw", "not later than"),
+        (lambda b: b.imu(2), "imu/data_raw", "not later than"),
+        (lambda b: b.imu(3, (1e9, 0.0, 0.0)), "imu/data_raw", "above 1000"),
+        (lambda b: b.fix(2, math.nan, 0.0), "pmht_mm/fix", "not finite"),
+        (lambda b: b.fix(2, -0.6, 2.5, variance=-1.0), "pmht_mm/fix", "negative variance"),
+        (lambda b: b.fix(2, -0.6, 2.5, variance=0.0), "pmht_mm/fix", "not positive definite"),
+        (lambda b: b.fix(2, -0.6, 2.5, frame="antenna"), "pmht_mm/fix", "frame_id must be"),
+        (lambda b: b.fix(99, -0.6, 2.5), "pmht_mm/fix", "ahead of the navigator"),
+    ],
+)
+def test_bad_messages_are_dropped_and_said(filter_bench, send, topic, words) -> None:
+    filter_bench.imu(1)
+    filter_bench.imu(2)
+    filter_bench.wait(lambda: filter_bench.node.samples == 2)
+    send(filter_bench)
+    filter_bench.wait(
+        lambda: any(words in message for _, message, _ in filter_bench.says()), words
+    )
+    level, message, figures = next(item for item in filter_bench.says() if words in item[1])
+    assert level == WARN
+    assert topic in message
+    assert figures[f"dropped {topic}"] == "1"
+    # and it goes on
+    filter_bench.imu(3)
+    filter_bench.imu(4)
+    filter_bench.wait(lambda: 4 in stamps(filter_bench, topics.NAV_FIX))
+    position = read_position(filter_bench.heard["nav/fix"][-1])
+    assert np.isfinite(position).all()
+    assert not filter_bench.node.finished
+
+
+def test_lost_samples_are_bridged_and_counted(filter_bench) -> None:
+    for k in (1, 2, 5, 6):
+        filter_bench.imu(k)
+    filter_bench.wait(lambda: 6 in stamps(filter_bench, topics.NAV_ODOM))
+    filter_bench.settle()
+    warnings = [item for item in filter_bench.says() if item[0] == WARN]
+    assert "2 IMU samples missing" in warnings[0][1]
+    assert filter_bench.says()[-1][2]["IMU samples missing"] == "2"
+    assert filter_bench.says()[-1][0] == OK  # over when the next sample is in time
+
+
+def test_a_long_gap_is_an_error(filter_bench) -> None:
+    for k in (1, 2, 60):
+        filter_bench.imu(k)
+    filter_bench.wait(lambda: any(level == ERROR for level, *_ in filter_bench.says()))
+    filter_bench.wait(lambda: 60 in stamps(filter_bench, topics.NAV_ODOM))
+
+
+def test_no_fix_is_answered_too(filter_bench, start) -> None:
+    filter_bench.imu(1)
+    filter_bench.wait(lambda: filter_bench.node.samples == 1)  # topics may overtake each other
+    filter_bench.fix(1, *start, status=NavSatStatus.STATUS_NO_FIX)
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 3)
+    assert filter_bench.node.answered == 1
+
+
+def test_a_given_start(scenario) -> None:
+    own = {
+        "start_position": [-35.0, 149.0, 50.0],
+        "start_velocity": [1.0, 2.0, 0.0],
+        "start_attitude": [0.0, 0.0, 90.0],
+    }
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        made.imu(1_700_000_000)  # stamps of the wall clock
+        made.wait(lambda: len(made.heard["nav/fix"]) == 2)
+        first = made.heard["nav/fix"][0]
+        assert (first.latitude, first.longitude, first.altitude) == pytest.approx(
+            (-35.0, 149.0, 50.0)
+        )
+        twist = made.heard["nav/odom"][0].twist.twist.linear
+        assert (twist.x, twist.y) == pytest.approx(
+            (2.0, 1.0)
+        )  # nose to the east: forward is east, left is north
