@@ -1,4 +1,4 @@
-"""What `isogal map` says about maps: plain dictionaries for --json, tables for people."""
+"""Descriptions of maps and routes: dictionaries for JSON, and tables."""
 
 import math
 from typing import Any
@@ -11,15 +11,13 @@ from isogal.maps.field_map import FieldMap
 
 
 def describe_map(field_map: FieldMap) -> dict[str, Any]:
-    """Return what a map is, with the range of its values."""
+    """Return what a map is of, its extent and nodes, and the statistics of its values."""
     extent, grid = field_map.extent, field_map.grid
     count, total, squares, low, high = 0, 0.0, 0.0, math.inf, -math.inf
     middle = float(
         next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all())
     )
-    for row in (
-        field_map.values
-    ):  # row by row: a map may be larger than the memory that one likes to spend
+    for row in field_map.values:  # row by row: a copy of the whole map may not fit into memory
         known = row[~np.isnan(row)].astype(np.float64)
         if known.size:
             count += known.size
@@ -58,8 +56,8 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
 def describe_route(
     field_map: FieldMap, track: tuple[Array, Array], stretches: Stretches
 ) -> dict[str, Any]:
-    """Return what a track finds on the map, stretch by stretch; infinities and missing values
-    become null.
+    """Return values, gradient and expected accuracy along a track, stretch by stretch; infinite
+    and missing numbers become None.
 
     Parameters
     ----------

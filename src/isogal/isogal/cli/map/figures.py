@@ -1,4 +1,4 @@
-"""Pictures of maps: the field, how steep it is, and what a track over it is worth."""
+"""Figures of maps: values, gradient, and the expected accuracy of fixes along a track."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,12 @@ if TYPE_CHECKING:
     from isogal.maps.expected_accuracy import Stretches
     from isogal.maps.field_map import FieldMap
 
-_ACCURACY = 2.1  # in, height of the panel of accuracies
-_TALLEST = 4.4  # in, height of a map
-_FINEST = 330  # nodes of a map drawn along each side; more than the picture's dots is in vain
+_ACCURACY = 2.1
+"""in, height of the panel of accuracies."""
+_TALLEST = 4.4
+"""in, largest height of a map."""
+_FINEST = 330
+"""Nodes of a map drawn along each side: the figure has no more pixels for them."""
 
 
 def slope_label(field_map: "FieldMap") -> tuple[float, str]:
@@ -34,7 +37,7 @@ def map_figure(
     track: tuple[Array, Array] | None = None,
     stretches: "Stretches | None" = None,
 ) -> "Figure":
-    """Map and gradient; with a track, below them the expected accuracy of fixes along it.
+    """Draw a map and its gradient; with a track, also the expected accuracy of fixes along it.
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ def map_figure(
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where the two maps stand: beside each other, or one above the other where they are long."""
+    """Places of the two maps: side by side, or one above the other where the map is wide."""
 
     height: float
     """in"""
@@ -120,8 +123,8 @@ def _width(axes: "Axes") -> float:
 
 
 def _steepness(field_map: "FieldMap", step: int) -> Array:
-    """Return the size of the gradient at every ``step``-th node: the RMS over the nodes that the
-    picture leaves out."""
+    """Return the magnitude of the gradient at every ``step``-th node, as RMS over the nodes that
+    are not drawn."""
     rows = []
     for first in range(0, field_map.latitude.size, step):
         latitude = field_map.latitude[first : first + step]
@@ -220,7 +223,7 @@ def _track(
 
 
 def _into(longitude: Array, field_map: "FieldMap") -> Array:
-    """Turn longitudes by whole circles into the map's range."""
+    """Return longitudes changed by whole circles such that they lie in the map's range."""
     middle = 0.5 * (field_map.longitude[0] + field_map.longitude[-1])
     turned = np.unwrap(longitude)
     return turned + 2.0 * np.pi * np.round((middle - turned.mean()) / (2.0 * np.pi))
@@ -249,7 +252,8 @@ def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
 def variability_figure(
     field_map: "FieldMap", distance: Array, value: Array, variability: Array, normalised: Array
 ) -> "Figure":
-    """Values along a track, and below them the map feature variability (paper fig. 60).
+    """Draw the map's values along a track, and below them the map feature variability (paper fig.
+    60).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class _Along(NamedTuple):
-    """What a track finds; (K,) each."""
+    """Variability along a track; (K,) each."""
 
     distance: "Array"
     """m from the first reading."""
@@ -35,7 +35,7 @@ class _Along(NamedTuple):
 
 @dataclass(frozen=True)
 class Template:
-    """The places round each reading that are compared with it."""
+    """The window template round each reading, and how the variability is normalised."""
 
     half_width: Annotated[
         float,
