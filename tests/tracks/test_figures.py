@@ -21,9 +21,9 @@ def test_matched_positions_are_those_of_the_truth():
 
 @pytest.mark.parametrize("step", [(200.0, 0.0), (0.0, 200.0), (140.0, -170.0)])
 def test_map_shows_the_track_and_its_fixes(step):
-    track, latitude, longitude = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0, step=step)
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0, step=step)
     matches = match_track(track, HEIGHT, Matcher(batch_length=20), PRIOR)
-    figure = track_map_figure(track, HEIGHT, matches, (latitude, longitude))
+    figure = track_map_figure(track, HEIGHT, matches)
     panel = figure.axes[0]
     west, east = panel.get_xlim()
     south, north = panel.get_ylim()
@@ -37,7 +37,6 @@ def test_map_shows_the_track_and_its_fixes(step):
     labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
     assert labels == {
         "track as recorded",
-        "true track",
         "track moved by the fixes",
         r"fix with its $2\sigma$ ellipse",
     }

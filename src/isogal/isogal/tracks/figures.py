@@ -46,14 +46,9 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
 
 
 @style.journal
-def track_map_figure(
-    track: Track,
-    field_map: FieldMap,
-    matches: Sequence[Match],
-    truth: tuple[Array, Array] | None = None,
-) -> "Figure":
+def track_map_figure(track: Track, field_map: FieldMap, matches: Sequence[Match]) -> "Figure":
     """Draw the map, the track as recorded and as moved by the fixes, and the fixes with their
-    2-sigma ellipses; also the true track (latitude, longitude, rad) if it is known."""
+    2-sigma ellipses."""
     half = _half_widths(track, matches)
     shape = float(half[0] / half[1])
     width = style.WIDTH if shape < 1.0 else 4.9
@@ -70,8 +65,6 @@ def track_map_figure(
         panel.plot(x, y, **line.options(), label=label)
 
     draw(track.latitude, track.longitude, RECORDED, "track as recorded")
-    if truth is not None:
-        draw(*truth, style.TRUTH, "true track")
     latitude, longitude = matched_positions(track, matches)
     for number, match in enumerate(m for m in matches if m.fix.published):
         label = "track moved by the fixes" if number == 0 else "_"
@@ -174,12 +167,7 @@ def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
 
 
 @style.journal
-def readings_figure(
-    track: Track,
-    field_map: FieldMap,
-    matches: Sequence[Match],
-    truth: tuple[Array, Array] | None = None,
-) -> "Figure":
+def readings_figure(track: Track, field_map: FieldMap, matches: Sequence[Match]) -> "Figure":
     """Draw the readings (less offset) and the map's values along the track as recorded and as
     matched; below, the differences."""
     figure = style.new_figure(4.4)
@@ -196,8 +184,6 @@ def readings_figure(
         ),
         (field_map.value(*moved), MATCHED, "map along the track moved by the fixes"),
     ]
-    if truth is not None:
-        curves.append((field_map.value(*truth), style.TRUTH, "map along the true track"))
     marks = {
         "linestyle": "none",
         "marker": "o",
