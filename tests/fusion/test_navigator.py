@@ -22,7 +22,7 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import (
     BATCH,
-    HORIZONTAL,
+    HORIZONTAL_STATES,
     batch_covariance,
     batch_difference,
 )
@@ -35,6 +35,7 @@ SIGMA = np.array(
     [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
 )
 SCALE = SIGMA * SIGMA[:, None]
+HORIZONTAL = BATCH[:HORIZONTAL_STATES]
 MODEL = FilterModel.from_scenario(Scenario())
 
 

@@ -1,2 +1,13 @@
-"""Fusion: the unscented filter that navigates, and the exact treatment of fixes that arrive
-late."""
+"""Fusion of inertial data with fixes: the unscented filter.
+
+model           what the filter assumes about sensors and aids
+state           mean and covariance of many runs
+navigator       prediction and updates, for many runs at once
+buffered        a navigator of one run that takes fixes of any age
+fix             the one order in which a fix is applied
+
+nominal         the mean as compiled functions take it, and moving it by an error state
+sigma_points    sigma points: weights, propagation, moments
+ukf             the compiled filter
+reference       the same filter by filterpy
+"""

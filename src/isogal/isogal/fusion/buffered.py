@@ -149,14 +149,14 @@ class BufferedNavigator:
         )
 
     def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:
-        """Apply what measurements say about the horizontal error as a whole
-        (`fusion.navigator.update_information`), of any stamp.
+        """Apply a likelihood in information form (`isogal.fusion.navigator.update_information`)
+        of any stamp within the horizon.
 
         Parameters
         ----------
         vector, matrix : (n,), (n, n) arrays
-            Relative to the navigator's estimate at the stamp, as it is now. An older fix that
-            comes later changes that estimate; the information is then carried over to the new one.
+            Relative to the navigator's estimate at the stamp, as it is now. If an older fix that
+            comes later changes that estimate, the information is carried over to the new one.
         """
         relative_to: Estimate | None = None
 
@@ -167,7 +167,7 @@ class BufferedNavigator:
                 relative_to = Estimate(*(part.copy() for part in estimate))
             else:
                 moved = batch_difference(estimate, relative_to)[: len(vector)]
-            # with xi = xi_old + moved, v' xi_old - xi_old' M xi_old / 2 has the vector v + M moved
+            # with x = x_old + moved, v' x_old - x_old' M x_old / 2 has the vector v + M moved
             correction, nis = update_information(state, 0, vector + matrix @ moved, matrix)
             return correction[:2], nis
 
@@ -186,23 +186,14 @@ class BufferedNavigator:
     def _update(self, time: float, update: Update) -> UpdateResult:
         times = [step.time for step in self._steps]
         late = self.time - time
-        refused = np.full(2, np.nan)
         if not np.isfinite(time) or time < times[0] - 0.5 * self.model.dt:
-            return UpdateResult(
-                False,
-                f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)",
-                refused,
-                np.nan,
-                late,
+            return _refused(
+                f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)", late
             )
         index = bisect_left(times, time - 0.5 * self.model.dt)
         if index == len(times):
-            return UpdateResult(
-                False,
-                f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)",
-                refused,
-                np.nan,
-                late,
+            return _refused(
+                f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", late
             )
         target = self._steps[index]
         before = target.state.copy()
@@ -215,7 +206,7 @@ class BufferedNavigator:
                 target.fixes.pop()
             target.state = before
             self._replay(index)
-            return UpdateResult(False, str(error), refused, np.nan, late)
+            return _refused(str(error), late)
         return UpdateResult(True, None, innovation, nis, late)
 
     def _replay(self, index: int) -> None:
@@ -240,6 +231,10 @@ class BufferedNavigator:
             step.rate[None, None],
             np.array([step.height]),
         )
+
+
+def _refused(reason: str, late: float) -> UpdateResult:
+    return UpdateResult(False, reason, np.full(2, np.nan), np.nan, late)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,9 +18,8 @@ _POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9
 UNKNOWN_GRAVITY = 1.6e-2
 """Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the
 strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 sigma² tau). Without
-it the known height turns the vertical accelerometer into a velocity sensor by the Eötvös term, and
-the filter claims, in simulation even rightly, tens of metres after hours: no real vehicle has
-that."""
+it the vertical accelerometer, with the height known, would measure the east velocity through the
+Eötvös term, to a precision that no vehicle has (docs/mathematics.md, section 3.7)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +52,7 @@ class FilterModel:
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> "FilterModel":
-        """Return the model that knows what the scenario's simulation draws from."""
+        """Return the model that agrees with what the scenario's simulation draws from."""
         grade, initial = GRADES[scenario.imu.grade], scenario.initial_error
         position, velocity = (
             max(initial.position, _POSITION_FLOOR),

@@ -15,8 +15,11 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH
 
 LEAST_INFORMATION = -4.0
-"""Of a likelihood, per unit of the navigator's own information. A posterior has less than its
-prior by -1 at most; the navigator may have become less certain meanwhile."""
+"""Least eigenvalue of a likelihood's information, in units of the navigator's own, that is
+accepted. A posterior has at most all of its prior's information less, -1; more than that is
+possible where the navigator has become less certain since the batch was matched."""
+LEAST_APPLIED = -0.75
+"""Least eigenvalue that is applied: no variance becomes more than four times as large."""
 
 
 class FilterDivergenceError(RuntimeError):
@@ -49,7 +52,7 @@ def propagate(
     Raises
     ------
     FilterDivergenceError
-        A covariance is no longer positive definite (not repaired in silence).
+        A covariance is no longer positive definite; it is not repaired.
     """
     advance = _reference().advance if model.filter == "reference" else ukf.advance
     height = np.asarray(height, dtype=float)
@@ -65,28 +68,27 @@ def propagate(
 def update_information(
     state: FilterState, run: int, vector: Array, matrix: Array
 ) -> tuple[Array, float]:
-    """Update one run with the likelihood of its horizontal error in information form, in place.
+    """Update one run with the likelihood of its error in information form, in place
+    (docs/mathematics.md, section 3.6).
 
     Parameters
     ----------
     vector, matrix : (n,), (n, n) arrays
-        log p = vector' x - x' matrix x / 2 of x = (north m, east m, v_north, v_east m/s), n = 4,
-        or with attitude about north, east, down (rad), n = 7; estimate minus truth. Where the
-        matrix is negative the estimate becomes less certain, by a factor of four in variance at
-        most.
+        log p = vector' x - x' matrix x / 2 of the error x in a batch's states, n = 7, or its
+        position and velocity, n = 4. Where the matrix is negative the estimate becomes less
+        certain, by a factor of four in variance at most.
 
     Returns
     -------
     correction : (n,) array
         Change of the estimate.
     nis : float
-        Normalised innovation squared of the part of x that the matrix informs on.
+        Normalised innovation squared, of the directions in which the matrix is positive.
 
     Raises
     ------
     ValueError
-        Not finite, or so negative that it cannot be what a posterior has less than its prior; the
-        state is as it was.
+        Not finite, or more negative than `LEAST_INFORMATION`; the state is as it was.
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
@@ -98,19 +100,18 @@ def update_information(
     )
     keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
     size, sign = np.sqrt(np.abs(values[keep])), np.sign(values[keep])
-    # square root form: pseudo-measurements H xi = z with noise of variance J = +-1, H' J H =
-    # matrix
+    # as measurements z = H x with noise of variance J = +-1, such that H' J H = matrix
     H = (vectors[:, keep] * size).T / scale
     z = sign * ((vectors[:, keep] / size).T @ (vector * scale))
     gain = P[:, which] @ H.T
     innovation = H @ gain[which] + np.diag(sign)
     solved = np.linalg.solve(innovation, np.column_stack([z, gain.T]))
-    error = -gain @ solved[:, 0]  # xi is estimate minus truth, the correction its negative
+    error = -gain @ solved[:, 0]  # x is estimate minus truth, the correction its negative
     reduced = P - gain @ solved[:, 1:]
     state.covariance[run] = 0.5 * (reduced + reduced.T)
     move(state.nominal_of(run), error)
-    told = sign > 0.0
-    return error[which], float(z[told] @ np.linalg.solve(innovation[np.ix_(told, told)], z[told]))
+    up = sign > 0.0
+    return error[which], float(z[up] @ np.linalg.solve(innovation[np.ix_(up, up)], z[up]))
 
 
 def _bounded(matrix: Array, covariance: Array) -> Array:
@@ -120,10 +121,10 @@ def _bounded(matrix: Array, covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(factor.T @ matrix @ factor)
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
-    if values[0] >= -0.75:
+    if values[0] >= LEAST_APPLIED:
         return matrix
     back = np.linalg.solve(factor.T, vectors)
-    return np.asarray((back * np.maximum(values, -0.75)) @ back.T, dtype=np.float64)
+    return np.asarray((back * np.maximum(values, LEAST_APPLIED)) @ back.T, dtype=np.float64)
 
 
 def update_position(

@@ -79,7 +79,9 @@ def update_height(nominal, covariance, height, sigma, gain, error):  # type: ign
 
 
 @kernel(error_model="numpy")
-def update_position(nominal, covariance, latitude, longitude, fix_covariance, assumptions):  # type: ignore[no-untyped-def]
+def update_position(  # type: ignore[no-untyped-def]
+    nominal, covariance, latitude, longitude, fix_covariance, assumptions
+):
     """Update one run with a horizontal position fix (rad; (2, 2) m²), in place; return (innovation
     north, east, normalised innovation squared).
 

@@ -1,1 +1,7 @@
-"""Attitude algebra and strapdown navigation."""
+"""Attitude, strapdown navigation and its errors.
+
+rotations       quaternions and rotation vectors
+strapdown       position, velocity and attitude from specific force and angular rate
+error_state     the navigator's error as a vector: order of the states, difference of estimates
+error_model     linear dynamics of that error
+"""

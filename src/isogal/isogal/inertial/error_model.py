@@ -1,8 +1,8 @@
-"""Linear dynamics of the navigator's error.
+"""Linear dynamics of the navigator's error (docs/mathematics.md, section 3.2).
 
 The local-navigation-frame model of Groves (2013, section 14.2.4; Titterton & Weston 2004, section
-12.3) without vertical position and velocity, which the known height (SCIENCE 1) holds at zero
-error: horizontal position and velocity, attitude, accelerometer and gyroscope biases. Errors are
+12.3) without vertical position and velocity, whose errors the known height holds at zero:
+horizontal position and velocity, attitude, accelerometer and gyroscope biases. Errors are
 estimate minus truth; the estimated attitude is (I + [psi x]) times the true one.
 
 With L the latitude, w the Earth's rate, M and N the radii, w_in = w_ie + w_en the rate of the

@@ -31,9 +31,7 @@ BATCH_STATES = len(BATCH_NAMES)
 BATCH = np.array([FILTER_NAMES.index(name) for name in BATCH_NAMES])
 """Their indices among the filter's."""
 HORIZONTAL_STATES = 4
-"""How many of them, the first, are position and velocity."""
-HORIZONTAL = BATCH[:HORIZONTAL_STATES]
-"""Indices of north, east, v_north, v_east among the filter's error states."""
+"""The first of them: position and velocity."""
 
 
 class Estimate(NamedTuple):

@@ -3,8 +3,8 @@
 Inputs are the mean specific force and mean angular rate over the interval, resolved in body axes
 (what integrating sensors give, divided by dt). The step is second order: rotation vector of the
 body against the navigation frame for the attitude, velocity with its rotation correction, gravity
-and Coriolis at the interval's mid-point, trapezoid for the position (Titterton & Weston 2004, ch.
-11; Groves 2013, ch. 5.4)."""
+and Coriolis at the interval's mid-point, trapezoid for the position (docs/mathematics.md, section
+3.1; Titterton & Weston 2004, ch. 11; Groves 2013, ch. 5.4)."""
 
 from dataclasses import dataclass, replace
 
@@ -108,11 +108,8 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
     # corrector: rates at the mid-point
     inv_m, inv_n, g, en, ed, tn, te, td = _earth(s_m, c_m, h_m, vn_m, ve_m)
     on, oe, od = 2.0 * en + tn, te, 2.0 * ed + td
-    zn, ze, zd = (
-        (en + tn) * dt,
-        te * dt,
-        (ed + td) * dt,
-    )  # rotation of the navigation frame over the interval
+    # rotation of the navigation frame over the interval
+    zn, ze, zd = (en + tn) * dt, te * dt, (ed + td) * dt
     # Integral of Exp(-t z) f(t), f turning with the body by a: both rotations to second order,
     # cross term included. Leaving out the second order costs 4 m in 7.5 h at 1 Hz.
     cn, ce, cd = ze * ud - zd * ue, zd * un - zn * ud, zn * ue - ze * un
@@ -149,30 +146,25 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
         ad - zd + 0.5 * pd - (an * pe - ae * pn) * (1.0 / 6.0),
     )
     qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
-    scale = 1.5 - 0.5 * (
-        qw * qw + qx * qx + qy * qy + qz * qz
-    )  # one Newton step keeps the norm at 1
-    return (
-        (lat1, lon1, h1),
-        (vn1, ve1, vd1),
-        (qw * scale, qx * scale, qy * scale, qz * scale),
-    )
+    # one Newton step keeps the norm at 1
+    scale = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)
+    attitude = (qw * scale, qx * scale, qy * scale, qz * scale)
+    return (lat1, lon1, h1), (vn1, ve1, vd1), attitude
 
 
 @kernel(error_model="numpy")
-def _propagate(state, specific_force, angular_rate, dt, height, history):  # type: ignore[no-untyped-def]
-    """Advance R runs in place; `height` (S + 1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
+def _propagate(state, force, rate, dt, height, history):  # type: ignore[no-untyped-def]
+    """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
+    1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
     positions, velocities, attitudes = state
-    runs, steps = specific_force.shape[0], specific_force.shape[1]
+    runs, steps = force.shape[0], force.shape[1]
     for r in range(runs):
         p, v, q = positions[r], velocities[r], attitudes[r]
-        position, velocity, attitude = (
-            (p[0], p[1], p[2]),
-            (v[0], v[1], v[2]),
-            (q[0], q[1], q[2], q[3]),
-        )
+        position = (p[0], p[1], p[2])
+        velocity = (v[0], v[1], v[2])
+        attitude = (q[0], q[1], q[2], q[3])
         for k in range(steps):
-            f, w = specific_force[r, k], angular_rate[r, k]
+            f, w = force[r, k], rate[r, k]
             position, velocity, attitude = step(
                 position, velocity, attitude, (f[0], f[1], f[2]), (w[0], w[1], w[2]), dt
             )
@@ -205,8 +197,8 @@ def propagate(
     dt : float
         Interval, s.
     known_height : (S + 1,) array, optional
-        Height (m) at the start and after each interval. The free vertical channel is unstable
-        (SCIENCE 1), so the unaided INS is given it.
+        Height (m) at the start and after each interval, which the vertical channel then follows:
+        by itself it is unstable (docs/mathematics.md, section 3.4).
     history : bool
         Whether to return latitude and longitude (rad) after each interval.
 

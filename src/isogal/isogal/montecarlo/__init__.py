@@ -1,1 +1,11 @@
-"""Monte Carlo: many runs as one array computation, spread over workers, kept on disk."""
+"""Monte Carlo: a scenario many times, as one array computation, spread over workers, kept on disk.
+
+engine          runs of a scenario in closed loop
+recorder        what the loop leaves behind, collected while it runs
+chunks          cases, and the chunks of runs that workers compute
+store           finished chunks on disk
+workers         worker processes on this machine
+cluster         workers of a Dask cluster
+study           cases to results: what is on disk is taken, the rest computed
+progress        live progress on the standard error stream
+"""

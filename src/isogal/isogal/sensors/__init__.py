@@ -1,2 +1,11 @@
-"""Simulated sensors: the true route, inertial sensors with the grades of the paper's Table 1, the
-gravimeter and its reductions."""
+"""Simulated sensors, and the reductions of their readings to values of a map.
+
+trajectory      the true route, and what a perfect inertial sensor measures on it
+imu             grades of inertial sensors, their noise and biases
+initial         the navigator's first state, with its errors
+reduction       what every instrument of a mapped field provides
+gravimeter      gravity and its disturbance
+magnetometer    the anomaly of the total magnetic field
+altimeter       terrain height by the clearance above ground
+gradiometer     components of the gravity gradient tensor
+"""

@@ -1,9 +1,10 @@
 """The clearance meter: a radar or laser that looks straight down from the vehicle to the ground.
 
-Terrain height is the navigator's height less the clearance. The height is known to the navigator
-from another source (SCIENCE 1); its error goes into the reading as it is. Heights are above the
-map's zero: where the navigator's height is ellipsoidal and the map's above sea level, the geoid
-between them is an offset that `matcher.bias_sigma` has to allow for."""
+Terrain height is the navigator's height less the clearance. The navigator knows its height from
+another source (docs/mathematics.md, section 3.4), and the error of that height is an error of the
+reading. Heights are above the map's zero: where the navigator's height is ellipsoidal and the
+map's above sea level, the geoid between them is an offset that `matcher.bias_sigma` has to allow
+for."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,10 +45,9 @@ class TerrainReduction:
     def report(self, raw: ArrayLike) -> Array:
         """Return a clearance in single precision, as sensor_msgs/Range carries it; NaN out of
         range."""
-        told = np.asarray(raw, dtype=np.float32).astype(np.float64)
-        return np.where(
-            (told < self.settings.min_range) | (told > self.settings.max_range), np.nan, told
-        )
+        single = np.asarray(raw, dtype=np.float32).astype(np.float64)
+        outside = (single < self.settings.min_range) | (single > self.settings.max_range)
+        return np.where(outside, np.nan, single)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return terrain height: estimated height less clearance."""

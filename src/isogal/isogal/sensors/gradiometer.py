@@ -1,15 +1,15 @@
 """The gradiometer: components of the gravity gradient tensor at the vehicle, several numbers at
-each scan.
+each scan (docs/mathematics.md, section 2.7).
 
-It feels the gradient of gravity in axes north, east, down, at the vehicle's height. Reduced is
-that less the normal gradient at the navigator's own latitude and height: the gradient of the
-disturbing potential, of which the maps are. The normal gradient changes by 0.003 E in a kilometre
-of latitude and 0.001 E in a metre of height, so what the navigator's error does to the reduction
-is left out.
+It measures the gradient of gravity in axes north, east, down, at the vehicle's height. The
+reduction takes off the normal gradient at the navigator's own latitude and height, which leaves
+the gradient of the disturbing potential, as in the maps. The normal gradient changes by 0.003 E
+per kilometre of latitude and 0.001 E per metre of height, so the effect of the navigator's error
+on the reduction is neglected.
 
-Taken for granted is a platform that is level and points north, and an instrument that takes off
-the rotation of that platform itself (Jekeli 1988, The gravity gradiometer survey system, EOS 69).
-A platform tilted by 1e-4 rad would add 0.5 E to nd or ed."""
+The platform is assumed to be level and to point north, and the instrument to correct for the
+platform's own rotation (Jekeli 1988, The gravity gradiometer survey system, EOS 69). A platform
+tilted by 1e-4 rad would add 0.5 E to nd or ed."""
 
 from collections.abc import Sequence
 
@@ -48,7 +48,7 @@ def draw_noise(scenario: Scenario, run: int, scans: int) -> Array:
 
 
 class GradientReduction:
-    """Gravity gradient felt (..., C) in 1/s² to that of the disturbing potential.
+    """From the measured gravity gradient (..., C), 1/s², to that of the disturbing potential.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class GradientReduction:
         return normal_gradient(at.latitude, at.height)[..., self._rows, self._columns]
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return what is felt where the disturbing potential has a gradient."""
+        """Return the measured gradient where that of the disturbing potential is given."""
         return np.asarray(value) + self._normal(at)
 
     def report(self, raw: ArrayLike) -> Array:
@@ -72,13 +72,13 @@ class GradientReduction:
         return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return what is felt less the normal gradient."""
+        """Return the measured gradient less the normal one."""
         return np.asarray(raw) - self._normal(at)
 
     def jacobian(self, at: State) -> Array:
-        """Return zeros, see the module."""
+        """Return zeros: the effect of the navigator's error is neglected (see the module)."""
         return np.zeros((*np.shape(at.latitude), 4))
 
     def height_slope(self, at: State) -> Array:
-        """Return zeros, see the module."""
+        """Return zeros: as for `jacobian`."""
         return np.zeros(np.shape(at.latitude))

@@ -1,10 +1,10 @@
-"""The gravimeter: what it feels on a moving vehicle, and the reductions that use the navigator's
-own estimate.
+"""The gravimeter: what it measures on a moving vehicle, and the reductions, which use the
+navigator's own estimate (docs/mathematics.md, sections 2.4 to 2.6).
 
-It feels gravity at the vehicle, less the Eötvös acceleration, plus noise. Reduced gravity refers
-to the map's surface: Eötvös and free-air terms are put back with estimated velocity, latitude and
-height. The disturbance is that less normal gravity at the estimated latitude. The map's surface is
-taken at ellipsoidal height 0 and the vehicle at `route.height` above it (SCIENCE 1)."""
+It measures gravity at the vehicle, less the Eötvös acceleration, plus noise. Reduced gravity
+refers to the map's surface: Eötvös and free-air terms are added back with estimated velocity,
+latitude and height. The disturbance is reduced gravity less normal gravity at the estimated
+latitude. The map's surface is at ellipsoidal height 0, and the vehicle `route.height` above it."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,7 @@ def felt_gravity(
     v_north: ArrayLike,
     v_east: ArrayLike,
 ) -> Array:
-    """Return what a perfect gravimeter feels (m/s²) over a point whose gravity on the map's
+    """Return what a perfect gravimeter measures (m/s²) over a point whose gravity on the map's
     surface is given."""
     return (
         np.asarray(surface_gravity)
@@ -63,8 +63,8 @@ def reading_jacobian(
     """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s,
     v_east m/s) at the scan.
 
-    Reductions with a wrong velocity or latitude put the wrong Eötvös term back; a disturbance also
-    has normal gravity of the wrong latitude taken off. Zero for any quantity that is not reduced
+    A reduction with a wrong velocity or latitude adds a wrong Eötvös term; for the disturbance it
+    also subtracts normal gravity at the wrong latitude. Zero for any quantity that is not reduced
     with the navigator's estimate."""
     lat = np.asarray(latitude, dtype=float)
     jacobian = np.zeros((*lat.shape, 4))
@@ -77,12 +77,12 @@ def reading_jacobian(
 
 
 class GravityReduction:
-    """Felt gravity (m/s²) to gravity on the map's surface."""
+    """From a gravimeter's reading (m/s²) to gravity on the map's surface."""
 
     quantity = "gravity"
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return felt gravity over a point whose gravity on the map's surface is given."""
+        """Return what is measured over a point whose gravity on the map's surface is given."""
         return felt_gravity(value, at.latitude, at.height, at.v_north, at.v_east)
 
     def report(self, raw: ArrayLike) -> Array:
@@ -103,12 +103,12 @@ class GravityReduction:
 
 
 class DisturbanceReduction(GravityReduction):
-    """Felt gravity (m/s²) to the gravity disturbance."""
+    """From a gravimeter's reading (m/s²) to the gravity disturbance."""
 
     quantity = "disturbance"
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return felt gravity over a point of a given disturbance."""
+        """Return what is measured over a point of a given disturbance."""
         return super().raw(np.asarray(value) + normal_gravity(at.latitude), at)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:

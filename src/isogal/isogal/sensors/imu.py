@@ -59,8 +59,8 @@ class ImuData:
 
 
 def simulate_imu(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> ImuData:
-    """Return truth plus a bias drawn once per run plus white noise (density / sqrt(dt) per sample;
-    SCIENCE 1)."""
+    """Return truth, plus a bias drawn once per run, plus white noise of density / sqrt(dt) per
+    sample (docs/mathematics.md, section 3.3)."""
     grade = GRADES[scenario.imu.grade]
     bias_sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
     noise_sigma = np.array([*grade.accelerometer_noise, *grade.gyroscope_noise]) / math.sqrt(

@@ -1,5 +1,5 @@
-"""Where the navigator starts: truth plus the initial errors that the scenario gives 1-sigma for
-(SCIENCE 1)."""
+"""Where the navigator starts: truth plus initial errors, whose 1-sigmas the scenario gives
+(docs/mathematics.md, section 3.8)."""
 
 from collections.abc import Sequence
 
@@ -16,8 +16,8 @@ from isogal.sensors.trajectory import Trajectory
 def draw_initial_state(
     scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
 ) -> NavState:
-    """Return the navigators' first states: position, velocity (horizontal only: the height is
-    known), tilt and heading in error."""
+    """Return the navigators' first states, with errors of horizontal position and velocity (the
+    height is known), tilt and heading."""
     sigma = scenario.initial_error
     north, east = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
     count = len(runs)

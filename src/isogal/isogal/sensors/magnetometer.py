@@ -1,12 +1,12 @@
-"""The magnetometer: the total magnetic field, and the anomaly that is left when the Earth's main
-field is taken off.
+"""The magnetometer: the total magnetic field, and its anomaly, which is left when the Earth's main
+field is subtracted (docs/mathematics.md, section 2.7).
 
 The anomaly of total field is |B| less the main field's intensity at the navigator's estimate. The
 main field is the International Geomagnetic Reference Field (Alken et al. 2021, Earth Planets Space
-73:49; degree 13, changes of 3000 km and more) by the package ppigrf. Only |B| is used, so the
-sensor's attitude does not matter. What varies in time (the daily variation, tens of nT) and what
-the vehicle itself adds is not modelled: an offset within a batch is what `matcher.bias_sigma` is
-for."""
+73:49; degree 13, wavelengths of 3000 km and more) by the package ppigrf. Only |B| is used, so the
+sensor's attitude does not matter. Neither the daily variation (tens of nT) nor the vehicle's own
+field is modelled; an offset that is constant within a batch can be allowed for by
+`matcher.bias_sigma`."""
 
 import math
 from datetime import UTC, datetime, timedelta
@@ -20,25 +20,25 @@ from isogal.maps.field_map import FieldMap
 from isogal.sensors.reduction import State
 
 SPACING = 1.0
-"""deg between the points at which the model is evaluated; a cubic between them is good to 0.01 nT
-(tested)."""
+"""deg between the points at which the model is evaluated; cubic interpolation between them is
+exact to 0.01 nT (tested)."""
 MARGIN = 300e3
-"""m beyond the given points that a navigator may be lost."""
+"""m by which the grid extends beyond the given points: how far off the navigator may be."""
 HEIGHT_STEP = 1000.0
-"""m, over which the change with height is taken, about -0.02 nT/m."""
+"""m over which the main field's change with height, about -0.02 nT/m, is computed."""
 _NEAREST_POLE = 89.0
 
 
 class MainField:
-    """Intensity of the Earth's main field round given points: the model on a coarse grid, a cubic
-    between.
+    """Intensity of the Earth's main field around given points: the model on a coarse grid, with
+    cubic interpolation between.
 
     Parameters
     ----------
     latitude, longitude : (K,) arrays
         Points of a route, rad.
     height : float
-        m above the ellipsoid, at which the grid is made.
+        Of the grid, m above the ellipsoid.
     epoch : float
         Decimal year, 1900 to 2030.
     """
@@ -54,7 +54,7 @@ class MainField:
             math.floor(west / SPACING) - 1, math.ceil(east / SPACING) + 2
         )
         rows, columns = rows[np.abs(rows) <= _NEAREST_POLE], columns[: round(360.0 / SPACING)]
-        # row by row: the package needs 3 kB for each point it is given
+        # row by row, because the package needs 3 kB of memory for each point
         here, above = (
             np.stack([intensity(row, columns, h, epoch) for row in rows])
             for h in (height, height + HEIGHT_STEP)
@@ -113,13 +113,12 @@ class MagneticReduction:
         return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return the anomaly: the total field less the main field where the navigator takes itself
-        to be."""
+        """Return the anomaly: the total field less the main field at the navigator's position."""
         return np.asarray(raw) - self.main_field.value(at.latitude, at.longitude, at.height)
 
     def jacobian(self, at: State) -> Array:
-        """Return the main field's gradient, which a wrong position takes off at the wrong
-        place."""
+        """Return minus the main field's gradient: at a wrong position a wrong main field is
+        subtracted."""
         north, east, _ = self.main_field.gradient(at.latitude, at.longitude)
         jacobian = np.zeros((*np.shape(north), 4))
         jacobian[..., 0], jacobian[..., 1] = -north, -east

@@ -1,5 +1,5 @@
-"""What a sensor of a scalar field has to say about itself, so that engine, nodes and batches can
-use any of them alike."""
+"""What every instrument of a mapped field provides, so that engine, nodes and batches need not
+know which one it is (docs/mathematics.md, section 2.5)."""
 
 from typing import NamedTuple, Protocol
 
@@ -10,8 +10,8 @@ from isogal.arrays import Array
 
 
 class State(NamedTuple):
-    """Where a sensor was, or where the navigator takes it to have been. Numbers or arrays that
-    broadcast."""
+    """Position and velocity of a sensor, true or as the navigator estimates them. Numbers or
+    arrays that broadcast."""
 
     latitude: ArrayLike
     """rad."""
@@ -25,16 +25,16 @@ class State(NamedTuple):
 
 
 class Reduction(Protocol):
-    """From what a sensor feels to values of the map, and back."""
+    """From a sensor's raw readings to values of the map, and back."""
 
     def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return what a perfect sensor feels where the field has a value; raises InputError where
-        no such sensor can be."""
+        """Return what a perfect sensor measures where the field has a value; raises InputError
+        where a sensor cannot be."""
         ...
 
     def report(self, raw: ArrayLike) -> Array:
-        """Return what a sensor says that feels `raw`: rounded as its message rounds, NaN beyond
-        its range."""
+        """Return what a sensor reports when it measures `raw`: rounded as its message rounds, NaN
+        beyond its range."""
         ...
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:

@@ -1,6 +1,6 @@
-"""The true route and what a perfect IMU senses on it.
+"""The true route, and what a perfect IMU measures on it (docs/mathematics.md, section 3.1).
 
-The vehicle stays level, its nose along its course. Within an IMU interval heading rate and
+The vehicle stays level and points along its course. Within an IMU interval heading rate and
 acceleration are constant; position follows by a fourth-order Runge-Kutta step, and the IMU's means
 over the interval by three-point Gauss-Legendre quadrature of the continuous specific force and
 angular rate, so the readings do not share the strapdown's approximations."""
@@ -140,8 +140,8 @@ def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajec
     for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
         psi = heading[:-1] + turn * node * dt
         v = speed[:-1] + acceleration * node * dt
-        # Latitude inside the interval: Euler step from its nearer end, corrected to the far end's
-        # value (cubic accuracy is not needed: 1e-9 rad changes gravity by 1e-11 m/s²).
+        # latitude within the interval by linear interpolation: 1e-9 rad change gravity by 1e-11
+        # m/s² only
         phi = lat[:-1] + node * (lat[1:] - lat[:-1])
         s, c = np.sin(phi), np.cos(phi)
         w2 = 1.0 - E2 * s * s
@@ -203,9 +203,8 @@ class _Guide:
         self.dt = dt
         self.height = route.height
         if route.waypoints is None:
-            assert (
-                route.start is not None and route.end is not None
-            )  # the scenario model has checked
+            # the scenario model has checked it
+            assert route.start is not None and route.end is not None
             points = [(*route.start, route.speed), (*route.end, route.speed)]
             self.geodesic = route.line == "geodesic"
         else:
@@ -222,7 +221,7 @@ class _Guide:
         slowest = min(v for _, _, v in self.points)
         turns = len(self.points) * 2.0 * math.pi / self.turn_limit
         self.most_steps = int((3.0 * sum(self.lengths) / slowest + turns) / dt) + 1000
-        """Far more than any route takes that arrives."""
+        """Far more than any route needs that reaches its points."""
 
     def _azimuth(self, lat: float, lon: float, leg: int | None = None) -> float:
         target = self.points[self.leg if leg is None else leg]
@@ -257,7 +256,7 @@ class _Guide:
         distance = self._distance(lat, lon)
         if distance < max(speed * self.dt, 1.0):
             return True
-        # at a height or over thousands of km the line misses its end by metres
+        # at height, or after thousands of km, the line misses its end by metres
         near = not self.manoeuvring and distance < 0.01 * self.lengths[-1]
         return near and math.cos(self._azimuth(lat, lon) - heading) < 0.0
 
@@ -287,9 +286,7 @@ class _Guide:
         distance = self._distance(lat, lon)
         ahead, aside = distance * math.cos(error), distance * abs(math.sin(error))
         if math.hypot(ahead, aside - radius) < 0.999 * radius:
-            turn = (
-                0.0  # the point lies within the turning circle: turning would go round it for ever
-            )
+            turn = 0.0  # the point lies within the turning circle: a turn would never reach it
         acceleration = max(
             -self.acceleration_limit,
             min(self.acceleration_limit, (target_speed - speed) / self.dt),
