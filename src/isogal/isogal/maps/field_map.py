@@ -53,6 +53,9 @@ class FieldMap:
         Unit that the file was in; `file_factor` times a number in it is a number in `unit`.
     file_factor : float
         See `file_unit`.
+    height : float or None
+        Of the level that the values hold on, m above the ellipsoid; None = not said, or not a
+        level, such as the ground.
     strip : (n, 2) int or None
         First column with a value in each row, and one after the last: the rest of a large grid
         along a route (`isogal.maps.sparse`), which takes memory when it is read. None = there may
@@ -61,7 +64,8 @@ class FieldMap:
     Raises
     ------
     InputError
-        Axes that are not regular, shapes that do not fit, no value at all, negative sigma.
+        Axes that are not regular, shapes that do not fit, no value at all, negative sigma,
+        infinite height.
     """
 
     latitude: Array
@@ -76,6 +80,7 @@ class FieldMap:
     file_unit: str = ""
     file_factor: float = 1.0
     strip: Spans | None = None
+    height: float | None = None
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -131,6 +136,8 @@ class FieldMap:
             raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
         if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
             raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
+        if self.height is not None and not math.isfinite(self.height):
+            raise InputError(f"{where}: height must be finite, is {self.height}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the empty part of a strip out of what other processes are sent."""

@@ -114,6 +114,8 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("xi",)),
     "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("eta",)),
+    "gravity_north": Quantity("m/s²", *_FIELD),
+    "gravity_east": Quantity("m/s²", *_FIELD),
     "gradient": Quantity(
         "1/s²",
         -2.0e-6,

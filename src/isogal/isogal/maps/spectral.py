@@ -49,8 +49,8 @@ Operator = Callable[[Waves], NDArray[Any]]
 
 def waves_of(shape: tuple[int, int], cell: tuple[float, float]) -> Waves:
     """Return the wavenumbers of maps of a shape (n, m) with cells (north, east), m."""
-    k_n = 2.0 * np.pi * np.fft.fftfreq(shape[0], cell[0])[:, None]
-    k_e = 2.0 * np.pi * np.fft.rfftfreq(shape[1], cell[1])[None, :]
+    k_n: Array = 2.0 * np.pi * np.fft.fftfreq(shape[0], cell[0])[:, None].astype(np.float64)
+    k_e: Array = 2.0 * np.pi * np.fft.rfftfreq(shape[1], cell[1])[None, :].astype(np.float64)
     odd_n, odd_e = k_n.copy(), k_e.copy()
     if shape[0] % 2 == 0:
         odd_n[shape[0] // 2] = 0.0

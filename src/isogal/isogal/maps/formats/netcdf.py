@@ -125,6 +125,7 @@ def _read(
     attributes: dict[str, Any] = {"quantisation": _number(data, "quantisation") or _step(data)}
     if length := _number(data, "error_correlation_length"):
         attributes["correlation_length"] = length
+    attributes["height"] = _number(data, "height_m")
     sigma: Any = _number(data, "error_sigma") or 0.0
     beside = _sigma_variable(dataset, data)
     if beside is not None:
@@ -412,6 +413,8 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             data.quantisation = field_map.quantisation
         if field_map.correlation_length is not None:
             data.error_correlation_length = field_map.correlation_length
+        if field_map.height is not None:
+            data.height_m = field_map.height
         data[:] = field_map.values
         if isinstance(field_map.sigma, float):
             data.error_sigma = field_map.sigma
