@@ -1,4 +1,5 @@
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,11 +20,13 @@ from montecarlo.conftest import small_scenario
 def test_chunks_cover_what_is_missing_once(
     small_case: Case, missing: set[int], share: int, memory: int
 ) -> None:
-    parts = divide(small_case, sorted(missing), share, memory)
+    with patch.object(chunks, "MEMORY", memory):
+        parts = divide(small_case, sorted(missing), share)
+        most = min(share, fitting(small_case.scenario, 600.0))
     assert [run for part in parts for run in part.runs] == sorted(missing)
     for part in parts:
         assert list(part.runs) == list(range(part.runs[0], part.runs[-1] + 1))
-        assert 1 <= len(part.runs) <= min(share, fitting(small_case.scenario, 600.0, memory))
+        assert 1 <= len(part.runs) <= most
 
 
 def test_shares() -> None:

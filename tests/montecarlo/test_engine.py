@@ -16,6 +16,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate, simulate_unaided
 from isogal.scenario import Gravimeter, InitialError, MapError, Matcher, Scenario
+from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 
 MAP = field_map_of(wavy)
@@ -45,10 +46,18 @@ def assert_same_run(a: Runs, i: int, b: Runs, j: int) -> None:
     assert a.fix_reason[i] == b.fix_reason[j]
 
 
-@pytest.mark.parametrize("settings", [
-    {"name": "pmht"}, {"name": "pmht-paper"}, {"name": "pmht", "mode": "retrodiction"}, {"name": "pmht-paper", "mode": "retrodiction"},
-    {"name": "pmht", "stride": 5}, {"name": "pmht", "map_sigma": "auto"},
-], ids=lambda s: "-".join(str(v) for v in s.values()))  # fmt: skip
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"name": "pmht"},
+        {"name": "pmht-paper"},
+        {"name": "pmht", "mode": "retrodiction"},
+        {"name": "pmht-paper", "mode": "retrodiction"},
+        {"name": "pmht", "stride": 5},
+        {"name": "pmht", "map_sigma": "auto"},
+    ],
+    ids=lambda s: "-".join(str(v) for v in s.values()),
+)
 def test_a_run_alone_equals_itself_in_a_batch_bit_for_bit(settings):
     it = scenario(duration=450.0, **settings)
     together = simulate(it, [0, 7, 3], MAP)
@@ -81,7 +90,8 @@ def test_record_of_the_loop():
     np.testing.assert_array_equal(runs.latitude, trajectory.latitude[::10])
     assert (runs.error[:, 0] == runs.unaided_error[:, 0]).all()
     np.testing.assert_allclose(runs.covariance[:, 0], np.tile(300.0**2 * np.eye(2), (2, 1, 1)))
-    np.testing.assert_array_equal(runs.unaided_error, simulate_unaided(it, [2, 4], trajectory))
+    unaided = simulate_unaided(it, [2, 4], trajectory, simulate_imu(it, trajectory, [2, 4]))
+    np.testing.assert_array_equal(runs.unaided_error, unaided)
     ends = np.searchsorted(runs.time, runs.fix_time)
     np.testing.assert_array_equal(runs.posterior_error, runs.error[:, ends])
     np.testing.assert_array_equal(runs.posterior_covariance, runs.covariance[:, ends])

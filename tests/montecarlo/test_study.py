@@ -1,4 +1,5 @@
-"""The same results from any workers, and nothing lost when they, or the user, stop."""
+"""Results do not depend on the workers, and what is finished is kept when a worker dies or the
+user interrupts."""
 
 import multiprocessing
 import os
@@ -15,6 +16,7 @@ from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.summary import canonical_json, summarise
 from isogal.maps.field_map import FieldMap
+from isogal.montecarlo import chunks
 from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Interrupted, compute_cases
@@ -44,10 +46,15 @@ def workers_alive() -> list[Any]:
 
 
 def test_two_workers_and_other_chunks_give_the_same(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
+    tmp_path: Path,
+    small_case: Case,
+    one_worker: Store,
+    watcher: Watcher,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(chunks, "MEMORY", 1)
     store = Store(tmp_path)
-    compute_cases([small_case], store, Backend(workers=2), watcher, memory=1)
+    compute_cases([small_case], store, Backend(workers=2), watcher)
     assert [chunk.runs for chunk in watcher.todo] == [(0,), (1,), (2,), (3,)]
     assert sorted(chunk.runs for chunk in watcher.done) == [(0,), (1,), (2,), (3,)]
     assert results_json(small_case, store) == results_json(small_case, one_worker)
@@ -122,7 +129,7 @@ def test_only_what_is_new_is_computed(
 
 
 class Killer(Watcher):
-    """Kills the workers when they tell of their progress, so many times."""
+    """Kills the workers when they report progress, so many times."""
 
     def __init__(self, times: int) -> None:
         super().__init__()
@@ -156,24 +163,25 @@ def test_workers_that_keep_dying_end_in_one_line(tmp_path: Path, small_case: Cas
 
 
 class Impatient(Watcher):
-    """Presses Ctrl-C when the first chunk is finished."""
+    """Interrupts when the first chunk is finished."""
 
     def finished(self, chunk: Any) -> None:
         raise KeyboardInterrupt
 
 
 def test_interruption_keeps_what_is_finished(
-    tmp_path: Path, small_case: Case, watcher: Watcher
+    tmp_path: Path, small_case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(chunks, "MEMORY", 1)
     store = Store(tmp_path)
     with pytest.raises(Interrupted) as caught:
-        compute_cases([small_case], store, Backend(workers=1), Impatient(), memory=1)
+        compute_cases([small_case], store, Backend(workers=1), Impatient())
     assert (caught.value.kept, caught.value.total) == (1, 4)
     assert store.missing(small_case) == [1, 2, 3]
     assert not workers_alive()
 
 
-def test_scenario_that_cannot_be_used_is_said_in_one_line(
+def test_scenario_that_cannot_be_used_is_bad_input(
     tmp_path: Path, small_case: Case, watcher: Watcher
 ) -> None:
     beyond = replace(small_case, scenario=small_scenario(route={"duration": 9000.0}))
@@ -181,9 +189,7 @@ def test_scenario_that_cannot_be_used_is_said_in_one_line(
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
 
 
-def test_left_alone_nothing_is_aided(
-    tmp_path: Path, field_map: FieldMap, watcher: Watcher
-) -> None:
+def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: Watcher) -> None:
     case = Case("alone", small_scenario(), 2, field_map, aided=False)
     store = Store(tmp_path)
     compute_cases([case], store, Backend(workers=1), watcher)

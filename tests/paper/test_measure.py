@@ -23,8 +23,8 @@ def test_spread_of_the_unaided_ins_is_that_of_its_filter(grade: str) -> None:
     scenario = validate_scenario({"imu": {"grade": grade}})
     trajectory = build_trajectory(scenario)
     runs = range(100)
-    error = simulate_unaided(scenario, runs, trajectory)
-    imu = simulate_imu(scenario, trajectory, [0])
+    imu = simulate_imu(scenario, trajectory, runs)
+    error = simulate_unaided(scenario, runs, trajectory, imu)
     model = FilterModel.from_scenario(scenario)
     state = FilterState.start(draw_initial_state(scenario, trajectory, [0]), model)
     claimed, done = [], 0
@@ -34,8 +34,8 @@ def test_spread_of_the_unaided_ins_is_that_of_its_filter(grade: str) -> None:
         propagate(
             state,
             model,
-            imu.specific_force[:, part],
-            imu.angular_rate[:, part],
+            imu.specific_force[:1, part],
+            imu.angular_rate[:1, part],
             trajectory.height[done + 1 : k + 1],
         )
         claimed.append(state.covariance[0, :2, :2].copy())

@@ -117,8 +117,9 @@ def _after(state: Nominal, force: Array, rate: Array, dt: float) -> Nominal:
     felt = tuple((force - state.accelerometer_bias).tolist())
     turned = tuple((rate - state.gyroscope_bias).tolist())
     start = (tuple(array.tolist()) for array in state[:3])
-    end = (np.array(part) for part in step(*start, felt, turned, dt))
-    return Nominal(*end, state.accelerometer_bias.copy(), state.gyroscope_bias.copy())
+    position, velocity, attitude = (np.array(part) for part in step(*start, felt, turned, dt))
+    biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
+    return Nominal(position, velocity, attitude, *biases)
 
 
 def _difference(state: Nominal, centre: Nominal) -> Array:

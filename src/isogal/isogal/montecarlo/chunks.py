@@ -1,4 +1,4 @@
-"""What there is to compute: cases, and the chunks of runs that workers compute one at a time."""
+"""Cases to compute, and the chunks of runs that workers compute one at a time."""
 
 import hashlib
 import json
@@ -23,8 +23,8 @@ from isogal.sensors.trajectory import build_trajectory
 MEMORY = 256_000_000
 """Bytes that the arrays of one chunk may take in a worker."""
 MOST_RUNS = 25
-"""Runs of a chunk at most: what is lost by an interruption, and what the last worker may keep the
-others waiting for."""
+"""Runs of a chunk at most: an interruption loses no more than that, and at the end of a study the
+last worker does not keep the others idle for longer than that."""
 _CODE = (
     "earth",
     "inertial",
@@ -48,7 +48,7 @@ class Case:
     runs: int
     field_map: AnyMap
     aided: bool = True
-    """False: no fix is ever taken; shows the inertial navigator and its filter left alone."""
+    """False: no fix is ever taken; shows the inertial navigator and its filter by themselves."""
 
     @property
     def duration(self) -> float:
@@ -58,8 +58,8 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Hash of all that the runs' numbers depend on: scenario, map, format of the records, and
-        the library's source."""
+        """Hash of everything that the runs' numbers depend on: scenario, map, format of the
+        records, and the library's source."""
         parts = {
             "isogal": isogal.__version__,
             "code": source_digest(),
@@ -73,7 +73,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Some runs of a case, as a worker is told of them; the map goes its own way."""
+    """Some runs of a case, as they are sent to a worker; the map is sent separately."""
 
     case: str
     key: str
@@ -85,7 +85,7 @@ class Chunk:
     """Simulated time of each run, s."""
 
     def text(self) -> str:
-        """Say which runs these are."""
+        """Return which runs these are, for messages."""
         first, last = self.runs[0], self.runs[-1]
         return f"run {first}" if first == last else f"runs {first} to {last}"
 
@@ -109,10 +109,10 @@ def compute(chunk: Chunk, field_map: AnyMap, progress: Progress | None = None) -
     )
 
 
-def divide(case: Case, missing: Sequence[int], share: int, memory: int = MEMORY) -> list[Chunk]:
+def divide(case: Case, missing: Sequence[int], share: int) -> list[Chunk]:
     """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that
     fit into memory."""
-    size = min(share, fitting(case.scenario, case.duration, memory))
+    size = min(share, fitting(case.scenario, case.duration))
     key, map_key = case.key, map_digest(case.field_map)
     return [
         Chunk(
@@ -130,21 +130,22 @@ def divide(case: Case, missing: Sequence[int], share: int, memory: int = MEMORY)
 
 
 def fair_share(runs: int, workers: int) -> int:
-    """How many runs a chunk may have so that so many runs keep all workers busy to the end."""
+    """Return how many of so many runs a chunk may have, so that all workers are busy to the
+    end."""
     return min(MOST_RUNS, max(1, math.ceil(runs / (4 * workers))))
 
 
-def fitting(scenario: Scenario, duration: float, memory: int = MEMORY) -> int:
-    """How many runs of a scenario of so many seconds can be computed together within so many
-    bytes, at least one.
+def fitting(scenario: Scenario, duration: float) -> int:
+    """Return how many runs of a scenario of so many seconds can be computed together within
+    `MEMORY`, at least one.
 
-    A run holds six IMU readings and the unaided track of every IMU interval and about 100 numbers
-    of every scan; besides, there are the truth and the draws of the run at hand, and the
+    A run holds six IMU readings and the unaided track of every IMU interval, and about 100 numbers
+    of every scan. All runs share the truth, the random numbers of the run being simulated, and the
     covariance of the map's error between all scans."""
     intervals, scans = duration * scenario.imu.rate, duration / scenario.gravimeter.interval
     shared = 8 * (40 * intervals + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
     each = 8 * (9 * intervals + 100 * scans) + 200_000
-    return max(1, int((memory - shared) / each))
+    return max(1, int((MEMORY - shared) / each))
 
 
 def consecutive(numbers: Iterable[int]) -> list[list[int]]:
@@ -160,8 +161,8 @@ def consecutive(numbers: Iterable[int]) -> list[list[int]]:
 
 @lru_cache(maxsize=1)
 def source_digest() -> str:
-    """Hash of the source files that results depend on: whoever changes a matcher must not be shown
-    what the old one gave."""
+    """Return a hash of the source files that results depend on, so that results of other source
+    code are not taken for those of this one."""
     root = Path(isogal.__file__).parent
     digest = hashlib.sha256()
     for path in [
@@ -177,13 +178,13 @@ def _python_files(path: Path) -> list[Path]:
     return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
-_DIGESTS: dict[
-    int, tuple[AnyMap, str]
-] = {}  # a map cannot change, and stays here so that its id is not given to another
+_DIGESTS: dict[int, tuple[AnyMap, str]] = {}
+"""By the id of the map. Maps do not change; they are kept here so that no other gets the same
+id."""
 
 
 def map_digest(field_map: AnyMap) -> str:
-    """Hash of a map's numbers, by which workers know it."""
+    """Return a hash of a map's numbers, which identifies it to workers."""
     known = _DIGESTS.get(id(field_map))
     if known is None:
         digest = hashlib.sha256()
@@ -199,7 +200,7 @@ def _digest(field_map: FieldMap, digest: Any) -> None:
     for array in (field_map.latitude, field_map.longitude, np.asarray(field_map.sigma), *whole):
         digest.update(f"{array.shape} {array.dtype}".encode())
         digest.update(np.ascontiguousarray(array).data)
-    if strip is not None:  # the rest is empty, and would take memory if it were read
+    if strip is not None:  # the rest is empty, and reading it would take memory
         for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
             digest.update(row[first:last].data)
     rest = (

@@ -15,7 +15,7 @@ TIMEOUT = 10.0
 
 
 def remote(chunk: Chunk, field_map: AnyMap, topic: str) -> Runs:
-    """Compute a chunk on a Dask worker, which tells of its progress under a topic."""
+    """Compute a chunk on a Dask worker, which reports its progress under a topic."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -33,7 +33,7 @@ def cluster_results(
 ) -> Generator[tuple[Chunk, Runs], None, None]:
     """Compute chunks by the workers of a Dask cluster; yields them as they are finished.
 
-    Dask itself gives the chunk of a worker that dies to another one,
+    If a worker dies, Dask gives its chunk to another one,
     `distributed.scheduler.allowed-failures` times.
 
     Parameters
@@ -63,14 +63,14 @@ def cluster_results(
     named = {_name(chunk): chunk for chunk in chunks}
     futures: dict[Any, Chunk] = {}
 
-    def heard(event: tuple[Any, Any]) -> None:
+    def take(event: tuple[Any, Any]) -> None:
         message = event[1]
         if isinstance(message, dict) and message.get("chunk") in named:
             report(named[message["chunk"]], float(message["seconds"]))
 
     try:
         _check_code(client, address)
-        client.subscribe_topic(topic, heard)
+        client.subscribe_topic(topic, take)
         spread = {
             key: client.scatter(field_map, broadcast=True, hash=False)
             for key, field_map in maps.items()

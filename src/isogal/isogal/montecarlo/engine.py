@@ -1,9 +1,9 @@
-"""Runs of a scenario in closed loop: simulate, navigate, match, aid. The same functions as the
-nodes, with a run axis.
+"""Runs of a scenario in closed loop: simulate, navigate, match, aid. The functions are those that
+the nodes call, with a run axis.
 
 Every run goes through the full strapdown and the full unscented filter at the IMU's rate. A run's
-numbers depend on the scenario's seed and its own index only, never on which other runs are
-computed beside it."""
+numbers depend on the scenario's seed and its own index only, not on which other runs are computed
+with it."""
 
 import time as clock
 from collections.abc import Callable, Sequence
@@ -37,16 +37,15 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 Progress = Callable[[float], None]
 """Called with the simulated time (s) after each scan."""
 Revised = Callable[[int, list[int], FilterState], None]
-"""Called by retrodiction with the index of a past state, which of the runs were changed there, and
-what they are there now."""
+"""Called by retrodiction with the index of a past state, the runs that were changed there, and
+their states."""
 
 
 def simulate_unaided(
-    scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, imu: ImuData | None = None
+    scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, imu: ImuData
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
     scan."""
-    imu = imu or simulate_imu(scenario, trajectory, runs)
     start = draw_initial_state(scenario, trajectory, runs)
     _, track = propagate_ins(
         start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
@@ -68,7 +67,7 @@ def simulate(
     progress: Progress | None = None,
     revised: Revised | None = None,
 ) -> Runs:
-    """Run the closed loop and return what it leaves behind, at the start and at every scan.
+    """Run the closed loop and return its record, at the start and at every scan.
 
     Parameters
     ----------
@@ -81,8 +80,8 @@ def simulate(
         Default: the scenario's.
     progress : callable, optional
     revised : callable, optional
-        Told of past states that retrodiction corrects; the record keeps what the navigator said at
-        the time.
+        Called with past states that retrodiction corrects; the record keeps the navigator's
+        estimates of the time.
 
     Raises
     ------
@@ -151,7 +150,7 @@ class _ClosedLoop:
         self.recorder.write_state(scan, self.state)
 
     def record(self) -> Runs:
-        """Return what the runs left behind."""
+        """Return the record of the runs."""
         return self.recorder.record(self.unaided, self.field_map)
 
     def _propagate(self, state: FilterState, which: Any, scan: int) -> None:
@@ -225,7 +224,7 @@ class _ClosedLoop:
             target[runs] = source
 
     def _correct_batches(self, before: FilterState, scan: int) -> None:
-        """Tell the batches of what the fixes at a scan changed in their navigators."""
+        """Carry what the fixes at a scan changed in the navigators back to their batches."""
         for run, builder in enumerate(self.builders):
             change = batch_difference(self.state.estimate_of(run), before.estimate_of(run))
             if change.any():

@@ -1,5 +1,5 @@
-"""Live progress of a study on the standard error stream: a bar on a terminal, now and then a line
-otherwise."""
+"""Live progress of a study on the standard error stream: a bar on a terminal, else a line every
+`LINE_EVERY` seconds."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""What the closed loop leaves behind, collected while it runs."""
+"""The record of the closed loop, collected while it runs."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from isogal.sensors.trajectory import Trajectory
 
 
 class Recorder:
-    """Arrays of R runs, written as the loop goes on, that become a record (`Runs`).
+    """Arrays of R runs that are filled as the loop goes on and become a record (`Runs`).
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Recorder:
         self._seen = np.full((scans, 2), np.nan)
 
     def write_state(self, k: int, state: FilterState) -> None:
-        """Write the navigators at state k; a later one takes the place of an earlier one."""
+        """Write the navigators at state k."""
         latitude, longitude = state.position[:, 0], state.position[:, 1]
         self._error[:, k] = horizontal_difference(
             latitude, longitude, self.latitude[k], self.longitude[k]
@@ -51,13 +51,12 @@ class Recorder:
         self._covariance[:, k] = state.covariance[:, :2, :2]
 
     def write_reading(self, scan: int, reading: Array, state: FilterState) -> None:
-        """Write the first run's reading of a scan, and where its navigator took itself to be."""
+        """Write the first run's reading of a scan, and its navigator's position."""
         self._reading[scan] = reading[0].flat[0]  # figures show the first channel
         self._seen[scan] = state.position[0, :2]
 
     def write_fix(self, run: int, batch: int, fix: Fix, seconds: float) -> None:
-        """Write what a run's matcher said of a batch, and how long it took (s); batches in their
-        order."""
+        """Write a run's fix of a batch, and how long the matcher took (s); batches in order."""
         end = self.ends[batch]
         self._fix_seconds[run, batch] = seconds
         self._reasons[run].append(fix.reason)

@@ -1,5 +1,5 @@
-"""Finished runs on disk, so that nothing is computed twice: one folder per case's key, one file
-per chunk, named by its runs."""
+"""Finished runs on disk: one folder for each case, named by its key, and in it one file for each
+chunk, named by its runs. A study that was interrupted goes on with them."""
 
 import re
 from collections.abc import Sequence
@@ -12,8 +12,17 @@ from isogal.evaluation.summary import write_json
 from isogal.montecarlo.chunks import Case, Chunk
 
 _NAME = re.compile(r"(\d{6,})-(\d{6,})\.npz")
-_PER_RUN = ("error", "covariance", "unaided_error", "fix_error", "fix_covariance", "fix_reason", "posterior_error",
-            "posterior_covariance", "fix_seconds")  # fmt: skip
+_PER_RUN = (
+    "error",
+    "covariance",
+    "unaided_error",
+    "fix_error",
+    "fix_covariance",
+    "fix_reason",
+    "posterior_error",
+    "posterior_covariance",
+    "fix_seconds",
+)
 
 
 class Store:
@@ -23,7 +32,7 @@ class Store:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self.damaged: list[str] = []
-        """What was found damaged and removed, a line each."""
+        """Files that were found damaged and removed, a line each."""
 
     def put(self, chunk: Chunk, runs: Runs) -> None:
         """Keep the runs of a chunk; of the details only those of run 0, which the figures show."""
@@ -56,8 +65,8 @@ class Store:
         return [run for run in range(case.runs) if run not in there]
 
     def load(self, case: Case) -> Runs:
-        """Return all runs of a case in order, whatever chunks they came in; raises InputError
-        where one is missing or damaged."""
+        """Return all runs of a case in order, from whatever chunks; raises InputError where one is
+        missing or damaged."""
         parts: list[Runs] = []
         next_run = 0
         for path, first, last in self._files(case):

@@ -1,5 +1,5 @@
-"""Cases to results: what is on disk is taken from there, the rest goes through one queue to the
-workers, whatever case it belongs to."""
+"""From cases to results: what is on disk is taken from there, and the rest, of all cases, goes
+through one queue to the workers."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from isogal.errors import InputError
-from isogal.montecarlo.chunks import MEMORY, Case, Chunk, divide, fair_share, map_digest
+from isogal.montecarlo.chunks import Case, Chunk, divide, fair_share, map_digest
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.workers import available_cores, local_results
 
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """Who computes."""
+    """Where chunks are computed."""
 
     workers: int | None = None
     """Processes on this machine; None = one for each core."""
@@ -29,12 +29,12 @@ class Backend:
 
     @property
     def count(self) -> int:
-        """How many workers to cut the work for."""
+        """Number of workers that the work is divided for."""
         return self.workers or (8 if self.scheduler else available_cores())
 
 
 class Display(Protocol):
-    """Who watches; see `isogal.montecarlo.progress`."""
+    """What shows the progress; see `isogal.montecarlo.progress`."""
 
     def begin(self, todo: Sequence[Chunk], kept: int) -> None:
         """Take note of the chunks to compute, and of how many runs were there already."""
@@ -50,28 +50,24 @@ class Display(Protocol):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C: what was finished is kept."""
+    """Ctrl-C; what was finished is kept."""
 
     def __init__(self, kept: int, total: int) -> None:
         super().__init__(f"{kept} of {total} runs are kept")
         self.kept, self.total = kept, total
 
 
-def compute_cases(
-    cases: Sequence[Case], store: Store, backend: Backend, display: Display, memory: int = MEMORY
-) -> None:
+def compute_cases(cases: Sequence[Case], store: Store, backend: Backend, display: Display) -> None:
     """Compute what the store does not hold yet of some cases, and keep it there.
 
     Parameters
     ----------
     cases : sequence of Case
-        Begun in this order; dear ones first keeps all workers busy to the end.
+        Begun in this order. With the most expensive first, all workers are busy to the end.
     store : Store
-        Read the results from it by `Store.load`.
+        `Store.load` reads the results.
     backend : Backend
     display : Display
-    memory : int
-        Bytes that the arrays of a chunk may take.
 
     Raises
     ------
@@ -92,9 +88,7 @@ def compute_cases(
     )
     share, kept = fair_share(left, backend.count), total - left
     chunks = [
-        chunk
-        for key, case in distinct.items()
-        for chunk in divide(case, missing[key], share, memory)
+        chunk for key, case in distinct.items() for chunk in divide(case, missing[key], share)
     ]
     for damage in store.damaged:
         display.say(f"computed again: {damage}")

@@ -1,5 +1,5 @@
-"""Workers on this machine: one process each, started afresh (spawn), replaced and its chunk done
-again where it dies.
+"""Workers on this machine, one process each, started as new interpreters (spawn). If one dies,
+another takes its place and its chunk.
 
 Python's own pools give up when a worker is killed, and do not say which task it had; here the
 parent holds a pipe to each worker. A script that computes by workers needs the guard ``if __name__
@@ -24,7 +24,7 @@ from isogal.montecarlo.chunks import Chunk, compute
 from isogal.threads import VARIABLES
 
 ATTEMPTS = 3
-"""How often a chunk is begun before its workers' deaths are taken as its fault."""
+"""How often a chunk is begun before it is blamed for the deaths of its workers."""
 REPORT_EVERY = 0.2
 """s between a worker's reports of progress."""
 _THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
@@ -57,7 +57,8 @@ def throttled(send: Callable[[float], Any]) -> Callable[[float], None]:
 
 
 def serve(connection: Connection) -> None:
-    """Work of a worker process: chunks in, runs out, until the parent closes the pipe."""
+    """Compute the chunks that come through the pipe until the parent closes it: the work of a
+    worker process."""
     maps: dict[str, AnyMap] = {}
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
@@ -89,7 +90,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs,), daemon=True, name="isogal-worker")
-        with _one_thread(), _deaf_to_interrupts():
+        with _one_thread(), _interrupts_blocked():
             process.start()
         theirs.close()
         return cls(process, ours)
@@ -97,9 +98,8 @@ class _Worker:
     def give(self, chunk: Chunk, maps: Mapping[str, AnyMap]) -> None:
         new = chunk.map_key not in self.maps
         self.chunk = chunk
-        with contextlib.suppress(
-            BrokenPipeError, ConnectionResetError
-        ):  # it has died already: noticed by its pipe's end
+        # a worker that has died is noticed by the end of its pipe
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             self.connection.send((chunk, maps[chunk.map_key] if new else None))
         self.maps.add(chunk.map_key)
 
@@ -127,7 +127,7 @@ def local_results(
     workers : int
         Processes; each uses one thread.
     report : callable
-        Told of progress.
+        Called with the progress of a chunk.
 
     Raises
     ------
@@ -136,33 +136,15 @@ def local_results(
     WorkerError
         A chunk failed, or its workers died `ATTEMPTS` times.
     """
-    waiting = list(reversed(chunks))
-    attempts = dict.fromkeys(chunks, 0)
-    pool: list[_Worker] = []
-    left = len(chunks)
+    pool = _Pool(chunks, maps, workers)
     try:
-        while left:
-            busy = [worker for worker in pool if worker.chunk is not None]
-            idle = [worker for worker in pool if worker.chunk is None]
-            while waiting and len(busy) < workers:
-                if not idle:
-                    idle.append(_Worker.start())
-                    pool.append(idle[-1])
-                busy.append(idle.pop())
-                attempts[waiting[-1]] += 1
-                busy[-1].give(waiting.pop(), maps)
-            ready = wait([worker.connection for worker in busy])
-            for worker in busy:
-                if worker.connection not in ready:
-                    continue
-                chunk = worker.chunk
-                assert chunk is not None
+        while pool.busy or pool.waiting:
+            pool.start_waiting()
+            for worker, chunk in pool.ready():
                 try:
                     kind, value = worker.connection.recv()
                 except (EOFError, ConnectionResetError):
-                    pool.remove(worker)
-                    _bury(worker, chunk, attempts[chunk])
-                    waiting.append(chunk)
+                    pool.drop(worker, chunk)
                     report(chunk, 0.0)
                     continue
                 if kind == "progress":
@@ -170,11 +152,65 @@ def local_results(
                     continue
                 worker.chunk = None
                 _raise_failure(kind, value, chunk)
-                left -= 1
                 yield chunk, value
     finally:
-        for worker in pool:
+        for worker in pool.workers:
             worker.stop()
+
+
+class _Pool:
+    """Workers, and the chunks that wait for one."""
+
+    def __init__(self, chunks: Sequence[Chunk], maps: Mapping[str, AnyMap], workers: int) -> None:
+        self.workers: list[_Worker] = []
+        self.waiting = list(reversed(chunks))
+        self._maps = maps
+        self._most = workers
+        self._attempts = dict.fromkeys(chunks, 0)
+
+    @property
+    def busy(self) -> list[_Worker]:
+        """Workers that have a chunk."""
+        return [worker for worker in self.workers if worker.chunk is not None]
+
+    def start_waiting(self) -> None:
+        """Give chunks to workers, new ones if need be, until all are busy."""
+        idle = [worker for worker in self.workers if worker.chunk is None]
+        count = len(self.workers) - len(idle)
+        while self.waiting and count < self._most:
+            if not idle:
+                idle.append(_Worker.start())
+                self.workers.append(idle[-1])
+            chunk = self.waiting.pop()
+            self._attempts[chunk] += 1
+            idle.pop().give(chunk, self._maps)
+            count += 1
+
+    def ready(self) -> list[tuple[_Worker, Chunk]]:
+        """Wait for workers that have something to say, or have died; return them and their
+        chunks."""
+        busy = self.busy
+        ready = wait([worker.connection for worker in busy])
+        return [(w, w.chunk) for w in busy if w.connection in ready and w.chunk is not None]
+
+    def drop(self, worker: _Worker, chunk: Chunk) -> None:
+        """Take out a worker that has died and put its chunk back; raises WorkerError where that
+        was the last attempt."""
+        self.workers.remove(worker)
+        worker.process.join(5.0)
+        code = worker.process.exitcode
+        worker.stop()
+        if self._attempts[chunk] >= ATTEMPTS:
+            raise WorkerError(_death(chunk, code))
+        self.waiting.append(chunk)
+
+
+def _death(chunk: Chunk, code: int | None) -> str:
+    how = f"ended with status {code}"
+    if code is not None and code < 0:
+        how = f"was killed by signal {-code} ({signal.Signals(-code).name})"
+    hint = "; is there too little memory?" if code == -signal.SIGKILL else ""
+    return f"{chunk.case}, {chunk.text()}: the worker {how}, {ATTEMPTS} times{hint}"
 
 
 def _raise_failure(kind: str, value: Any, chunk: Chunk) -> None:
@@ -187,26 +223,10 @@ def _raise_failure(kind: str, value: Any, chunk: Chunk) -> None:
         raise error
 
 
-def _bury(worker: _Worker, chunk: Chunk, attempts: int) -> None:
-    worker.process.join(5.0)
-    code = worker.process.exitcode
-    worker.stop()
-    if attempts >= ATTEMPTS:
-        how = (
-            f"was killed by signal {-code} ({signal.Signals(-code).name})"
-            if code and code < 0
-            else f"ended with status {code}"
-        )
-        hint = "; is there too little memory?" if code == -signal.SIGKILL else ""
-        raise WorkerError(
-            f"{chunk.case}, {chunk.text()}: the worker {how}, {attempts} times{hint}"
-        )
-
-
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let processes started here use one thread each: workers share the cores, and a product of
-    matrices gets one order of summation."""
+    """Let processes started here use one thread each: workers share the cores, and sums within a
+    product of matrices keep one order."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -220,9 +240,9 @@ def _one_thread() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Let processes started here not hear Ctrl-C, which a terminal sends to the whole group: the
-    parent alone decides what is kept."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C, which a terminal sends to the whole group, in processes started here: the
+    parent alone handles it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
