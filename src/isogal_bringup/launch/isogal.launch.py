@@ -16,87 +16,60 @@ from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    params = LaunchConfiguration("params")
+    return LaunchDescription([*arguments(), *nodes()])
+
+
+def arguments() -> list[DeclareLaunchArgument]:
+    params = PathJoinSubstitution([FindPackageShare("isogal_bringup"), "params", "isogal.yaml"])
+    bag = f"isogal_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    described = {
+        "params": (params, "parameter file (YAML) for all nodes"),
+        "rate": ("1.0", "simulated seconds per second; 0.0 = as fast as the graph can"),
+        "run": ("0", "index of the run: which random numbers of the seed"),
+        "recorder": ("true", "whether everything is recorded"),
+        "bag": (bag, "folder of the recording"),
+    }
+    return [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in described.items()
+    ]
+
+
+def nodes() -> list[Node]:
     recorder = LaunchConfiguration("recorder")
-    run = ParameterValue(LaunchConfiguration("run"), value_type=int)
+    run = {"run": value_of("run", int)}
     # how many recorders each node waits for before it calls itself ready
-    recorders = ParameterValue(
-        PythonExpression(["int('", recorder, "'.lower() in ('true', '1'))"]), value_type=int
+    recorders = PythonExpression(["int('", recorder, "'.lower() in ('true', '1'))"])
+    common = run | {"recorders": ParameterValue(recorders, value_type=int)}
+    return [
+        node(
+            "isogal_recorder",
+            run | {"bag": value_of("bag", str)},
+            package="isogal_ros",
+            condition=IfCondition(recorder),
+        ),
+        node("ukf_fusion_node", common),
+        node("pmht_mm_node", common),
+        node("gravimeter_node", common),
+        node(
+            "ins_sim_node",
+            common | {"rate": value_of("rate", float)},
+            on_exit=Shutdown(reason="the simulated vehicle has arrived"),
+        ),
+    ]
+
+
+def node(name: str, own: dict, package: str | None = None, **more: object) -> Node:
+    """A node with the parameters of the file and its own, which count where both say something."""
+    return Node(
+        package=package or name,
+        executable=name,
+        name=name,
+        parameters=[LaunchConfiguration("params"), own],
+        output="screen",
+        **more,
     )
-    common = {"run": run, "recorders": recorders}
-    default_params = PathJoinSubstitution(
-        [FindPackageShare("isogal_bringup"), "params", "isogal.yaml"]
-    )
-    default_bag = f"isogal_{datetime.now():%Y-%m-%d_%H-%M-%S}"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "params",
-                default_value=default_params,
-                description="parameter file (YAML) for all nodes",
-            ),
-            DeclareLaunchArgument(
-                "rate",
-                default_value="1.0",
-                description="simulated seconds per second; 0.0 = as fast as the graph can",
-            ),
-            DeclareLaunchArgument(
-                "run",
-                default_value="0",
-                description="index of the run: which random numbers of the seed",
-            ),
-            DeclareLaunchArgument(
-                "recorder", default_value="true", description="whether everything is recorded"
-            ),
-            DeclareLaunchArgument(
-                "bag", default_value=default_bag, description="folder of the recording"
-            ),
-            Node(
-                package="isogal_ros",
-                executable="isogal_recorder",
-                name="isogal_recorder",
-                parameters=[
-                    params,
-                    {
-                        "run": run,
-                        "bag": ParameterValue(LaunchConfiguration("bag"), value_type=str),
-                    },
-                ],
-                condition=IfCondition(recorder),
-                output="screen",
-            ),
-            Node(
-                package="ukf_fusion_node",
-                executable="ukf_fusion_node",
-                name="ukf_fusion_node",
-                parameters=[params, common],
-                output="screen",
-            ),
-            Node(
-                package="pmht_mm_node",
-                executable="pmht_mm_node",
-                name="pmht_mm_node",
-                parameters=[params, common],
-                output="screen",
-            ),
-            Node(
-                package="gravimeter_node",
-                executable="gravimeter_node",
-                name="gravimeter_node",
-                parameters=[params, common],
-                output="screen",
-            ),
-            Node(
-                package="ins_sim_node",
-                executable="ins_sim_node",
-                name="ins_sim_node",
-                parameters=[
-                    params,
-                    common,
-                    {"rate": ParameterValue(LaunchConfiguration("rate"), value_type=float)},
-                ],
-                on_exit=Shutdown(reason="the simulated vehicle has arrived"),
-                output="screen",
-            ),
-        ]
-    )
+
+
+def value_of(argument: str, kind: type) -> ParameterValue:
+    return ParameterValue(LaunchConfiguration(argument), value_type=kind)
