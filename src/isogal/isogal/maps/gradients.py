@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
+from isogal.maps.error_spectrum import USUAL_LENGTH
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Waves
 from isogal.scenario import TENSOR_COMPONENTS
@@ -29,9 +30,6 @@ COMPONENTS = TENSOR_COMPONENTS
 """Second derivatives of the disturbing potential by north (n), east (e) and down (d)."""
 INDEPENDENT = COMPONENTS[:5]
 """Five that say all: dd = -nn - ee."""
-USUAL_LENGTH = 4000.0
-"""m, correlation length of a disturbance map's error where the map does not say it (the scenario's
-default)."""
 
 
 def tensor_maps(

@@ -151,9 +151,10 @@ def _applied(
 
     n, m = values.shape
     pads = padding((n, m), cell, taper)
+    rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
     shape = (
-        next_fast_len(n + 2 * pads[0], real=True),
-        next_fast_len(m + 2 * pads[1], real=True),
+        next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
+        next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
     )
     spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
     waves = waves_of(shape, cell)

@@ -1,0 +1,112 @@
+"""The errors of a map as a random field: how large, and over which distance they hold together,
+after an operator that depends on the wavelength alone.
+
+The error of the values is taken to have the covariance sigma² exp(-d / L), thus the spectrum
+
+    S(k) = sigma² L² / (1 + k² L²)^(3/2),   the integral of S(k) k dk being sigma²,
+
+and the rounding of the values to be white noise up to the highest wavenumber of the grid. After an
+operator of factor O(k) variance and correlation are
+
+    v = ∫ S O² k dk,   c(d) = 1/v ∫ S O² J0(k d) k dk.
+
+For upward continuation by h, O = exp(-k h), that is sigma² (1 - a π/2 (H0(a) - Y0(a))) with
+a = 2 h / L (H0: Struve function): sigma falls as L / (2 h) where h is much larger than L. The
+distance at which the correlation is 1/e grows from L to 1.95 h, as then
+c(d) = (1 + (d / 2h)²)^(-3/2)."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.maps.field_map import FieldMap
+
+USUAL_LENGTH = 4000.0
+"""m, correlation length of a map's error where the map does not say it (the scenario's
+default)."""
+_NODES = 4000
+
+Factor = Callable[[Array], Array]
+"""Of an operator, at wavenumbers (rad/m)."""
+
+
+@dataclass(frozen=True)
+class ErrorSpectrum:
+    """Variance of a map's error by wavenumber: a part with a correlation length, and rounding."""
+
+    wavenumber: Array
+    """(K,) rad/m, up to the highest of the grid."""
+    correlated: Array
+    """(K,) share of the variance of errors of 1-sigma one that each wavenumber has."""
+    white: Array
+    """(K,) likewise, of white noise of the nodes."""
+
+    @classmethod
+    def of_grid(cls, cell: tuple[float, float], length: float | None) -> "ErrorSpectrum":
+        """Return the spectrum on a grid with cells (north, east), m, of errors that hold together
+        over a length (m); None = the usual one."""
+        # the disc whose area is that of the rectangle of wavenumbers that the grid can show
+        highest = 2.0 * math.sqrt(math.pi / (cell[0] * cell[1]))
+        edges = highest * np.linspace(0.0, 1.0, _NODES + 1) ** 3  # denser at long waves
+        scaled = (edges * (length or USUAL_LENGTH)) ** 2
+        # exact integrals over each interval of k dk / (1 + k² L²)^(3/2) and of k dk
+        correlated = -np.diff(1.0 / np.sqrt(1.0 + scaled))
+        white = np.diff(edges**2)
+        return cls(
+            0.5 * (edges[1:] + edges[:-1]), correlated / correlated.sum(), white / white.sum()
+        )
+
+    def gain(self, factor: Factor) -> float:
+        """Return the 1-sigma after an operator of correlated errors of 1-sigma one."""
+        return math.sqrt(float((self.correlated * factor(self.wavenumber) ** 2).sum()))
+
+    def white_gain(self, factor: Factor) -> float:
+        """Return the 1-sigma after an operator of white noise of 1-sigma one."""
+        return math.sqrt(float((self.white * factor(self.wavenumber) ** 2).sum()))
+
+    def length(self, factor: Factor, sigma: float, white: float) -> float:
+        """Return the distance (m) at which errors after an operator have a correlation of 1/e.
+
+        Parameters
+        ----------
+        factor : Factor
+        sigma, white : float
+            1-sigma of the correlated errors and of the white noise before it, not both zero.
+        """
+        from scipy.special import j0
+
+        power = (sigma**2 * self.correlated + white**2 * self.white) * factor(self.wavenumber) ** 2
+        power /= power.sum()
+        low, high = 0.0, 1.0 / float((power * self.wavenumber).sum())
+        while (power * j0(self.wavenumber * high)).sum() > math.exp(-1.0):
+            low, high = high, 1.5 * high
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            above = (power * j0(self.wavenumber * middle)).sum() > math.exp(-1.0)
+            low, high = (middle, high) if above else (low, middle)
+        return high
+
+
+def typical_sigma(field_map: FieldMap) -> float:
+    """Return the 1-sigma of a map's error, root mean square over its nodes."""
+    return float(np.sqrt(np.nanmean(np.square(field_map.sigma))))
+
+
+def rounding(field_map: FieldMap) -> float:
+    """Return the 1-sigma of the rounding of a map's values."""
+    return field_map.quantisation / math.sqrt(12.0)
+
+
+def mixed_length(variances: list[float], lengths: list[float]) -> float:
+    """Return the distance (m) at which the sum of independent errors with covariances
+    v exp(-d / L) has a correlation of 1/e."""
+    share = np.asarray(variances) / np.sum(variances)
+    low, high = 0.0, max(lengths)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = float((share * np.exp(-middle / np.asarray(lengths))).sum()) > math.exp(-1.0)
+        low, high = (middle, high) if above else (low, middle)
+    return high
