@@ -1,4 +1,4 @@
-"""What holds for every baseline matcher; what each alone does is in its own file."""
+"""What all baseline matchers have in common; tests of a single one are in its own file."""
 
 import dataclasses
 
@@ -15,7 +15,8 @@ NAMES = ["tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"]
 BAYESIAN = ["sitan", "particle", "point-mass", "viterbi"]
 DRIFT = (300.0, -200.0, 0.05, 0.03)
 GRAVIMETER = (-8e-9, 0.0, 6e-6, 1.2e-4)
-"""What wrong latitude and velocity do to a disturbance (SCIENCE: 0.8 mGal/km, Eötvös)."""
+"""What wrong latitude and velocity do to a disturbance: normal gravity changes by 0.8 mGal/km, the
+Eötvös term with the velocity east (docs/mathematics.md, section 2.6)."""
 
 
 def build(name, **settings):

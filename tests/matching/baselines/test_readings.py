@@ -6,8 +6,8 @@ import numpy as np
 from helpers.batches import field_map_of, make_batch
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.baselines.readings import (
-    Scans,
-    WhiteNoise,
+    AssumedNoise,
+    UsableReadings,
     publish_measured,
     publish_posterior,
     shift_covariance,
@@ -68,14 +68,15 @@ def test_readings_in_and_out(rough_map):
     reading = np.array(make_batch(rough_map)[0].reading)
     reading[3] = np.nan
     batch, _ = make_batch(rough_map, reading=reading, new=20)
-    whole = Scans.of(batch, rough_map, WhiteNoise(map_sigma=2e-5), whole=True)
-    new = Scans.of(batch, rough_map, WhiteNoise(), whole=False)
+    noise = AssumedNoise(map_sigma=2e-5)
+    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
+    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
     assert list(whole.row) == [0, 1, 2, *range(4, 30)]
     assert list(new.row) == list(range(10, 30))
-    np.testing.assert_allclose(whole.sigma, np.hypot(1e-5, 2e-5))
+    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
     known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
     np.testing.assert_allclose(
-        Scans.of(batch, known, WhiteNoise(map_sigma=2e-5), whole=True).sigma,
+        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
         np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
     )
 
@@ -83,11 +84,11 @@ def test_readings_in_and_out(rough_map):
 def test_residuals_vanish_at_the_true_error(rough_map):
     xi = np.array([300.0, -200.0, 0.05, 0.03])
     batch, _ = make_batch(rough_map, xi, seed=None, jacobian=(-8e-9, 0.0, 6e-6, 1.2e-4))
-    scans = Scans.of(batch, rough_map, WhiteNoise(), whole=True)
-    residual, slope = scans.linearise(rough_map, xi)
+    readings = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=True)
+    residual, slope = readings.linearise(rough_map, xi)
     np.testing.assert_allclose(residual, 0.0, atol=1e-9)
     step = np.array([1.0, 2.0, 1e-3, -1e-3])
-    ahead, behind = (scans.linearise(rough_map, xi + sign * step)[0] for sign in (0.5, -0.5))
+    ahead, behind = (readings.linearise(rough_map, xi + sign * step)[0] for sign in (0.5, -0.5))
     np.testing.assert_allclose(slope @ step, ahead - behind, atol=1e-10)
 
 

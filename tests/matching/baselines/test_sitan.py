@@ -5,10 +5,10 @@ import pytest
 
 from helpers.batches import field_map_of, make_batch
 from isogal.maps.interpolation import Grid
-from isogal.matching.baselines.readings import Scans, WhiteNoise
+from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
 
-STEP, METRES = 1e-3, 1e5  # cells of 100 m
+STEP, METRES = 1e-3, (1e5, 1e5)  # cells of 100 m
 
 
 def grid_of(function):
@@ -19,7 +19,7 @@ def grid_of(function):
 
 def test_plane_through_a_plane():
     fit = plane(
-        grid_of(lambda n, e: 5.0 + 2e-3 * n - 1e-3 * e), 2e-2, 2e-2, 300.0, 200.0, METRES, METRES
+        grid_of(lambda n, e: 5.0 + 2e-3 * n - 1e-3 * e), 2e-2, 2e-2, (300.0, 200.0), METRES
     )
     np.testing.assert_allclose(fit, [7.0, 2e-3, -1e-3, 0.0], atol=1e-9)
 
@@ -27,12 +27,12 @@ def test_plane_through_a_plane():
 def test_plane_through_a_bowl_by_hand():
     # n² over n = -200, -100, ..., 200: mean (4 + 1 + 0 + 1 + 4) / 5 = 2, mean square (16 + 1 + 0 +
     # 1 + 16) / 5 = 6.8, of 100² m²
-    fit = plane(grid_of(lambda n, e: (n - 2000.0) ** 2), 2e-2, 2e-2, 200.0, 200.0, METRES, METRES)
+    fit = plane(grid_of(lambda n, e: (n - 2000.0) ** 2), 2e-2, 2e-2, (200.0, 200.0), METRES)
     np.testing.assert_allclose(fit, [2e4, 0.0, 0.0, (6.8 - 4.0) * 1e8], rtol=1e-6, atol=1e-4)
 
 
 def test_plane_at_the_edge_of_the_map_is_missing():
-    assert np.isnan(plane(grid_of(lambda n, e: n), 2e-3, 2e-2, 300.0, 200.0, METRES, METRES)).any()
+    assert np.isnan(plane(grid_of(lambda n, e: n), 2e-3, 2e-2, (300.0, 200.0), METRES)).any()
 
 
 @pytest.mark.parametrize("region", [0.0, 1.5])
@@ -42,13 +42,13 @@ def test_exact_on_a_plane_map(region, bias_sigma):
     batch, _ = make_batch(
         tilted, (200.0, -100.0, 0.05, 0.0), sigma=1e-5, jacobian=(-8e-9, 0.0, 6e-6, 1.2e-4)
     )
-    noise = WhiteNoise(bias_sigma=bias_sigma)
+    noise = AssumedNoise(bias_sigma=bias_sigma)
     fix, _ = Sitan(noise, SitanOptions(region=region)).match(batch, tilted, None)
     # least squares on all readings at once; a plane in metres is a plane in degrees up to the
     # map's curvature, a metre here
-    scans = Scans.of(batch, tilted, noise, whole=True)
-    residual, slope = scans.linearise(tilted, np.zeros(4))
-    R = np.diag(scans.sigma**2) + bias_sigma**2
+    readings = UsableReadings.of(batch, tilted, noise, whole=True)
+    residual, slope = readings.linearise(tilted, np.zeros(4))
+    R = np.diag(readings.arrays.sigma**2) + bias_sigma**2
     matrix = slope.T @ np.linalg.solve(R, slope)
     np.testing.assert_allclose(fix.information.matrix, matrix, rtol=2e-3, atol=1e-4 * matrix.max())
     posterior = np.linalg.inv(np.linalg.inv(batch.prior) + matrix)

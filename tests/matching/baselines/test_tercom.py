@@ -4,22 +4,19 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
-from isogal.matching.baselines.readings import Scans, WhiteNoise
+from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.baselines.tercom import Tercom, TercomOptions, _differences
 
 
 @pytest.mark.parametrize("remove_mean", [False, True])
 def test_differences_by_hand(rough_map, remove_mean):
     batch, _ = make_batch(rough_map, (200.0, 0.0, 0.0, 0.0), jacobian=(-8e-9, 0.0, 0.0, 0.0))
-    scans = Scans.of(batch, rough_map, WhiteNoise(), whole=True)
+    readings = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=True)
     side = np.array([-100.0, 0.0, 250.0]), np.array([-50.0, 30.0])
-    absolute, square = _differences(
-        scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
-        *side, remove_mean,
-    )  # fmt: skip
+    absolute, square = _differences(readings.arrays, *side, remove_mean)
     for i, north in enumerate(side[0]):
         for j, east in enumerate(side[1]):
-            residual, _ = scans.linearise(rough_map, np.array([north, east, 0.0, 0.0]))
+            residual, _ = readings.linearise(rough_map, np.array([north, east, 0.0, 0.0]))
             if remove_mean:
                 residual = residual - residual.mean()
             assert absolute[i, j] == pytest.approx(np.abs(residual).mean(), rel=1e-9)

@@ -1,4 +1,4 @@
-"""The trellis against all paths, one by one."""
+"""The trellis against an enumeration of all paths."""
 
 import itertools
 
@@ -7,6 +7,7 @@ import pytest
 
 from helpers.batches import make_batch
 from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matching.baselines.readings import ReadingArrays
 from isogal.matching.baselines.viterbi import Viterbi, ViterbiOptions, _trellis
 
 
@@ -21,18 +22,10 @@ def test_trellis_equals_trying_all_paths():
     level = rng.standard_normal(scans)
     jacobian = 1e-3 * rng.standard_normal((scans, 4))
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
-    path, marginal = _trellis(
-        grid,
-        latitude,
-        longitude,
-        radian,
-        level,
-        np.full(scans, sigma**2),
-        jacobian,
-        side,
-        start,
-        *drift,
-    )
+    noise = np.full(scans, sigma)
+    transition = np.zeros((scans, 2, 4))
+    readings = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
+    path, marginal = _trellis(readings, noise**2, side, start, drift)
 
     places = list(itertools.product(range(cells), range(cells)))
     emission = np.zeros((scans, cells, cells))

@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal
 from helpers.batches import make_batch
 from isogal.matching.baselines.particle import Particle, ParticleOptions
 from isogal.matching.baselines.point_mass import PointMass, PointMassOptions, _nodes
-from isogal.matching.baselines.readings import Scans, WhiteNoise
+from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -45,7 +45,7 @@ PRIOR = np.array(
 @pytest.mark.parametrize("bias_sigma", [0.0, 4e-5])
 @pytest.mark.parametrize("name", ["point-mass", "particle"])
 def test_moments_of_the_posterior(rough_map, sigma, bias_sigma, name):
-    noise = WhiteNoise(bias_sigma=bias_sigma)
+    noise = AssumedNoise(bias_sigma=bias_sigma)
     matcher = (
         PointMass(noise)
         if name == "point-mass"
@@ -78,20 +78,18 @@ def test_moments_of_the_posterior(rough_map, sigma, bias_sigma, name):
 
 def test_velocity_and_bias_are_integrated_out(rough_map):
     batch, _ = make_batch(rough_map, (200.0, 150.0, 0.05, -0.04), sigma=1e-5, jacobian=GRAVIMETER)
-    scans = Scans.of(batch, rough_map, WhiteNoise(), whole=True)
+    readings = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=True)
+    sigma = readings.arrays.sigma
     gain = np.array([[1e-4, 0.0], [2e-5, 3e-4]])
     # so large that the determinant counts
     linear = np.diag([0.3**2, 0.2**2, 2e-5**2])
     position = np.array([[0.0, 0.0], [400.0, -300.0], [-700.0, 900.0]])
-    log, velocity, spread = _nodes(
-        scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level,
-        scans.sigma**-2.0, scans.transition, scans.jacobian, position, gain, linear,
-    )  # fmt: skip
+    log, velocity, spread = _nodes(readings.arrays, sigma**-2.0, position, gain, linear)
     dense = np.empty(3)
     for k, p in enumerate(position):
-        residual, slope = scans.linearise(rough_map, np.concatenate([p, gain @ p]))
+        residual, slope = readings.linearise(rough_map, np.concatenate([p, gain @ p]))
         D = np.column_stack([-slope[:, 2:], np.ones(30)])
-        S = np.diag(scans.sigma**2) + D @ linear @ D.T
+        S = np.diag(sigma**2) + D @ linear @ D.T
         dense[k] = multivariate_normal.logpdf(residual, np.zeros(30), S)
         K = linear @ D.T @ np.linalg.inv(S)
         np.testing.assert_allclose(velocity[k], (gain @ p) + (K @ residual)[:2], rtol=1e-3)

@@ -11,7 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_measured, shift_covariance
+from isogal.matching.baselines.readings import (
+    UsableReadings,
+    publish_measured,
+    shift_covariance,
+)
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -39,41 +43,45 @@ class LeastSquares(Baseline[LeastSquaresOptions]):
         """Readings that a fix needs: a shift has two components."""
         return 4
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         half = self.options.window * np.sqrt(np.diag(batch.prior)[:2])
         side = np.linspace(-1.0, 1.0, self.options.nodes)
         grid = np.stack(np.meshgrid(*(side * width for width in half), indexing="ij"), axis=-1)
-        misfit = _misfit(scans, field_map, grid.reshape(-1, 2))
+        sigma = readings.arrays.sigma
+        misfit = _misfit(readings, field_map, grid.reshape(-1, 2))
         if not np.isfinite(misfit).any():
             return declined(batch, "no shift in the search window lies on the map")
         xi = np.zeros(4)  # north, east (m) and a velocity error, which is taken as zero
         xi[:2] = grid.reshape(-1, 2)[np.nanargmin(misfit)]
         for _ in range(self.options.steps):
-            residual, slope = scans.linearise(field_map, xi)
+            residual, slope = readings.linearise(field_map, xi)
             if not np.isfinite(residual).all():
                 return declined(batch, "the best shift lies at the edge of the map")
-            weighted = slope[:, :2] / scans.sigma[:, None]
-            xi[:2] -= np.linalg.lstsq(weighted, residual / scans.sigma, rcond=None)[0]
+            weighted = slope[:, :2] / sigma[:, None]
+            xi[:2] -= np.linalg.lstsq(weighted, residual / sigma, rcond=None)[0]
         if (np.abs(xi[:2]) > half).any():
             return declined(batch, "no minimum in the search window")
-        residual, slope = scans.linearise(field_map, xi)
+        residual, slope = readings.linearise(field_map, xi)
         if not np.isfinite(slope).all():
             return declined(batch, "the best shift lies at the edge of the map")
-        ratio = float(np.sum((residual / scans.sigma) ** 2)) / (len(scans) - 2)
-        sigma = scans.sigma * max(1.0, np.sqrt(ratio))
-        covariance = shift_covariance(slope, sigma, batch.prior[2:, 2:], 10.0 * float(half.max()))
+        ratio = float(np.sum((residual / sigma) ** 2)) / (len(readings) - 2)
+        seen = sigma * max(1.0, np.sqrt(ratio))
+        covariance = shift_covariance(slope, seen, batch.prior[2:, 2:], 10.0 * float(half.max()))
         if np.linalg.eigvalsh(covariance)[0] > half.max() ** 2:
             return declined(batch, "the map is too flat for the search window")
         return publish_measured(batch, xi[:2], covariance, {"chi_square_ratio": ratio})
 
 
-def _misfit(scans: Scans, field_map: FieldMap, shift: NDArray[np.float64]) -> NDArray[np.float64]:
+def _misfit(
+    readings: UsableReadings, field_map: FieldMap, shift: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the mean square residual (K,) of position errors (K, 2) m; NaN off the map."""
-    moved = np.einsum("nij,kj->kni", scans.transition[:, :, :2], shift)
+    arrays = readings.arrays
+    moved = np.einsum("nij,kj->kni", arrays.transition[:, :, :2], shift)
     value = field_map.value(
-        scans.latitude - moved[..., 0] * scans.radian[:, 0],
-        scans.longitude - moved[..., 1] * scans.radian[:, 1],
+        arrays.latitude - moved[..., 0] * arrays.radian[:, 0],
+        arrays.longitude - moved[..., 1] * arrays.radian[:, 1],
     )
-    residual = scans.level - value - shift @ scans.jacobian[:, :2].T
-    return ((residual / scans.sigma) ** 2).mean(axis=1)
+    residual = arrays.level - value - shift @ arrays.jacobian[:, :2].T
+    return ((residual / arrays.sigma) ** 2).mean(axis=1)

@@ -6,10 +6,10 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 from pydantic import BaseModel
 
 from isogal.maps.field_map import FieldMap
-from isogal.matching.baselines.readings import Scans, WhiteNoise
+from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.local import too_few, unusable
 from isogal.matching.registry import check_options
+from isogal.matching.usability import too_few, unusable
 from isogal.scenario import Matcher as MatcherSettings
 
 Options = TypeVar("Options", bound=BaseModel)
@@ -27,15 +27,15 @@ class Baseline(Generic[Options]):
     """Whether it takes the whole batch each time; False = only readings that no earlier batch has
     used."""
 
-    def __init__(self, noise: WhiteNoise | None = None, options: Options | None = None) -> None:
-        self.noise = noise or WhiteNoise()
+    def __init__(self, noise: AssumedNoise | None = None, options: Options | None = None) -> None:
+        self.noise = noise or AssumedNoise()
         self.options: Options = options or self.options_model()  # type: ignore[assignment]
 
     @classmethod
     def from_settings(cls, settings: MatcherSettings) -> Self:
         """Build it from the scenario; raises InputError on unknown or impossible options."""
         return cls(
-            WhiteNoise.from_settings(settings),
+            AssumedNoise.from_settings(settings),
             check_options(cls.name, settings.options, cls.options_model),
         )
 
@@ -48,11 +48,11 @@ class Baseline(Generic[Options]):
         """Match one batch (see `interfaces.Matcher`)."""
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        scans = Scans.of(batch, field_map, self.noise, whole=self.whole)
-        if reason := too_few(batch, len(scans), self.fewest):
+        readings = UsableReadings.of(batch, field_map, self.noise, whole=self.whole)
+        if reason := too_few(batch, len(readings), self.fewest):
             return declined(batch, reason), memory
-        return self.solve(batch, field_map, scans), memory
+        return self.solve(batch, field_map, readings), memory
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
-        """Return the fix of a batch whose readings `scans` can be used."""
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
+        """Return the fix of a batch from its usable readings."""
         raise NotImplementedError

@@ -12,9 +12,11 @@ point lies on the contour's tangent at the nearest crossing; a rigid move is a t
 / gradient)² of their contour; contours that noise may have moved by the window's width are left
 out. The iteration finds the nearest minimum, so it starts from several shifts and the end with the
 least residuals counts. The source gives no covariance: it is the curvature of the residuals there
-(`scans.shift_covariance`) plus the spread of the ends by their likelihood, times
+(`readings.shift_covariance`) plus the spread of the ends by their likelihood, times
 `covariance_factor`, since the nearest contour is not always the right one and pulls towards the
 start."""
+
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,11 +24,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_measured, shift_covariance
+from isogal.matching.baselines.readings import (
+    ReadingArrays,
+    UsableReadings,
+    publish_measured,
+    shift_covariance,
+)
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local import LocalPlane
+from isogal.matching.local_plane import LocalPlane
 
 
 class IccpOptions(BaseModel):
@@ -80,130 +87,167 @@ class Iccp(Baseline[IccpOptions]):
         """Readings that a fix needs."""
         return self.options.min_scans
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         options = self.options
         half = max(
             options.window * float(np.sqrt(np.diag(batch.prior)[:2].max())), options.min_half_width
         )
         # a wrong velocity moves all contours by its Eötvös term
-        wrong = np.einsum(
-            "ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:]
+        wrong = readings.velocity_variance(batch.prior[2:, 2:])
+        sigma = np.sqrt(readings.arrays.sigma**2 + wrong)
+        contours = _crossings(
+            readings.arrays._replace(sigma=sigma), half, options.lattice, options.sharpness
         )
-        sigma = np.sqrt(scans.sigma**2 + wrong)
-        point, tangent, variance, scan = _crossings(
-            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.jacobian, sigma,
-            half, options.lattice, options.sharpness,
-        )  # fmt: skip
-        first = np.searchsorted(scan, np.arange(len(scans) + 1))
-        if (found := int((np.diff(first) > 0).sum())) < options.min_scans:
+        if (found := int((np.diff(contours.first) > 0).sum())) < options.min_scans:
             return declined(
                 batch,
                 f"only {found} readings have a contour in the search window ({options.min_scans}"
                 " needed)",
             )
-        track = LocalPlane.of(batch).metres(scans.latitude, scans.longitude)
-        side = np.linspace(-2.0, 2.0, options.starts) if options.starts > 1 else np.zeros(1)
-        reach = np.sqrt(np.diag(batch.prior)[:2])
-        ends, turns, misfits, nearests = [], [], [], []
-        for start in np.stack(
-            np.meshgrid(side * reach[0], side * reach[1], indexing="ij"), axis=-1
-        ).reshape(-1, 2):
-            shift, turn, nearest = _iterate(
-                track,
-                point,
-                tangent,
-                variance,
-                first,
-                start,
-                options.rotation,
-                options.iterations,
-                options.tolerance,
-            )
-            # shift and turn move the estimate; xi is the error, the opposite, at the batch end
-            end = -(shift + turn * np.array([-1.0, 1.0]) * (track[-1] - track.mean(axis=0))[::-1])
-            residual, _ = scans.linearise(field_map, np.concatenate([end, [0.0, 0.0]]))
-            ends.append(end)
-            turns.append(turn)
-            nearests.append(nearest)
-            misfits.append(float((residual**2 / sigma**2).sum()))
-        misfit = np.nan_to_num(np.array(misfits), nan=np.inf)
-        best = int(np.argmin(misfit))
-        if not np.isfinite(misfit[best]):
-            return declined(batch, "the best track leaves the map")
-        excess = max(misfit[best] / (len(scans) - 2), 1.0)
-        _, slope = scans.linearise(field_map, np.concatenate([ends[best], [0.0, 0.0]]))
-        covariance = shift_covariance(
-            slope, scans.sigma * np.sqrt(excess), batch.prior[2:, 2:], 10.0 * half
+        arrays = readings.arrays
+        track = LocalPlane.of(batch).metres(arrays.latitude, arrays.longitude)
+        ends = [
+            self._end(track, field_map, readings, contours, start, sigma)
+            for start in self._starts(np.sqrt(np.diag(batch.prior)[:2]))
+        ]
+        return self._assess(batch, field_map, readings, contours, ends, half)
+
+    def _starts(self, reach: Array) -> Array:
+        """Return shifts (K, 2) m to start from."""
+        count = self.options.starts
+        side = np.linspace(-2.0, 2.0, count) if count > 1 else np.zeros(1)
+        grid = np.meshgrid(side * reach[0], side * reach[1], indexing="ij")
+        return np.stack(grid, axis=-1).reshape(-1, 2)
+
+    def _end(
+        self,
+        track: Array,
+        field_map: FieldMap,
+        readings: UsableReadings,
+        contours: "_Contours",
+        start: Array,
+        sigma: Array,
+    ) -> "_End":
+        """Iterate from a shift of the track (N, 2) m."""
+        options = self.options
+        shift, turn, nearest = _iterate(
+            track, contours, start, options.rotation, options.iterations, options.tolerance
         )
-        weight = np.exp(-0.5 * (misfit - misfit[best]) / excess)
-        apart = np.array(ends) - ends[best]
+        # shift and turn move the estimate; xi is the error, the opposite, at the batch end
+        error = -(shift + turn * np.array([-1.0, 1.0]) * (track[-1] - track.mean(axis=0))[::-1])
+        residual, _ = readings.linearise(field_map, np.concatenate([error, [0.0, 0.0]]))
+        misfit = float((residual**2 / sigma**2).sum())
+        return _End(error, turn, nearest, np.inf if np.isnan(misfit) else misfit)
+
+    def _assess(
+        self,
+        batch: Batch,
+        field_map: FieldMap,
+        readings: UsableReadings,
+        contours: "_Contours",
+        ends: "list[_End]",
+        half: float,
+    ) -> Fix:
+        """Return the fix of the end with the least misfit, with its covariance, or the reason for
+        none."""
+        misfit = np.array([end.misfit for end in ends])
+        best = ends[int(np.argmin(misfit))]
+        if not np.isfinite(best.misfit):
+            return declined(batch, "the best track leaves the map")
+        excess = max(best.misfit / (len(readings) - 2), 1.0)
+        _, slope = readings.linearise(field_map, np.concatenate([best.error, [0.0, 0.0]]))
+        sigma = readings.arrays.sigma * np.sqrt(excess)
+        covariance = shift_covariance(slope, sigma, batch.prior[2:, 2:], 10.0 * half)
+        weight = np.exp(-0.5 * (misfit - best.misfit) / excess)
+        apart = np.array([end.error for end in ends]) - best.error
         covariance = covariance + np.einsum("i,ij,ik->jk", weight / weight.sum(), apart, apart)
-        covariance = options.covariance_factor * covariance
-        figures = {"misfit": excess, "turn": turns[best]}
-        if excess > options.largest_misfit:
+        covariance = self.options.covariance_factor * covariance
+        figures = {"misfit": excess, "turn": best.turn}
+        if excess > self.options.largest_misfit:
             return declined(batch, "no track in the search window fits its contours", **figures)
         if np.linalg.eigvalsh(covariance)[1] > half**2:
             return declined(batch, "the contours leave the track free to move", **figures)
-        return publish_measured(
-            batch, ends[best], covariance, figures, _listed(scans, point, nearests[best])
-        )
+        matched = _listed(readings, contours.point, best.nearest)
+        return publish_measured(batch, best.error, covariance, figures, matched)
 
 
-def _listed(scans: Scans, point: Array, nearest: Integers) -> Candidates:
-    """The contour points that the last iteration matched."""
+class _Contours(NamedTuple):
+    """Points of the contours of N readings in the search window, about the navigator's position of
+    each scan."""
+
+    point: Array
+    """(K, 2) m from that position."""
+    tangent: Array
+    """(K, 2) unit vectors along the contour."""
+    variance: Array
+    """(K,) m², across the contour."""
+    first: Integers
+    """(N + 1,) index of the first point of each reading; the points of a reading are together."""
+
+
+class _End(NamedTuple):
+    """Where an iteration ends."""
+
+    error: Array
+    """(2,) m, of the navigator at the batch end."""
+    turn: float
+    """rad, of the track."""
+    nearest: Integers
+    """(N,) index of each reading's contour point; -1 = none."""
+    misfit: float
+    """Sum of squared normalised residuals; infinite off the map."""
+
+
+def _listed(readings: UsableReadings, point: Array, nearest: Integers) -> Candidates:
+    """Return the contour points that the last iteration matched."""
+    arrays = readings.arrays
     has = nearest >= 0
     offset = point[nearest[has]]
     return Candidates(
-        latitude=scans.latitude[has] + offset[:, 0] * scans.radian[has, 0],
-        longitude=scans.longitude[has] + offset[:, 1] * scans.radian[has, 1],
+        latitude=arrays.latitude[has] + offset[:, 0] * arrays.radian[has, 0],
+        longitude=arrays.longitude[has] + offset[:, 1] * arrays.radian[has, 1],
         weight=np.ones(int(has.sum())),
-        scan=scans.row[has],
+        scan=readings.row[has],
     )
 
 
 @kernel
-def _crossings(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
-    jacobian: Array,
-    sigma: Array,
-    half: float,
-    cells: int,
-    sharpness: float,
-) -> tuple[Array, Array, Array, Integers]:
-    """Find where the contour of each reading crosses a lattice round the navigator's position.
+def _differences(
+    readings: ReadingArrays, t: int, half: float, difference: Array, slope: Array
+) -> None:
+    """Write reading less map (n, n), and its slopes north and east (n, n, 2), at the lattice over
+    the window of a reading."""
+    grid, level = readings.grid, readings.level[t]
+    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
+    jacobian = readings.jacobian[t]
+    step = 2.0 * half / (difference.shape[0] - 1)
+    for i in range(difference.shape[0]):
+        for j in range(difference.shape[1]):
+            north, east = i * step - half, j * step - half
+            value, by_lat, by_lon = value_and_gradient(
+                grid, latitude + north * radian[0], longitude + east * radian[1]
+            )
+            # at this point the navigator's error would be (-north, -east)
+            difference[i, j] = level - value + jacobian[0] * north + jacobian[1] * east
+            slope[i, j, 0] = by_lat * radian[0] - jacobian[0]
+            slope[i, j, 1] = by_lon * radian[1] - jacobian[1]
 
-    Returns offsets (K, 2) from the scan's position m, unit tangents of the contour (K, 2),
-    variances across it (K,) m², scan index (K,) increasing."""
+
+@kernel
+def _crossings(readings: ReadingArrays, half: float, cells: int, sharpness: float) -> _Contours:
+    """Find where the contour of each reading crosses a lattice about the navigator's position."""
     nodes = cells + 1
     step = 2.0 * half / cells
-    most = level.shape[0] * 2 * nodes * nodes
-    point = np.empty((most, 2))
-    tangent = np.empty((most, 2))
-    variance = np.empty(most)
-    scan = np.empty(most, np.int64)
-    difference = np.empty((nodes, nodes))
-    slope = np.empty((nodes, nodes, 2))
-    count = 0
-    for t in range(level.shape[0]):
-        for i in range(nodes):
-            for j in range(nodes):
-                north, east = i * step - half, j * step - half
-                value, by_lat, by_lon = value_and_gradient(
-                    grid,
-                    latitude[t] + north * radian[t, 0],
-                    longitude[t] + east * radian[t, 1],
-                )
-                # at this point the navigator's error would be (-north, -east)
-                difference[i, j] = (
-                    level[t] - value + jacobian[t, 0] * north + jacobian[t, 1] * east
-                )
-                slope[i, j, 0] = by_lat * radian[t, 0] - jacobian[t, 0]
-                slope[i, j, 1] = by_lon * radian[t, 1] - jacobian[t, 1]
+    count = readings.level.shape[0]
+    most = count * 2 * nodes * nodes
+    point, tangent, variance = np.empty((most, 2)), np.empty((most, 2)), np.empty(most)
+    first = np.zeros(count + 1, np.int64)
+    difference, slope = np.empty((nodes, nodes)), np.empty((nodes, nodes, 2))
+    found = 0
+    for t in range(count):
+        sigma = readings.sigma[t]
+        _differences(readings, t, half, difference, slope)
         for i in range(nodes):
             for j in range(nodes):
                 for axis in range(2):
@@ -217,31 +261,23 @@ def _crossings(
                     north_slope = (1.0 - share) * slope[i, j, 0] + share * slope[k, m, 0]
                     east_slope = (1.0 - share) * slope[i, j, 1] + share * slope[k, m, 1]
                     steep = np.sqrt(north_slope * north_slope + east_slope * east_slope)
-                    # a contour that noise may have moved by as much as the window is wide can be
-                    # any contour
-                    if not steep * sharpness * half > sigma[t]:
+                    # where noise may have moved the contour by the window's width, any contour of
+                    # the window may be that of the reading
+                    if not steep * sharpness * half > sigma:
                         continue
-                    point[count, 0] = (i + share * (k - i)) * step - half
-                    point[count, 1] = (j + share * (m - j)) * step - half
-                    tangent[count, 0], tangent[count, 1] = -east_slope / steep, north_slope / steep
-                    variance[count] = (sigma[t] / steep) ** 2 + (0.1 * step) ** 2
-                    scan[count] = t
-                    count += 1
-    return (
-        point[:count].copy(),
-        tangent[:count].copy(),
-        variance[:count].copy(),
-        scan[:count].copy(),
-    )
+                    point[found, 0] = (i + share * (k - i)) * step - half
+                    point[found, 1] = (j + share * (m - j)) * step - half
+                    tangent[found, 0], tangent[found, 1] = -east_slope / steep, north_slope / steep
+                    variance[found] = (sigma / steep) ** 2 + (0.1 * step) ** 2
+                    found += 1
+        first[t + 1] = found
+    return _Contours(point[:found].copy(), tangent[:found].copy(), variance[:found].copy(), first)
 
 
 @kernel
 def _iterate(
     track: Array,
-    point: Array,
-    tangent: Array,
-    variance: Array,
-    first: Integers,
+    contours: _Contours,
     start: Array,
     rotation: bool,
     most: int,
@@ -249,6 +285,7 @@ def _iterate(
 ) -> tuple[Array, float, Integers]:
     """Iterate from a shift (2,) m: shift and turn (rad) of the track, index of each scan's contour
     point (-1 = none)."""
+    point, tangent, variance, first = contours
     count = track.shape[0]
     centre_north = centre_east = 0.0
     for t in range(count):

@@ -13,6 +13,7 @@ is the navigator's, so nothing is carried from batch to batch. All random number
 quasi-random set: the same batch gives the same fix."""
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,10 +21,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching import quasi_random
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_posterior
+from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -60,59 +61,97 @@ class Particle(Baseline[ParticleOptions]):
     name = "particle"
     options_model = ParticleOptions
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
-        move, drive = _dynamics(scans.transition, batch.transition[-1])
-        # readings by position error at the scan and by velocity error: xi = (A_p^-1 (p - A_v v),
-        # v)
-        inverse = np.linalg.inv(scans.transition[:, :, :2])
-        by_position = np.einsum("ti,tij->tj", scans.jacobian[:, :2], inverse)
-        by_velocity = scans.jacobian[:, 2:] - np.einsum(
-            "ti,tij->tj", by_position, scans.transition[:, :, 2:]
-        )
-        start, velocity_gain, rest = _start(scans.transition[0], batch.prior)
-        linear = np.zeros((3, 3))
-        linear[:2, :2] = rest
-        linear[2, 2] = self.noise.bias_sigma**2
-        options = self.options
-        normal, uniform = _random_numbers(options.particles, len(scans) + 1)
-        position, velocity, spread, weight, smallest = _run(
-            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**2, by_position, by_velocity,
-            move, drive, normal[0] @ start.T, velocity_gain, linear, normal[1:], uniform,
-            options.noise**2, options.resample, options.roughening,
-        )  # fmt: skip
+        options, arrays = self.options, readings.arrays
+        normal, uniform = _random_numbers(options.particles, len(readings) + 1)
+        cloud = _first_cloud(arrays.transition[0], batch.prior, self.noise.bias_sigma, normal[0])
+        motion = _Motion.of(arrays, batch.transition[-1])
+        tuning = _Tuning(options.noise**2, options.resample, options.roughening)
+        smallest = _run(arrays, motion, cloud, normal[1:], uniform, tuning)
         figures = {"effective_particles": smallest * options.particles}
-        if not np.isfinite(weight).all():
+        if not np.isfinite(cloud.weight).all():
             return declined(batch, "no particle lies on the map", **figures)
         if figures["effective_particles"] < options.least:
             return declined(batch, "too few particles agree with the readings", **figures)
-        sample = np.concatenate([position, velocity], axis=1)
-        mean = weight @ sample
-        covariance = (sample - mean).T @ (weight[:, None] * (sample - mean))
-        covariance[2:, 2:] += spread
+        sample = np.concatenate([cloud.position, cloud.linear[:, :2]], axis=1)
+        mean = cloud.weight @ sample
+        covariance = (sample - mean).T @ (cloud.weight[:, None] * (sample - mean))
+        covariance[2:, 2:] += cloud.covariance[:2, :2]
         # one particle that has taken all weight has no spread
         covariance += 1e-9 * np.diag(np.diag(batch.prior))
         return publish_posterior(batch, mean, covariance, figures, least_gain=0.02)
 
 
-def _dynamics(transition: Array, last: Array) -> tuple[Array, Array]:
-    """Matrices (N, 2, 2) with p_next = move p + drive v from each scan to the next, from the last
-    to the batch end."""
-    inverse = np.linalg.inv(transition[:, :, :2])
-    following = np.concatenate([transition[1:], last[None]])
-    move = following[:, :, :2] @ inverse
-    return move, following[:, :, 2:] - move @ transition[:, :, 2:]
+class _Motion(NamedTuple):
+    """Linear dynamics of the position error p from scan to scan, and readings by p and by the
+    velocity error v at the scan."""
+
+    by_position: Array
+    """(N, 2) d(reading)/dp by the reduction."""
+    by_velocity: Array
+    """(N, 2) d(reading)/dv."""
+    move: Array
+    """(N, 2, 2): p_next = move p + drive v from each scan to the next, from the last to the batch
+    end."""
+    drive: Array
+    """(N, 2, 2)."""
+
+    @classmethod
+    def of(cls, readings: ReadingArrays, last: Array) -> "_Motion":
+        """Take both from the readings' dependence on xi; `last` (2, 4) is the transition of the
+        batch end. With p = A_p xi_p + A_v v, xi = (A_p^-1 (p - A_v v), v)."""
+        transition, jacobian = readings.transition, readings.jacobian
+        inverse = np.linalg.inv(transition[:, :, :2])
+        by_position = np.einsum("ti,tij->tj", jacobian[:, :2], inverse)
+        by_velocity = jacobian[:, 2:] - np.einsum("ti,tij->tj", by_position, transition[:, :, 2:])
+        following = np.concatenate([transition[1:], last[None]])
+        move = following[:, :, :2] @ inverse
+        return cls(
+            by_position, by_velocity, move, following[:, :, 2:] - move @ transition[:, :, 2:]
+        )
 
 
-def _start(transition: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Root (2, 2) of the position covariance at the first scan, gain (2, 2) of velocity on it,
-    covariance of the rest of velocity."""
+class _Cloud(NamedTuple):
+    """K particles, which kernels change in place."""
+
+    position: Array
+    """(K, 2) m, position errors at the scan."""
+    linear: Array
+    """(K, 3) means of velocity error north and east and of the bias, given the position."""
+    covariance: Array
+    """(3, 3) of these, the same for all."""
+    log: Array
+    """(K,) logarithms of the weights, up to a constant."""
+    weight: Array
+    """(K,)."""
+
+
+class _Tuning(NamedTuple):
+    """Options of the filter."""
+
+    variance: float
+    """m², of the random walk from scan to scan."""
+    resample: float
+    """Effective share below which particles are resampled."""
+    roughening: float
+    """Spread added then."""
+
+
+def _first_cloud(transition: Array, prior: Array, bias_sigma: float, normal: Array) -> _Cloud:
+    """Spread particles over the prior of the first scan, by standard normal numbers (K, 2)."""
     covariance = transition @ prior @ transition.T
     cross = prior[2:] @ transition.T
     gain = np.linalg.solve(covariance, cross.T).T
     rest = prior[2:, 2:] - gain @ cross.T
-    root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-    return root, np.asarray(gain, dtype=np.float64), 0.5 * (rest + rest.T)
+    linear = np.zeros((3, 3))
+    linear[:2, :2] = 0.5 * (rest + rest.T)
+    linear[2, 2] = bias_sigma**2
+    position = normal @ np.linalg.cholesky(covariance).T
+    count = len(position)
+    velocity = position[:, :1] * gain[:, 0] + position[:, 1:] * gain[:, 1]
+    mean = np.concatenate([velocity, np.zeros((count, 1))], axis=1)
+    return _Cloud(position, mean, linear, np.zeros(count), np.full(count, 1.0 / count))
 
 
 @lru_cache(maxsize=8)
@@ -130,126 +169,125 @@ def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
 
 @kernel
 def _run(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
-    variance: Array,
-    by_position: Array,
-    by_velocity: Array,
-    move: Array,
-    drive: Array,
-    position: Array,
-    velocity_gain: Array,
-    linear: Array,
+    readings: ReadingArrays,
+    motion: _Motion,
+    cloud: _Cloud,
     normal: Array,
     uniform: Array,
-    noise: float,
-    resample: float,
-    roughening: float,
-) -> tuple[Array, Array, Array, Array, float]:
-    """Run all scans and predict to the batch end.
-
-    Returns positions (K, 2), velocities (K, 2), their common covariance (2, 2), weights (K,) and
-    the least effective share on the way."""
-    count, scans = position.shape[0], level.shape[0]
-    p = position.copy()
-    u = np.zeros((count, 3))  # velocity north, east, bias
-    for s in range(count):
-        for i in range(2):
-            u[s, i] = velocity_gain[i, 0] * p[s, 0] + velocity_gain[i, 1] * p[s, 1]
-    P = linear.copy()
-    log = np.zeros(count)
-    weight = np.full(count, 1.0 / count)
-    h = np.array([0.0, 0.0, 1.0])
-    Ph = np.zeros(3)
-    G = np.zeros((2, 3))
+    tuning: _Tuning,
+) -> float:
+    """Run all scans and predict to the batch end; return the least effective share on the way."""
     smallest = 1.0
-    for t in range(scans):
-        # measurement: level - map(p) - by_position p = h u + noise
-        h[0], h[1] = by_velocity[t, 0], by_velocity[t, 1]
-        S = variance[t]
-        for i in range(3):
-            Ph[i] = P[i, 0] * h[0] + P[i, 1] * h[1] + P[i, 2] * h[2]
-            S += h[i] * Ph[i]
-        largest = -np.inf
-        for s in range(count):
-            value = value_and_gradient(
-                grid,
-                latitude[t] - p[s, 0] * radian[t, 0],
-                longitude[t] - p[s, 1] * radian[t, 1],
-            )[0]
-            r = level[t] - value - by_position[t, 0] * p[s, 0] - by_position[t, 1] * p[s, 1]
-            r -= h[0] * u[s, 0] + h[1] * u[s, 1] + h[2] * u[s, 2]
-            log[s] += -0.5 * r * r / S
-            if np.isnan(r):
-                log[s] = -np.inf
-                continue
-            for i in range(3):
-                u[s, i] += Ph[i] * r / S
-            largest = max(largest, log[s])
-        for i in range(3):
-            for j in range(3):
-                P[i, j] -= Ph[i] * Ph[j] / S
-        total = square = 0.0
-        for s in range(count):
-            weight[s] = np.exp(log[s] - largest)  # NaN where all are off the map
-            total += weight[s]
-            square += weight[s] * weight[s]
-        effective = total * total / square / count
+    for t in range(readings.level.shape[0]):
+        effective = _weigh(readings, motion, t, cloud)
         smallest = min(smallest, effective)
-        for s in range(count):
-            weight[s] /= total
-        rough_north = rough_east = 0.0
-        if effective < resample:
-            rough_north, rough_east = _resample(p, u, weight, log, uniform[t], roughening)
-        # time: p' = move p + drive v + noise, and what p' tells about v
-        for i in range(2):
-            for j in range(3):
-                G[i, j] = drive[t, i, 0] * P[0, j] + drive[t, i, 1] * P[1, j]
-        a = G[0, 0] * drive[t, 0, 0] + G[0, 1] * drive[t, 0, 1] + noise
-        b = G[0, 0] * drive[t, 1, 0] + G[0, 1] * drive[t, 1, 1]
-        d = G[1, 0] * drive[t, 1, 0] + G[1, 1] * drive[t, 1, 1] + noise
-        root_a = np.sqrt(a)
-        root_b = b / root_a
-        root_d = np.sqrt(d - root_b * root_b)
-        determinant = a * d - b * b
-        for s in range(count):
-            step_north = root_a * normal[t, s, 0]
-            step_east = root_b * normal[t, s, 0] + root_d * normal[t, s, 1]
-            mean_north = (
-                move[t, 0, 0] * p[s, 0]
-                + move[t, 0, 1] * p[s, 1]
-                + drive[t, 0, 0] * u[s, 0]
-                + drive[t, 0, 1] * u[s, 1]
-            )
-            mean_east = (
-                move[t, 1, 0] * p[s, 0]
-                + move[t, 1, 1] * p[s, 1]
-                + drive[t, 1, 0] * u[s, 0]
-                + drive[t, 1, 1] * u[s, 1]
-            )
-            p[s, 0] = mean_north + step_north + rough_north * normal[t, count - 1 - s, 1]
-            p[s, 1] = mean_east + step_east + rough_east * normal[t, count - 1 - s, 0]
-            along = (d * step_north - b * step_east) / determinant
-            across = (a * step_east - b * step_north) / determinant
-            for i in range(3):
-                u[s, i] += G[0, i] * along + G[1, i] * across
-        for i in range(3):
-            first = (d * G[0, i] - b * G[1, i]) / determinant
-            second = (a * G[1, i] - b * G[0, i]) / determinant
-            for j in range(3):
-                P[i, j] -= first * G[0, j] + second * G[1, j]
-    return p, u[:, :2].copy(), P[:2, :2].copy(), weight, smallest
+        rough = (0.0, 0.0)
+        if effective < tuning.resample:
+            rough = _resample(cloud, uniform[t], tuning.roughening)
+        _predict(motion, t, cloud, normal[t], tuning.variance, rough)
+    return smallest
 
 
 @kernel
-def _resample(
-    p: Array, u: Array, weight: Array, log: Array, uniform: float, roughening: float
-) -> tuple[float, float]:
-    """Resample in place systematically; return the 1-sigma north and east (m) that roughening
-    adds."""
+def _weigh(readings: ReadingArrays, motion: _Motion, t: int, cloud: _Cloud) -> float:
+    """Take the reading of a scan: level - map(p) - by_position p = h u + noise.
+
+    Returns the effective share of the particles; weights are NaN where all are off the map."""
+    p, u, P, log, weight = cloud
+    grid, level = readings.grid, readings.level[t]
+    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
+    by_position = motion.by_position[t]
+    count = p.shape[0]
+    h = np.array([motion.by_velocity[t, 0], motion.by_velocity[t, 1], 1.0])
+    Ph = np.zeros(3)
+    S = readings.sigma[t] * readings.sigma[t]
+    for i in range(3):
+        Ph[i] = P[i, 0] * h[0] + P[i, 1] * h[1] + P[i, 2] * h[2]
+        S += h[i] * Ph[i]
+    largest = -np.inf
+    for s in range(count):
+        value = value_and_gradient(
+            grid, latitude - p[s, 0] * radian[0], longitude - p[s, 1] * radian[1]
+        )[0]
+        r = level - value - by_position[0] * p[s, 0] - by_position[1] * p[s, 1]
+        r -= h[0] * u[s, 0] + h[1] * u[s, 1] + h[2] * u[s, 2]
+        log[s] += -0.5 * r * r / S
+        if np.isnan(r):
+            log[s] = -np.inf
+            continue
+        for i in range(3):
+            u[s, i] += Ph[i] * r / S
+        largest = max(largest, log[s])
+    for i in range(3):
+        for j in range(3):
+            P[i, j] -= Ph[i] * Ph[j] / S
+    total = square = 0.0
+    for s in range(count):
+        weight[s] = np.exp(log[s] - largest)
+        total += weight[s]
+        square += weight[s] * weight[s]
+    for s in range(count):
+        weight[s] /= total
+    return total * total / square / count
+
+
+@kernel
+def _predict(
+    motion: _Motion,
+    t: int,
+    cloud: _Cloud,
+    normal: Array,
+    variance: float,
+    rough: tuple[float, float],
+) -> None:
+    """Move the particles to the next scan: p' = move p + drive v + noise, and what p' tells about
+    v."""
+    p, u, P = cloud.position, cloud.linear, cloud.covariance
+    move, drive = motion.move[t], motion.drive[t]
+    count = p.shape[0]
+    G = np.zeros((2, 3))
+    for i in range(2):
+        for j in range(3):
+            G[i, j] = drive[i, 0] * P[0, j] + drive[i, 1] * P[1, j]
+    a = G[0, 0] * drive[0, 0] + G[0, 1] * drive[0, 1] + variance
+    b = G[0, 0] * drive[1, 0] + G[0, 1] * drive[1, 1]
+    d = G[1, 0] * drive[1, 0] + G[1, 1] * drive[1, 1] + variance
+    root_a = np.sqrt(a)
+    root_b = b / root_a
+    root_d = np.sqrt(d - root_b * root_b)
+    determinant = a * d - b * b
+    for s in range(count):
+        step_north = root_a * normal[s, 0]
+        step_east = root_b * normal[s, 0] + root_d * normal[s, 1]
+        mean_north = (
+            move[0, 0] * p[s, 0]
+            + move[0, 1] * p[s, 1]
+            + drive[0, 0] * u[s, 0]
+            + drive[0, 1] * u[s, 1]
+        )
+        mean_east = (
+            move[1, 0] * p[s, 0]
+            + move[1, 1] * p[s, 1]
+            + drive[1, 0] * u[s, 0]
+            + drive[1, 1] * u[s, 1]
+        )
+        p[s, 0] = mean_north + step_north + rough[0] * normal[count - 1 - s, 1]
+        p[s, 1] = mean_east + step_east + rough[1] * normal[count - 1 - s, 0]
+        along = (d * step_north - b * step_east) / determinant
+        across = (a * step_east - b * step_north) / determinant
+        for i in range(3):
+            u[s, i] += G[0, i] * along + G[1, i] * across
+    for i in range(3):
+        first = (d * G[0, i] - b * G[1, i]) / determinant
+        second = (a * G[1, i] - b * G[0, i]) / determinant
+        for j in range(3):
+            P[i, j] -= first * G[0, j] + second * G[1, j]
+
+
+@kernel
+def _resample(cloud: _Cloud, uniform: float, roughening: float) -> tuple[float, float]:
+    """Resample systematically; return the 1-sigma north and east (m) that roughening adds."""
+    p, u, _, log, weight = cloud
     count = p.shape[0]
     old_p, old_u = p.copy(), u.copy()
     north = east = north_square = east_square = 0.0

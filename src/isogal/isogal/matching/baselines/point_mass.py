@@ -12,6 +12,7 @@ over what carries weight, and so on until beta is 1; so a posterior that fits be
 the first grid is found."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,9 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_posterior
+from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -52,7 +53,7 @@ class PointMass(Baseline[PointMassOptions]):
     name = "point-mass"
     options_model = PointMassOptions
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         options = self.options
         prior = batch.prior[:2, :2]
@@ -60,32 +61,25 @@ class PointMass(Baseline[PointMassOptions]):
         linear = np.zeros((3, 3))
         linear[:2, :2] = batch.prior[2:, 2:] - gain @ batch.prior[:2, 2:]
         linear[2, 2] = self.noise.bias_sigma**2
-        information = np.linalg.inv(prior)
-        # the grid lies along the axes of what carries weight; at first, of the prior
-        centre, axes = (
-            np.zeros(2),
-            np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent,
-        )
+        information, certainty = np.linalg.inv(prior), readings.arrays.sigma**-2.0
+        # the grid lies along the axes of the nodes that carry weight; at first, of the prior
+        centre = np.zeros(2)
+        axes = np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent
         side = np.linspace(-1.0, 1.0, options.nodes)
         unit = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
         for level in range(1, options.levels + 1):
             position = centre + unit @ axes.T
-            likelihood, velocity, spread = _nodes(
-                scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.sigma**-2.0,
-                scans.transition, scans.jacobian, position, gain, linear,
-            )  # fmt: skip
+            nodes = _nodes(readings.arrays, certainty, position, gain, linear)
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
-            if not np.isfinite(likelihood).any():
+            if not np.isfinite(nodes.likelihood).any():
                 return declined(
                     batch, "no node of the search grid lies on the map", levels=float(level)
                 )
-            beta, weight = _temper(likelihood, base, options.support)
-            # nodes as far apart as their weights are wide would miss what lies between them
+            beta, weight = _temper(nodes.likelihood, base, options.support)
+            # nodes as far apart as the posterior is wide would miss it
             if beta == 1.0:
                 break
-            centre, axes = _next_grid(
-                unit, weight, options.cut, centre, axes, 2.0 / (options.nodes - 1)
-            )
+            centre, axes = _next_grid(unit, weight, options.cut, centre, axes)
         figures = {
             "levels": float(level),
             "temper": beta,
@@ -93,10 +87,10 @@ class PointMass(Baseline[PointMassOptions]):
         }
         if beta < 1.0:
             return declined(batch, "the posterior is narrower than the finest grid", **figures)
-        sample = np.concatenate([position, velocity], axis=1)
+        sample = np.concatenate([position, nodes.velocity], axis=1)
         mean = weight @ sample
         covariance = (sample - mean).T @ (weight[:, None] * (sample - mean))
-        covariance[2:, 2:] += np.einsum("k,kij->ij", weight, spread)
+        covariance[2:, 2:] += np.einsum("k,kij->ij", weight, nodes.spread)
         return publish_posterior(batch, mean, covariance, figures)
 
 
@@ -124,7 +118,7 @@ def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Arra
 
 
 def _next_grid(
-    unit: Array, weight: Array, cut: float, centre: Array, axes: Array, step: float
+    unit: Array, weight: Array, cut: float, centre: Array, axes: Array
 ) -> tuple[Array, Array]:
     """Centre (2,) and half axes (2, 2) of the smallest grid over the nodes that carry weight,
     along that weight's own axes."""
@@ -134,97 +128,112 @@ def _next_grid(
     moment = (place - mean).T @ (share[:, None] * (place - mean))
     _, vectors = np.linalg.eigh(moment)
     along = (place - mean) @ vectors
+    step = 2.0 / (math.sqrt(len(unit)) - 1.0)
     low, high = along.min(axis=0) - step, along.max(axis=0) + step
     middle = mean + vectors @ (0.5 * (low + high))
     return centre + axes @ middle, axes @ (vectors * (0.5 * (high - low)))
 
 
+class _Nodes(NamedTuple):
+    """K nodes with velocity error and bias integrated out."""
+
+    likelihood: Array
+    """(K,) logarithm; -inf off the map."""
+    velocity: Array
+    """(K, 2) mean velocity error, m/s."""
+    spread: Array
+    """(K, 2, 2) its covariance."""
+
+
 @kernel
 def _nodes(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
-    weight: Array,
-    transition: Array,
-    jacobian: Array,
-    position: Array,
-    gain: Array,
-    linear: Array,
-) -> tuple[Array, Array, Array]:
-    """Integrate velocity and bias out at each node.
+    readings: ReadingArrays, weight: Array, position: Array, gain: Array, linear: Array
+) -> _Nodes:
+    """Integrate velocity error and bias out at each position error (K, 2).
 
-    Returns the marginal log-likelihood (K,), the mean velocity error (K, 2) and its covariance (K,
-    2, 2) there. -inf off the map.
-
-    With u = (velocity, bias) about its mean given the node, r(u) = r - D u: the likelihood of r
-    alone is that of N(0, W^-1 + D P D'), by the 3 x 3 system (1 + P D'WD)."""
+    With u = (velocity, bias) about its mean given the node, of covariance P = `linear` (3, 3),
+    r(u) = r - D u: the likelihood of r alone is that of N(0, W^-1 + D P D'), by the 3 x 3 system
+    (1 + P D'WD), W = diag(`weight`). The mean velocity of a node is `gain` (2, 2) times its
+    position."""
     count = position.shape[0]
-    out = np.empty(count)
-    velocity = np.empty((count, 2))
-    spread = np.empty((count, 2, 2))
-    b = np.empty(3)
-    C = np.empty((3, 3))
-    d = np.empty(3)
+    nodes = _Nodes(np.empty(count), np.empty((count, 2)), np.empty((count, 2, 2)))
+    xi = np.empty((count, 4))
     for s in range(count):
-        x0, x1 = position[s, 0], position[s, 1]
-        x2, x3 = gain[0, 0] * x0 + gain[0, 1] * x1, gain[1, 0] * x0 + gain[1, 1] * x1
-        total = 0.0
+        for i in range(2):
+            xi[s, i] = position[s, i]
+            xi[s, 2 + i] = gain[i, 0] * position[s, 0] + gain[i, 1] * position[s, 1]
+    total, b, C = _normal_equations(readings, weight, xi)
+    S = np.empty((3, 3))
+    for s in range(count):
+        determinant = _posterior(linear, C[s], S)
+        explained = 0.0
         for i in range(3):
-            b[i] = 0.0
-            for j in range(3):
-                C[i, j] = 0.0
+            u = S[i, 0] * b[s, 0] + S[i, 1] * b[s, 1] + S[i, 2] * b[s, 2]
+            explained += b[s, i] * u
+            if i < 2:
+                nodes.velocity[s, i] = xi[s, 2 + i] + u
+                nodes.spread[s, i, 0], nodes.spread[s, i, 1] = S[i, 0], S[i, 1]
+        nodes.likelihood[s] = -0.5 * (total[s] - explained) - 0.5 * math.log(determinant)
+        if math.isnan(total[s]):
+            nodes.likelihood[s] = -np.inf
+            nodes.velocity[s] = 0.0
+            nodes.spread[s] = 0.0
+    return nodes
+
+
+@kernel
+def _normal_equations(
+    readings: ReadingArrays, weight: Array, xi: Array
+) -> tuple[Array, Array, Array]:
+    """Return r'Wr (K,), D'Wr (K, 3) and D'WD (K, 3, 3) at errors xi (K, 4), with W =
+    diag(`weight`)."""
+    grid, latitude, longitude, radian, level, _, transition, jacobian = readings
+    count = xi.shape[0]
+    total, b, C = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    d = np.ones(3)
+    for s in range(count):
+        x0, x1, x2, x3 = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
+        square = 0.0
         for t in range(level.shape[0]):
             f, g = transition[t], jacobian[t]
             north = f[0, 0] * x0 + f[0, 1] * x1 + f[0, 2] * x2 + f[0, 3] * x3
             east = f[1, 0] * x0 + f[1, 1] * x1 + f[1, 2] * x2 + f[1, 3] * x3
             value, by_lat, by_lon = value_and_gradient(
-                grid,
-                latitude[t] - north * radian[t, 0],
-                longitude[t] - east * radian[t, 1],
+                grid, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
             )
-            r = level[t] - value - (g[0] * x0 + g[1] * x1 + g[2] * x2 + g[3] * x3)
+            expected = g[0] * x0 + g[1] * x1 + g[2] * x2 + g[3] * x3
+            r = level[t] - value - expected
             slope_north, slope_east = by_lat * radian[t, 0], by_lon * radian[t, 1]
             for i in range(2):
                 d[i] = g[2 + i] - slope_north * f[0, 2 + i] - slope_east * f[1, 2 + i]
-            d[2] = 1.0
-            total += weight[t] * r * r
+            square += weight[t] * r * r
             for i in range(3):
-                b[i] += weight[t] * d[i] * r
+                b[s, i] += weight[t] * d[i] * r
                 for j in range(3):
-                    C[i, j] += weight[t] * d[i] * d[j]
-        # posterior covariance of u: S = (1 + P C)^-1 P, by adjugate
-        A = np.empty((3, 3))
-        for i in range(3):
-            for j in range(3):
-                A[i, j] = 1.0 if i == j else 0.0
-                for k in range(3):
-                    A[i, j] += linear[i, k] * C[k, j]
-        inverse = np.empty((3, 3))
-        for i in range(3):
-            for j in range(3):
-                r1, r2, c1, c2 = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-                inverse[i, j] = A[r1, c1] * A[r2, c2] - A[r1, c2] * A[r2, c1]
-        determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
-        explained = 0.0
-        for i in range(3):
-            u = 0.0
-            for j in range(3):
-                S = 0.0
-                for k in range(3):
-                    S += inverse[i, k] * linear[k, j] / determinant
-                u += S * b[j]
-                if i < 2 and j < 2:
-                    spread[s, i, j] = S
-            explained += b[i] * u
-            if i < 2:
-                velocity[s, i] = (x2 if i == 0 else x3) + u
-        out[s] = -0.5 * (total - explained) - 0.5 * math.log(determinant)
-        if math.isnan(total):
-            out[s] = -np.inf
-            velocity[s, 0] = velocity[s, 1] = 0.0
-            for i in range(2):
-                for j in range(2):
-                    spread[s, i, j] = 0.0
-    return out, velocity, spread
+                    C[s, i, j] += weight[t] * d[i] * d[j]
+        total[s] = square
+    return total, b, C
+
+
+@kernel
+def _posterior(P: Array, C: Array, S: Array) -> float:
+    """Write the posterior covariance S = (1 + P C)^-1 P (3, 3), by adjugate; return the
+    determinant of 1 + P C."""
+    A = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            A[i, j] = 1.0 if i == j else 0.0
+            for k in range(3):
+                A[i, j] += P[i, k] * C[k, j]
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            r1, r2, c1, c2 = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = A[r1, c1] * A[r2, c2] - A[r1, c2] * A[r2, c1]
+    determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
+    for i in range(3):
+        for j in range(3):
+            S[i, j] = 0.0
+            for k in range(3):
+                S[i, j] += inverse[i, k] * P[k, j] / determinant
+    return determinant

@@ -2,13 +2,14 @@
 measured position becomes a fix.
 
 The baselines follow their sources, which know no correlated map error: the map's error is white
-noise added to the sensor's. With xi the navigator's error at the batch end (`interfaces`), the
-residual of a reading is
+noise added to the sensor's. With xi the navigator's error at the batch end (docs/mathematics.md,
+section 4.1), the residual of a reading is
 
     r_t(xi) = level_t - jacobian_t xi - map(p_t - transition_t xi).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,26 +23,25 @@ from isogal.scenario import Matcher as MatcherSettings
 
 
 @dataclass(frozen=True, slots=True)
-class WhiteNoise:
+class AssumedNoise:
     """What a baseline assumes beside the sensor's noise, in the map's unit."""
 
     map_sigma: float = 0.0
-    """White 1-sigma of the map's error; where the map says more about itself, that counts."""
+    """White 1-sigma of the map's error; where the map states a larger one, that counts."""
     bias_sigma: float = 0.0
     """1-sigma of an unknown constant in the readings of a batch."""
 
     @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "WhiteNoise":
-        """Take what the scenario's matcher section says; `map_sigma: auto` is what the map says
-        about itself."""
+    def from_settings(cls, settings: MatcherSettings) -> "AssumedNoise":
+        """Take what the scenario's matcher section says; `map_sigma: auto` is what the map states
+        itself."""
         return cls(
             0.0 if settings.map_sigma == "auto" else float(settings.map_sigma), settings.bias_sigma
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Scans:
-    """The N readings of a batch that can be used: there is a reading, and the map around it."""
+class ReadingArrays(NamedTuple):
+    """N readings of a batch and the map, as kernels take them."""
 
     grid: Grid
     latitude: Array
@@ -56,14 +56,23 @@ class Scans:
     """(N,) 1-sigma of sensor, map, quantisation and of what tilt and heading put into the
     reduction, all as white noise."""
     transition: Array
-    """(N, 2, 4)."""
+    """(N, 2, 4) position error (m) per unit of xi."""
     jacobian: Array
-    """(N, 4)."""
+    """(N, 4) d(reading)/d(xi) by the reduction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UsableReadings:
+    """The N readings of a batch that can be used: there is a reading, and the map around it."""
+
+    arrays: ReadingArrays
     row: Integers
     """(N,) index of each in the batch."""
 
     @classmethod
-    def of(cls, batch: Batch, field_map: FieldMap, noise: WhiteNoise, whole: bool) -> "Scans":
+    def of(
+        cls, batch: Batch, field_map: FieldMap, noise: AssumedNoise, whole: bool
+    ) -> "UsableReadings":
         """Collect the readings that no earlier batch has used, or those of the whole batch."""
         usable = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)
         if not whole:
@@ -76,7 +85,7 @@ class Scans:
         variance = batch.sigma[row] ** 2 + map_sigma**2 + field_map.quantisation**2 / 12.0
         variance = variance + (batch.nuisance_reading[row] ** 2).sum(axis=1)
         north, east = metres_per_radian(latitude)
-        return cls(
+        arrays = ReadingArrays(
             grid=field_map.grid,
             latitude=latitude,
             longitude=longitude,
@@ -85,30 +94,37 @@ class Scans:
             sigma=np.sqrt(variance),
             transition=np.ascontiguousarray(batch.transition[row]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[row]),
-            row=row,
         )
+        return cls(arrays, row)
 
     def __len__(self) -> int:
-        return self.level.shape[0]
+        return self.row.shape[0]
 
     def linearise(self, field_map: FieldMap, xi: Array) -> tuple[Array, Array]:
         """Return residuals (N,) at an error xi (4,) and their derivative by xi (N, 4); NaN off the
         map."""
-        moved = self.transition @ xi
-        latitude = self.latitude - moved[:, 0] * self.radian[:, 0]
-        longitude = self.longitude - moved[:, 1] * self.radian[:, 1]
+        readings = self.arrays
+        moved = readings.transition @ xi
+        latitude = readings.latitude - moved[:, 0] * readings.radian[:, 0]
+        longitude = readings.longitude - moved[:, 1] * readings.radian[:, 1]
         value, north, east = field_map.value_and_gradient(latitude, longitude)
         slope = (
-            north[:, None] * self.transition[:, 0]
-            + east[:, None] * self.transition[:, 1]
-            - self.jacobian
+            north[:, None] * readings.transition[:, 0]
+            + east[:, None] * readings.transition[:, 1]
+            - readings.jacobian
         )
-        return self.level - value - self.jacobian @ xi, slope
+        return readings.level - value - readings.jacobian @ xi, slope
+
+    def velocity_variance(self, velocity: Array) -> Array:
+        """Return the variance (N,) that a velocity error of covariance (2, 2) adds to the readings
+        by their reduction."""
+        by_velocity = self.arrays.jacobian[:, 2:]
+        return np.einsum("ti,ij,tj->t", by_velocity, velocity, by_velocity)
 
 
 def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) -> Array:
     """Covariance of the position shift that least squares on one batch gives, from the curvature
-    of the residuals.
+    of the sum of squared residuals.
 
     Parameters
     ----------
@@ -117,10 +133,10 @@ def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) 
     sigma : (N,) array
         1-sigma of each residual.
     velocity : (2, 2) array
-        Covariance of the navigator's velocity error, which the shift leaves out and which moves
-        the readings meanwhile.
+        Covariance of the navigator's velocity error: the shift does not contain it, and it moves
+        the scans within the batch.
     limit : float
-        Largest 1-sigma, m: of a direction that the readings say nothing about.
+        Largest 1-sigma, m: of a direction that the readings tell nothing about.
 
     Returns
     -------
@@ -143,10 +159,11 @@ def publish_posterior(
     position_only: bool = False,
     least_gain: float = 1e-4,
 ) -> Fix:
-    """Turn the posterior N(mean, covariance) of xi into a fix of the measurements alone.
+    """Turn the posterior N(mean, covariance) of xi into a fix of the measurements alone
+    (docs/mathematics.md, sections 7.1 and 7.4).
 
-    Declines where no direction's variance has fallen by the share `least_gain`, which is for
-    posteriors that are not exact."""
+    Declines where no direction's variance has fallen by the share `least_gain`, which is larger
+    for posteriors that are not exact."""
     prior = batch.prior
     information = likelihood_information(mean, covariance, prior)
     whitener = np.linalg.inv(np.linalg.cholesky(prior[:2, :2]))
@@ -156,7 +173,7 @@ def publish_posterior(
         )
     position, uncertainty = measurement_only(mean, covariance, prior)
     known = None if position_only else information
-    return _fix(batch, position, uncertainty, mean, batch.new, diagnostics, candidates, known)
+    return _fix(batch, position, uncertainty, mean, diagnostics, candidates, known)
 
 
 def publish_measured(
@@ -168,11 +185,11 @@ def publish_measured(
 ) -> Fix:
     """Turn a measured position error (2,) of the navigator at the batch end into a fix.
 
-    Where batches overlap each reading serves in len(batch) / new of them, so the covariance grows
-    by that."""
+    Where batches overlap each reading is used in len(batch) / new of them, so the covariance grows
+    by that factor."""
     xi = np.concatenate([position, [0.0, 0.0]])
     out = covariance * (len(batch) / max(batch.new, 1))
-    return _fix(batch, position, out, xi, batch.new, diagnostics, candidates, None)
+    return _fix(batch, position, out, xi, diagnostics, candidates, None)
 
 
 def _fix(
@@ -180,7 +197,6 @@ def _fix(
     position: Array,
     covariance: Array,
     xi: Array,
-    new: int,
     diagnostics: dict[str, float],
     candidates: Candidates | None,
     information: Information | None,
@@ -188,9 +204,8 @@ def _fix(
     north, east = metres_per_radian(batch.latitude)
     moved = batch.transition @ xi
     scan_covariance = np.full((len(batch), 2, 2), np.nan)
-    scan_covariance[len(batch) - new :] = (
-        new * covariance
-    )  # so many fixes hold the information once
+    # as many fixes together hold the information once
+    scan_covariance[len(batch) - batch.new :] = batch.new * covariance
     return Fix(
         time=float(batch.time[-1]),
         latitude=float(batch.latitude[-1] - position[0] / north[-1]),

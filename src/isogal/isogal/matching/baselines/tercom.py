@@ -7,12 +7,13 @@ times finer grid. The source uses no prior but the window, gives no covariance, 
 as rigid.
 
 Added here, since a navigator needs it: the covariance is the curvature of the residuals at the fix
-(`scans.shift_covariance`), their noise the larger of what is assumed and what is seen, pi/2 above
-that of least squares (the efficiency of least absolute differences on Gaussian noise). Where more
-than a share of the likelihood over the window lies far from the fix, the spread of that likelihood
-is added, and where that is as wide as half the window there is no fix."""
+(`readings.shift_covariance`), their noise the larger of what is assumed and what is seen, pi/2
+above that of least squares (the efficiency of least absolute differences on Gaussian noise). Where
+more than a share of the likelihood over the window lies far from the fix, the spread of that
+likelihood is added, and where that is as wide as half the window there is no fix."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,9 +21,14 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_measured, shift_covariance
+from isogal.matching.baselines.readings import (
+    ReadingArrays,
+    UsableReadings,
+    publish_measured,
+    shift_covariance,
+)
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -65,105 +71,107 @@ class Tercom(Baseline[TercomOptions]):
         """Readings that a fix needs."""
         return self.options.min_scans
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         half = np.maximum(
             self.options.window * np.sqrt(np.diag(batch.prior)[:2]), self.options.min_half_width
         )
         side = [self._side(width) for width in half]
-        mad, square = self._search(scans, np.zeros(2), side)
-        if not np.isfinite(mad).any():
+        window = _Window(half, side, *self._search(readings, np.zeros(2), side))
+        if not np.isfinite(window.absolute).any():
             return declined(batch, "no shift in the search window lies on the map")
-        at = np.unravel_index(int(np.nanargmin(mad)), mad.shape)
-        coarse = np.array([side[0][at[0]], side[1][at[1]]])
-        step = [line[1] - line[0] for line in side]
-        fine = [np.linspace(-width, width, 21) for width in step]
-        near, _ = self._search(scans, coarse, fine)
-        best_at = np.unravel_index(int(np.nanargmin(near)), near.shape)
-        best = coarse + np.array([fine[0][best_at[0]], fine[1][best_at[1]]])
-        return self._publish(
-            batch, field_map, scans, best, float(near[best_at]), side, square, half
-        )
+        coarse = _least(window.absolute, side)
+        fine = [np.linspace(-width, width, 21) for width in (line[1] - line[0] for line in side)]
+        near, _ = self._search(readings, coarse, fine)
+        best = coarse + _least(near, fine)
+        return self._assess(batch, field_map, readings, window, best, float(np.nanmin(near)))
 
     def _side(self, half: float) -> Array:
         count = min(2 * math.ceil(half / self.options.step) + 1, self.options.max_points)
         return np.linspace(-half, half, count)
 
-    def _search(self, scans: Scans, centre: Array, side: list[Array]) -> tuple[Array, Array]:
+    def _search(
+        self, readings: UsableReadings, centre: Array, side: list[Array]
+    ) -> tuple[Array, Array]:
         remove = (
             self.noise.bias_sigma > 0.0
             if self.options.remove_mean is None
             else self.options.remove_mean
         )
-        return _differences(
-            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, scans.transition, scans.jacobian,
-            centre[0] + side[0], centre[1] + side[1], remove,
-        )  # fmt: skip
+        return _differences(readings.arrays, centre[0] + side[0], centre[1] + side[1], remove)
 
-    def _publish(
+    def _assess(
         self,
         batch: Batch,
         field_map: FieldMap,
-        scans: Scans,
+        readings: UsableReadings,
+        window: "_Window",
         best: Array,
         mad: float,
-        side: list[Array],
-        square: Array,
-        half: Array,
     ) -> Fix:
-        count = len(scans)
-        # of Gaussian residuals the mean absolute value is sqrt(2/pi) sigma; two of them went into
-        # the shift
+        """Return the fix of the best shift (2,) m with its covariance, or the reason for none."""
+        count = len(readings)
+        widest = float(window.half.max())
+        # of Gaussian residuals the mean absolute value is sqrt(2/pi) sigma; the shift has used up
+        # two of them
         seen = mad * math.sqrt(math.pi / 2.0) * math.sqrt(count / (count - 2.0))
-        sigma = np.maximum(scans.sigma, seen)
-        _, slope = scans.linearise(field_map, np.concatenate([best, [0.0, 0.0]]))
+        sigma = np.maximum(readings.arrays.sigma, seen)
+        _, slope = readings.linearise(field_map, np.concatenate([best, [0.0, 0.0]]))
         if not np.isfinite(slope).all():
             return declined(
                 batch, "the best shift lies at the edge of the map", mean_absolute_difference=mad
             )
-        covariance = (
-            0.5
-            * math.pi
-            * shift_covariance(slope, sigma, batch.prior[2:, 2:], 10.0 * float(half.max()))
-        )
-        weight = np.exp(
-            -0.5
-            * count
-            * np.nan_to_num(square - np.nanmin(square), nan=np.inf)
-            / np.mean(sigma**2)
-        )
-        weight /= weight.sum()
-        away = np.stack(np.meshgrid(*side, indexing="ij"), axis=-1) - best
+        curvature = shift_covariance(slope, sigma, batch.prior[2:, 2:], 10.0 * widest)
+        covariance = 0.5 * math.pi * curvature
+        weight = window.likelihood(count / float(np.mean(sigma**2)))
+        away = np.stack(np.meshgrid(*window.side, indexing="ij"), axis=-1) - best
         # a grid point stands for its cell, which may be wider than the minimum
-        cell = np.diag([(line[1] - line[0]) ** 2 for line in side])
+        cell = np.diag([(line[1] - line[0]) ** 2 for line in window.side])
         far = np.einsum("ijk,kl,ijl->ij", away, np.linalg.inv(covariance + cell), away) > 16.0
         figures = {"mean_absolute_difference": mad, "ambiguity": float(weight[far].sum())}
         if figures["ambiguity"] > self.options.ambiguity:
             covariance = np.einsum("ij,ijk,ijl->kl", weight, away, away) + covariance
-            if np.linalg.eigvalsh(covariance)[1] > (0.5 * half.max()) ** 2:
+            if np.linalg.eigvalsh(covariance)[1] > (0.5 * widest) ** 2:
                 return declined(
                     batch, "no unique shift of least difference in the search window", **figures
                 )
-        if np.linalg.eigvalsh(covariance)[0] > half.max() ** 2:
+        if np.linalg.eigvalsh(covariance)[0] > widest**2:
             return declined(batch, "the map is too flat for the search window", **figures)
         return publish_measured(batch, best, covariance, figures)
 
 
+class _Window(NamedTuple):
+    """The search window and the differences in it."""
+
+    half: Array
+    """(2,) m, half-widths."""
+    side: list[Array]
+    """Shifts north and east, m."""
+    absolute: Array
+    """Mean absolute difference at each shift; NaN off the map."""
+    square: Array
+    """Mean square difference."""
+
+    def likelihood(self, weight: float) -> Array:
+        """Return the likelihood of each shift, sum 1, where the mean square has a weight."""
+        above = np.nan_to_num(self.square - np.nanmin(self.square), nan=np.inf)
+        likelihood = np.exp(-0.5 * weight * above)
+        return likelihood / likelihood.sum()
+
+
+def _least(difference: Array, side: list[Array]) -> Array:
+    """Return the shift (2,) of the least difference."""
+    i, j = np.unravel_index(int(np.nanargmin(difference)), difference.shape)
+    return np.array([side[0][i], side[1][j]])
+
+
 @kernel
 def _differences(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
-    transition: Array,
-    jacobian: Array,
-    north: Array,
-    east: Array,
-    remove_mean: bool,
+    readings: ReadingArrays, north: Array, east: Array, remove_mean: bool
 ) -> tuple[Array, Array]:
     """Mean absolute and mean square difference at the shifts north[i], east[j] (position error at
     the batch end, m); NaN off the map."""
+    grid, latitude, longitude, radian, level, _, transition, jacobian = readings
     count = level.shape[0]
     absolute = np.empty((north.shape[0], east.shape[0]))
     square = np.empty((north.shape[0], east.shape[0]))
@@ -176,8 +184,9 @@ def _differences(
                 move_east = transition[t, 1, 0] * north[i] + transition[t, 1, 1] * east[j]
                 value = value_and_gradient(
                     grid,
-                    latitude[t] - move_north * radian[t, 0], longitude[t] - move_east * radian[t, 1],
-                )[0]  # fmt: skip
+                    latitude[t] - move_north * radian[t, 0],
+                    longitude[t] - move_east * radian[t, 1],
+                )[0]
                 residual[t] = (
                     level[t] - value - jacobian[t, 0] * north[i] - jacobian[t, 1] * east[j]
                 )

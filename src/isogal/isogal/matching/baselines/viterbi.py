@@ -20,9 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import Scans, publish_posterior
+from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 
 
@@ -43,28 +43,24 @@ class Viterbi(Baseline[ViterbiOptions]):
     name = "viterbi"
     options_model = ViterbiOptions
 
-    def solve(self, batch: Batch, field_map: FieldMap, scans: Scans) -> Fix:
+    def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
-        first = scans.transition[0] @ batch.prior @ scans.transition[0].T
+        arrays = readings.arrays
+        first = arrays.transition[0] @ batch.prior @ arrays.transition[0].T
         widest = max(float(np.diag(first).max()), float(np.diag(batch.prior)[:2].max()))
         cell = 2.0 * self.options.extent * math.sqrt(widest) / self.options.cells
         side = cell * (np.arange(self.options.cells) - 0.5 * (self.options.cells - 1))
         place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
         start = -0.5 * np.einsum("ijk,kl,ijl->ij", place, np.linalg.inv(first), place)
-        # steps that widen the first scan's prior to the batch end's: the error drifts along with
-        # its velocity error, not at random
+        # steps that widen the first scan's prior to the batch end's: the error grows along its
+        # velocity error, not at random
         grown = np.maximum(np.diag(batch.prior)[:2] - np.diag(first), 0.0)
-        drift = np.minimum(grown / max(len(scans) - 1, 1) / cell**2, 1.0)
+        step = np.minimum(grown / max(len(readings) - 1, 1) / cell**2, 1.0)
         # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of T
         # times the variance they weigh as much
-        by_velocity = np.einsum(
-            "ti,ij,tj->t", scans.jacobian[:, 2:], batch.prior[2:, 2:], scans.jacobian[:, 2:]
-        )
-        variance = scans.sigma**2 + len(batch) * (by_velocity + self.noise.bias_sigma**2)
-        path, marginal = _trellis(
-            scans.grid, scans.latitude, scans.longitude, scans.radian, scans.level, variance, scans.jacobian,
-            side, start, drift[0], drift[1],
-        )  # fmt: skip
+        common = readings.velocity_variance(batch.prior[2:, 2:]) + self.noise.bias_sigma**2
+        variance = arrays.sigma**2 + len(batch) * common
+        path, marginal = _trellis(arrays, variance, side, start, (float(step[0]), float(step[1])))
         if path[-1, 0] < 0:
             return declined(batch, "no cell of the search grid lies on the map")
         if path[-1].min() == 0 or path[-1].max() == self.options.cells - 1:
@@ -74,18 +70,26 @@ class Viterbi(Baseline[ViterbiOptions]):
         last = place[path[-1, 0], path[-1, 1]]
         away = place - last
         covariance = np.einsum("ij,ijk,ijl->kl", marginal, away, away) + cell**2 / 12.0 * np.eye(2)
-        full = _with_velocity(batch.prior, last, covariance)
-        chosen = place[path[:, 0], path[:, 1]]
-        candidates = Candidates(
-            latitude=scans.latitude - chosen[:, 0] * scans.radian[:, 0],
-            longitude=scans.longitude - chosen[:, 1] * scans.radian[:, 1],
-            weight=np.ones(len(scans)),
-            scan=scans.row,
-        )
         figures = {"cell": cell, "probability": float(marginal[path[-1, 0], path[-1, 1]])}
         return publish_posterior(
-            batch, *full, figures, candidates, position_only=True, least_gain=0.02
+            batch,
+            *_with_velocity(batch.prior, last, covariance),
+            figures,
+            _listed(readings, place[path[:, 0], path[:, 1]]),
+            position_only=True,
+            least_gain=0.02,
         )
+
+
+def _listed(readings: UsableReadings, error: Array) -> Candidates:
+    """Return the places of a path of position errors (N, 2) m."""
+    arrays = readings.arrays
+    return Candidates(
+        latitude=arrays.latitude - error[:, 0] * arrays.radian[:, 0],
+        longitude=arrays.longitude - error[:, 1] * arrays.radian[:, 1],
+        weight=np.ones(len(readings)),
+        scan=readings.row,
+    )
 
 
 def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Array, Array]:
@@ -97,31 +101,22 @@ def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Ar
 
 @kernel
 def _emissions(
-    grid: Grid,
-    latitude: float,
-    longitude: float,
-    radian: Array,
-    level: float,
-    variance: float,
-    jacobian: Array,
-    side: Array,
-    emission: Array,
+    readings: ReadingArrays, t: int, variance: float, side: Array, emission: Array
 ) -> float:
     """Write the log-likelihood (n, n) of one reading in each cell, -inf off the map; return the
     largest."""
+    grid, level = readings.grid, readings.level[t]
+    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
+    jacobian = readings.jacobian[t]
     cell = side[1] - side[0]
     largest = -np.inf
     for i in range(side.shape[0]):
         for j in range(side.shape[0]):
             value, by_lat, by_lon = value_and_gradient(
-                grid,
-                latitude - side[i] * radian[0],
-                longitude - side[j] * radian[1],
+                grid, latitude - side[i] * radian[0], longitude - side[j] * radian[1]
             )
-            slope_north, slope_east = (
-                by_lat * radian[0] - jacobian[0],
-                by_lon * radian[1] - jacobian[1],
-            )
+            slope_north = by_lat * radian[0] - jacobian[0]
+            slope_east = by_lon * radian[1] - jacobian[1]
             total = variance + cell * cell / 12.0 * (
                 slope_north * slope_north + slope_east * slope_east
             )
@@ -134,44 +129,44 @@ def _emissions(
 
 
 @kernel
+def _steps(variance: tuple[float, float]) -> Array:
+    """Probabilities (3, 3) of a step to each of the cells around, from its variance north and
+    east, cells²: a step of one cell either way has half of that as probability."""
+    move = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            share = 0.5 * variance[0] if i != 1 else 1.0 - variance[0]
+            move[i, j] = share * (0.5 * variance[1] if j != 1 else 1.0 - variance[1])
+    return move
+
+
+@kernel
 def _trellis(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
+    readings: ReadingArrays,
     variance: Array,
-    jacobian: Array,
     side: Array,
     start: Array,
-    drift_north: float,
-    drift_east: float,
+    step: tuple[float, float],
 ) -> tuple[Integers, Array]:
     """Run both algorithms: the best path (N, 2) in cells (-1 = none) and the marginal probability
     (n, n) at the last scan.
 
-    drift is the variance of a step, in cells²; a step of one cell either way has half of that as
-    probability."""
-    scans, n = level.shape[0], side.shape[0]
-    move = np.empty((3, 3))
+    `variance` (N,) is the readings' noise, `start` the log-prior (n, n) at the first scan, `step`
+    the variance of a step north and east, in cells²."""
+    scans, n = readings.level.shape[0], side.shape[0]
+    move = _steps(step)
     log_move = np.full((3, 3), -np.inf)
     for i in range(3):
         for j in range(3):
-            share = 0.5 * drift_north if i != 1 else 1.0 - drift_north
-            move[i, j] = share * (0.5 * drift_east if j != 1 else 1.0 - drift_east)
             if move[i, j] > 0.0:
                 log_move[i, j] = math.log(move[i, j])
-    best = np.empty((n, n))
-    forward = np.empty((n, n))
+    best, new_best = np.empty((n, n)), np.empty((n, n))
+    forward, new_forward = np.empty((n, n)), np.empty((n, n))
     emission = np.empty((n, n))
-    new_best = np.empty((n, n))
-    new_forward = np.empty((n, n))
     back = np.zeros((scans, n, n), np.int8)
     path = np.full((scans, 2), -1)
     for t in range(scans):
-        largest = _emissions(
-            grid, latitude[t], longitude[t], radian[t], level[t], variance[t], jacobian[t], side, emission
-        )  # fmt: skip
+        largest = _emissions(readings, t, variance[t], side, emission)
         if largest == -np.inf:
             return path, forward
         total = 0.0
