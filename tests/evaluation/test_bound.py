@@ -1,13 +1,13 @@
-"""The bound against independent computations: dense conditioning, the non-linear strapdown, an
+"""The bound against independent computations: conditioning of one large Gaussian vector, and an
 exhaustive point-mass filter."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from helpers.route_maps import field, tilted, waves
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import (
     BoundResult,
@@ -15,160 +15,15 @@ from isogal.evaluation.bound import (
     posterior_cramer_rao,
     unaided_covariance,
 )
-from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.inertial.strapdown import propagate
-from isogal.maps.channels import ChannelMap
-from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
-from isogal.sensors.imu import simulate_imu
-from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-
-HOURS = np.array([0.5, 1.0, 2.0, 3.0, 3.5])
 
 
 def scenario(**changes: Any) -> Scenario:
     return validate_scenario(changes)
-
-
-def field(function: Any, step_deg: float = 0.01, **changes: Any) -> FieldMap:
-    """Map of function(north m, east m) round the default route's start."""
-    latitude = np.radians(np.arange(-38.2, -37.2, step_deg))
-    longitude = np.radians(np.arange(144.3, 146.0, step_deg))
-    north, east = metres_per_radian(np.radians(-38.0))
-    values = function(
-        (latitude[:, None] - latitude[0]) * north, (longitude[None, :] - longitude[0]) * east
-    )
-    return FieldMap(latitude, longitude, values, "m/s²", "gravity", **changes)
-
-
-def tilted(north: float, east: float, **changes: Any) -> FieldMap:
-    return field(lambda n, e: 9.8 + north * n + east * e, **changes)
-
-
-def waves(n: np.ndarray, e: np.ndarray) -> np.ndarray:
-    return 9.8 + 2e-4 * np.sin(n / 2e3) * np.cos(e / 2.5e3) + 1e-4 * np.sin((n + 2 * e) / 4e3)
-
-
-# ----------------------------------------------------------------------------------------------------------------
-# unaided
-
-
-def test_the_unaided_spread_is_that_of_the_full_strapdown():
-    """150 runs of the non-linear strapdown with noise, biases and initial errors drawn as the
-    simulation draws them."""
-    settings = scenario()
-    trajectory = build_trajectory(settings)
-    instants = np.array([600, 1800, 3600, 7200, 12600])
-    errors = []
-    for first in range(0, 150, 50):
-        runs = range(first, first + 50)
-        imu = simulate_imu(settings, trajectory, runs)
-        start = draw_initial_state(settings, trajectory, runs)
-        _, track = propagate(
-            start,
-            imu.specific_force,
-            imu.angular_rate,
-            trajectory.dt,
-            trajectory.height,
-            history=True,
-        )
-        truth = np.stack([trajectory.latitude, trajectory.longitude], axis=-1)[instants]
-        metres = np.stack(metres_per_radian(trajectory.latitude, trajectory.height), axis=-1)[
-            instants
-        ]
-        errors.append((track[:, instants - 1] - truth) * metres)
-    covariance = unaided_covariance(settings, trajectory).covariance[instants // 10]
-    test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
-    assert test.consistent, (test.nees, test.family_interval)
-
-
-@pytest.mark.parametrize("grade", ["precision", "quantum"])
-def test_the_unscented_filter_without_aiding_claims_the_same(grade):
-    from isogal.fusion.model import FilterModel
-    from isogal.fusion.navigator import propagate as propagate_filter
-    from isogal.fusion.state import FilterState
-
-    settings = scenario(imu={"grade": grade}, route={"duration": 3600.0})
-    trajectory = build_trajectory(settings)
-    imu = simulate_imu(settings, trajectory, [0])
-    model = FilterModel.from_scenario(settings)
-    state = FilterState.start(draw_initial_state(settings, trajectory, [0]), model)
-    propagate_filter(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
-    claimed = state.covariance[0, :2, :2]
-    expected = unaided_covariance(settings, trajectory).covariance[-1]
-    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
-
-
-@pytest.mark.parametrize("state", range(STATES))
-def test_every_column_of_the_error_model_is_the_strapdowns(state):
-    """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where
-    the linear model says."""
-    settings = scenario(
-        route={
-            "waypoints": [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]],
-            "duration": 3000.0,
-        },
-    )
-    trajectory = build_trajectory(settings)
-    size = np.array(
-        [50, 50, 0.05, 0.05, 2.5e-5, 2.5e-5, 3e-4, 2e-5, 2e-5, 2e-5, 5e-9, 5e-9, 5e-9]
-    )[state]
-    nominal, disturbed = (_strapdown(trajectory, state, s) for s in (0.0, size))
-    metres = np.stack(metres_per_radian(trajectory.latitude[1:], trajectory.height[1:]), axis=-1)
-    moved = (disturbed - nominal) * metres
-
-    segments = divide(settings, trajectory)
-    error = np.zeros(STATES)
-    error[state] = size
-    F = np.zeros((STATES, STATES))
-    predicted = []
-    for geometry, force, rotation in zip(
-        segments.geometry, segments.force, segments.rotation, strict=True
-    ):
-        fill_dynamics(F, geometry, force, rotation)
-        step = F * segments.dt
-        error = error + step @ error + 0.5 * step @ (step @ error)
-        predicted.append(error[:2])
-    largest = np.abs(moved).max()
-    tolerance = max(4e-3 * largest, 2e-3)
-    assert np.abs(np.array(predicted) - moved).max() < tolerance
-
-
-def _strapdown(trajectory: Trajectory, state: int, size: float) -> np.ndarray:
-    from isogal.inertial.rotations import from_rotation_vector, multiply
-    from isogal.inertial.strapdown import NavState
-
-    error = np.zeros(STATES)
-    error[state] = size
-    metres = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
-    position = [
-        trajectory.latitude[0] + error[0] / metres[0],
-        trajectory.longitude[0] + error[1] / metres[1],
-        trajectory.height[0],
-    ]
-    velocity = trajectory.velocity[0] + [error[2], error[3], 0.0]
-    attitude = multiply(*from_rotation_vector(*error[4:7]), *trajectory.attitude[0])
-    start = NavState(np.array([position]), np.array([velocity]), np.array([attitude]))
-    force, rate = trajectory.specific_force + error[7:10], trajectory.angular_rate + error[10:13]
-    return propagate(
-        start, force[None], rate[None], trajectory.dt, trajectory.height, history=True
-    )[1][0]
-
-
-def test_the_unaided_spread_is_near_the_published_study():
-    """Within the scatter of the study's 40 runs, whose spread rests on 40 heading errors: 11 %
-    1-sigma, 30 % allowed."""
-    settings = scenario()
-    rms = unaided_covariance(settings, build_trajectory(settings)).rms_at(HOURS * 3600.0)
-    np.testing.assert_allclose(rms, [410, 490, 730, 870, 1100], rtol=0.3)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# aided
 
 
 def _dense(
@@ -177,8 +32,8 @@ def _dense(
     """Covariance of the position error at the last scan given all readings, by conditioning one
     big Gaussian vector.
 
-    Matrix exponentials, Van Loan's noise integral and the full map error covariance: nothing in
-    common with the recursion."""
+    By matrix exponentials, Van Loan's noise integral and the full covariance of the map's error,
+    so it has nothing in common with the recursion."""
     segments = divide(settings, trajectory)
     density = noise_density(settings)
     P = initial_covariance(settings)
@@ -193,9 +48,8 @@ def _dense(
         joint = expm(np.block([[-F, Q], [np.zeros_like(F), F.T]]) * segments.dt)  # Van Loan 1978
         transition = joint[STATES:, STATES:].T
         P = transition @ P @ transition.T + transition @ joint[:STATES, STATES:]
-        crosses = [
-            transition @ cross for cross in crosses
-        ]  # covariance of the present state with that at earlier scans
+        # covariance of the present state with that at earlier scans
+        crosses = [transition @ cross for cross in crosses]
         if (k + 1) % segments.per_scan == 0:
             i = (k + 1) // segments.per_scan * settings.steps_per_scan
             velocity = trajectory.velocity[i]
@@ -250,8 +104,8 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drif
     assert np.trace(dense) < 0.8 * np.trace(unaided.covariance[-1])
 
 
-def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
-    """Exhaustive grid posterior of a constant position error, 300 draws: never better than the
+def test_a_point_mass_filter_on_a_small_nonlinear_map_attains_the_bound():
+    """Exhaustive grid posterior of a constant position error, 300 draws: not better than the
     bound, and close to it."""
     settings = scenario(
         route={"duration": 400.0},
@@ -274,9 +128,8 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
     for _ in range(300):
         error = 300.0 * random.standard_normal(2)
         reading = truth + 1e-5 * random.standard_normal(scans.size)
-        offset = (
-            error - shift
-        )  # a navigator at `error` whose error were `shift` would be here, seen from the truth
+        # where the truth would be if the navigator at `error` had the error `shift`
+        offset = error - shift
         value = field_map.value(
             latitude[:, None] + offset[:, 0] / north[:, None],
             longitude[:, None] + offset[:, 1] / east[:, None],
@@ -287,7 +140,7 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_comes_down_to_the_bound():
         squared.append(((error - mean) ** 2).sum())
     ratio = np.mean(squared) / bound.rms[-1] ** 2
     scatter = np.std(squared) / np.sqrt(len(squared)) / bound.rms[-1] ** 2
-    # the reductions are left out of this filter; with exact velocity they say nothing
+    # this filter leaves the reductions out; with exact velocity they tell nothing
     assert ratio > 1.0 - 3.0 * scatter
     assert ratio < 1.25 + 3.0 * scatter
     assert bound.rms[-1] < 0.5 * 300.0 * np.sqrt(2.0)
@@ -301,7 +154,7 @@ def test_without_a_gradient_nothing_is_learned_but_velocity():
     np.testing.assert_allclose(blind.covariance, unaided.covariance, rtol=1e-6)
 
 
-def test_readings_where_the_map_says_nothing_do_not_count():
+def test_readings_off_the_map_do_not_count():
     settings = scenario(route={"duration": 600.0})
     trajectory = build_trajectory(settings)
     elsewhere = field(waves)
@@ -360,7 +213,7 @@ def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_dat
     np.testing.assert_array_equal(again.covariance, bound.covariance)
 
 
-PUBLISHED = [  # map variable, quantity, sigma, RMS bound over the run of SCIENCE 3
+PUBLISHED = [  # map variable, quantity, sigma; RMS bound by an independent implementation (11.1)
     ("ga", "gravity", 1e-5, 61.0),
     ("ga", "gravity", 2e-4, 221.0),
     ("dg", "disturbance", 1e-6, 29.0),
@@ -379,10 +232,6 @@ def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, ex
     trajectory = build_trajectory(settings)
     bound = posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
     assert np.sqrt(np.mean(bound.rms**2)) == pytest.approx(expected, rel=0.15)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# small
 
 
 def test_effective_noise():
@@ -404,9 +253,9 @@ def test_rms_between_scans():
     assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
 
 
-def test_told_at_batch_ends_only():
-    """At a batch end all is known that is known with every reading at once; in between the
-    navigator goes on alone, and is worse."""
+def test_batchwise_bound():
+    """At a batch end it equals the bound with every reading at once; in between the navigator is
+    propagated alone, and is worse."""
     settings = scenario(
         route={"duration": 3000.0},
         matcher={"batch_length": 20, "stride": 10},
@@ -427,56 +276,3 @@ def test_told_at_batch_ends_only():
         > np.trace(at_once[between], axis1=1, axis2=2)
     ).all()
     assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
-
-
-# ----------------------------------------------------------------------------------------------------
-# several channels
-
-
-class TestChannels:
-    """Channels that see the same are worth as much as one with less noise."""
-
-    FIELD = field(lambda n, e: 1e-8 * np.sin(n / 3e3 + e / 5e3))
-
-    def bound(
-        self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any
-    ) -> np.ndarray:
-        names = ("nn", "ne", "nd")[: len(covariance)]
-        settings = scenario(
-            field="gradient",
-            route={"duration": 1800.0},
-            gradiometer={"components": names, "covariance_eotvos": covariance},
-            map_error={"sigma": map_sigma},
-            **keys,
-        )
-        one = replace(self.FIELD, unit="1/s²", quantity="gradient")
-        return posterior_cramer_rao(
-            settings, build_trajectory(settings), ChannelMap([one] * len(names))
-        ).covariance
-
-    def test_noise_of_one_and_of_two(self) -> None:
-        np.testing.assert_allclose(
-            self.bound([[8.0, 0.0], [0.0, 8.0]]), self.bound([[4.0]]), rtol=1e-9
-        )
-
-    def test_correlated_noise(self) -> None:
-        # the mean of both is the best there is: its variance is (a + b) / 2, or by weights (1' R⁻¹
-        # 1)⁻¹
-        np.testing.assert_allclose(
-            self.bound([[4.0, 2.0], [2.0, 4.0]]), self.bound([[3.0]]), rtol=1e-9
-        )
-        three = [[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 6.0]]
-        weighted = 1.0 / np.linalg.inv(three).sum()
-        np.testing.assert_allclose(self.bound(three), self.bound([[weighted]]), rtol=1e-9)
-
-    def test_map_errors_of_two_channels_are_independent(self) -> None:
-        two = self.bound([[8.0, 0.0], [0.0, 8.0]], 3e-9)
-        np.testing.assert_allclose(two, self.bound([[4.0]], 3e-9 / np.sqrt(2.0)), rtol=1e-9)
-        assert (two[-1] > self.bound([[8.0, 0.0], [0.0, 8.0]])[-1]).any()
-
-    def test_outliers(self) -> None:
-        keys = {"gravimeter": {"outlier_fraction": 0.2, "outlier_sigma": 30.0}}
-        np.testing.assert_allclose(
-            self.bound([[8.0, 0.0], [0.0, 8.0]], **keys), self.bound([[4.0]], **keys), rtol=1e-9
-        )
-        assert self.bound([[4.0]], **keys)[-1, 0, 0] > self.bound([[4.0]])[-1, 0, 0]

@@ -1,22 +1,24 @@
-"""Posterior Cramér–Rao bound of the aided navigator (SCIENCE 3, 4).
+"""Posterior Cramér–Rao bound of the aided navigator (docs/mathematics.md, section 11.1).
 
 Along one true trajectory the bound's information recursion (Tichavský, Muravchik, Nehorai, IEEE
 Trans. Signal Processing 46(5), 1998; Taylor 1979 for a given trajectory) is the Riccati recursion
-of the navigator's linear error model whose measurement matrix is taken at the truth: a reading
-compares the map at the navigator's position with the field at the true one, so it sees position
-errors by the map's gradient, velocity and latitude errors by the reductions, the map's own error
-and white noise. The map's error, a field with covariance sigma² exp(-d / L), is along the track a
-first-order Gauss-Markov process: one more state. The sensor's bias and its drift are two more.
+of the navigator's linear error model, with the measurement matrix taken at the truth. A reading
+compares the map at the navigator's position with the field at the true one, so it depends on the
+position error by the map's gradient, on velocity and latitude errors by the reductions, on the
+map's own error and on white noise. The map's error, a field with covariance sigma² exp(-d / L), is
+along the track a first-order Gauss-Markov process, which adds a state. The sensor's bias and its
+drift add two more.
 
-A reading of several channels is turned, by the eigenvectors of its noise's covariance, into as
-many with independent noise; map errors of the channels, independent and equal in sigma and L, stay
-so. Each has then its own state and is taken in turn.
+A reading of several channels is turned by the eigenvectors of its noise's covariance into as many
+channels with independent noise. Map errors of the channels, independent and equal in sigma and L,
+remain so. Each channel has its own state, and they are taken one after the other.
 
-The vertical accelerometer tells nothing here: with the height known it could sense the east
-velocity by the Coriolis term, but only if gravity along the route were known to the
-accelerometer's noise, which no vehicle has (see `isogal.fusion.navigator`)."""
+The vertical accelerometer is left out: with the height known it could measure the east velocity by
+the Eötvös term, but only if gravity along the route were known to the precision of the
+accelerometer (docs/mathematics.md, section 3.7)."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,10 +34,21 @@ from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
 
+class _Readings(NamedTuple):
+    """S scans of C channels with independent noise."""
+
+    sensitivity: Array
+    """(S, C, 4) d(reading)/d(navigator's error), map included; NaN = the reading tells nothing."""
+    noise: Array
+    """(C,) variances of the channels' noise."""
+    used: Booleans
+    """(S,) whether the navigator gets, after a scan, what all readings so far say."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundResult:
-    """Smallest error covariance an unbiased navigator can have, at the start and right after each
-    scan (K = scans + 1)."""
+    """Smallest error covariance that an unbiased navigator can have, at the start and right after
+    each scan (K = scans + 1)."""
 
     time: Array
     """(K,) s."""
@@ -48,18 +61,18 @@ class BoundResult:
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
 
     def rms_at(self, time: Array) -> Array:
-        """RMS horizontal error (m) at any times (s): linear between scans, NaN before the start
-        and after the last scan."""
+        """Return the RMS horizontal error (m) at any times (s): linear between scans, NaN before
+        the start and after the last scan."""
         return np.interp(time, self.time, self.rms, left=np.nan, right=np.nan)
 
 
 def posterior_cramer_rao(
     scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, *, batchwise: bool = False
 ) -> BoundResult:
-    """Bound for a navigator that uses every reading at once, with the scenario's noise and map
-    error.
+    """Return the bound of a navigator that uses every reading at once, with the scenario's noise
+    and map error.
 
-    Where the map has no gradient at a scan (missing data, outside), that reading tells nothing.
+    A reading at which the map has no gradient (missing data, outside) tells nothing.
 
     Parameters
     ----------
@@ -70,8 +83,8 @@ def posterior_cramer_rao(
     field_map : FieldMap or ChannelMap
         The map; its gradient is taken at the true positions.
     batchwise : bool
-        The bound of a navigator that learns what a batch's readings say only where the batch ends,
-        as any batch matcher does.
+        Return the bound of a navigator that learns what a batch's readings say only at the end of
+        the batch, as any batch matcher does.
     """
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     latitude, longitude, velocity = (
@@ -98,29 +111,28 @@ def posterior_cramer_rao(
         rounding = np.array([one.quantisation for one in channels_of(field_map)]) ** 2 / 12.0
         noise, turn = np.linalg.eigh(_effective_noise(scenario.gravimeter, covariance, rounding))
         sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
-    told = np.ones(len(scans), dtype=np.bool_)
+    used = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
-        told[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
-    return _run(scenario, trajectory, sensitivity, noise, told)
+        used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
+    return _run(scenario, trajectory, _Readings(sensitivity, noise, used))
 
 
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
-    """Error covariance of the navigator without any reading, from the same linear model."""
+    """Return the error covariance of the navigator without any reading, by the same linear
+    model."""
     scans = len(trajectory) // scenario.steps_per_scan
+    nothing = np.full((scans, 1, 4), np.nan)
     return _run(
-        scenario,
-        trajectory,
-        np.full((scans, 1, 4), np.nan),
-        np.ones(1),
-        np.ones(scans, dtype=np.bool_),
+        scenario, trajectory, _Readings(nothing, np.ones(1), np.ones(scans, dtype=np.bool_))
     )
 
 
 def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
-    """Variance (map's unit squared) whose information equals that of a reading on average.
+    """Return the variance (map's unit squared) whose information equals that of a reading on
+    average.
 
     White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a
-    navigator who is told which readings are outliers: the mean of the two informations."""
+    navigator that knows which readings are outliers: the mean of the two informations."""
     rounding = quantisation**2 / 12.0
     good = gravimeter.sigma**2 + rounding
     outlier = good + (gravimeter.sigma * gravimeter.outlier_sigma) ** 2
@@ -130,8 +142,8 @@ def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) 
 
 
 def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) -> Array:
-    """Return the same (C, C) for readings of C channels with a covariance of their noise, and
-    variances (C,) of the maps' rounding."""
+    """Return the same as a covariance (C, C), for readings of C channels with a covariance of
+    their noise, and variances (C,) of the maps' rounding."""
     good = covariance + np.diag(rounding)
     outlier = good + gravimeter.outlier_sigma**2 * covariance
     share = gravimeter.outlier_fraction
@@ -140,48 +152,34 @@ def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array)
     )
 
 
-def _run(
-    scenario: Scenario, trajectory: Trajectory, sensitivity: Array, noise: Array, told: Booleans
-) -> BoundResult:
+def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> BoundResult:
     segments = divide(scenario, trajectory)
-    channels = len(noise)
+    channels = len(readings.noise)
     # the navigator's errors, the map's error in each channel, the sensor's bias and drift
     start = np.zeros((STATES + channels + 2, STATES + channels + 2))
     start[:STATES, :STATES] = initial_covariance(scenario)
     bias = (scenario.gravimeter.bias, scenario.gravimeter.drift) if channels == 1 else (0.0, 0.0)
     start[STATES:, STATES:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
-    covariance = _riccati(
-        start,
-        segments.geometry,
-        segments.force,
-        segments.rotation,
-        noise_density(scenario),
-        _correlation(scenario, segments),
-        segments.dt,
-        segments.per_scan,
-        sensitivity,
-        noise,
-        told,
-    )
+    correlation = _correlation(scenario, segments)
+    covariance = _riccati(start, segments, noise_density(scenario), correlation, readings)
     time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
     return BoundResult(time, covariance)
 
 
 def _correlation(scenario: Scenario, segments: Segments) -> Array:
-    """(S,) correlation of the map error at the ends of each stretch."""
+    """Return (S,) the correlation of the map's error between the ends of each stretch."""
     speed = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2])
     return np.exp(-speed * segments.dt / scenario.map_error.correlation_length)
 
 
 @kernel
-def _riccati(  # type: ignore[no-untyped-def]
-    start, geometry, force, rotation, density, correlation, dt, per_scan, sensitivity, noise, told
-):
-    """Run the recursion; returns the (scans + 1, 2, 2) position covariances. A channel whose
-    sensitivity is NaN is skipped.
+def _riccati(start, segments, density, correlation, readings):  # type: ignore[no-untyped-def]
+    """Run the recursion; return the (scans + 1, 2, 2) position covariances.
 
-    What the readings say gets through to the navigator where it is told of them; from there to the
-    next time it goes on alone."""
+    `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
+    a scan at which it gets what they say, and only propagated until the next such scan."""
+    geometry, force, rotation, dt, per_scan = segments
+    sensitivity, noise, used = readings
     n, m = start.shape[0], start.shape[0] - noise.shape[0] - 2
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
@@ -196,9 +194,8 @@ def _riccati(  # type: ignore[no-untyped-def]
         _discretise(
             transition, half_noise, F, rotation[k], density, correlation[k], start[m, m], dt
         )
-        P = (
-            transition @ (P + half_noise) @ transition.T + half_noise
-        )  # trapezoid: half the noise enters at either end
+        # trapezoid: half the noise enters at either end
+        P = transition @ (P + half_noise) @ transition.T + half_noise
         P = 0.5 * (P + P.T)
         alone = transition @ (alone + half_noise) @ transition.T + half_noise
         if (k + 1) % per_scan == 0:
@@ -206,14 +203,17 @@ def _riccati(  # type: ignore[no-untyped-def]
             for c in range(noise.shape[0]):
                 if not np.isnan(sensitivity[scan, c]).any():
                     _update(P, sensitivity[scan, c], noise[c], m + c)
-            if told[scan]:
+            if used[scan]:
                 alone = P.copy()
             result[scan + 1] = alone[:2, :2]
     return result
 
 
 @kernel
-def _discretise(transition, half_noise, F, rotation, density, correlation, map_variance, dt):  # type: ignore[no-untyped-def]
+def _discretise(  # type: ignore[no-untyped-def]
+    transition, half_noise, F, rotation, density, correlation, map_variance, dt
+):
+    """Write transition and half of the process noise of one stretch, in place."""
     m = F.shape[0]
     second = F @ F
     for i in range(m):
@@ -233,15 +233,15 @@ def _discretise(transition, half_noise, F, rotation, density, correlation, map_v
             if i < 2 and j < 2:
                 half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
             half_noise[4 + i, 4 + j] = 0.5 * dt * rate
-    # the same trapezoid for the map error: c² (P + q) + q keeps its stationary variance
+    # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
     for c in range(m, transition.shape[0] - 2):
         half_noise[c, c] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
 
 
 @kernel
 def _update(P, sensitivity, noise, error):  # type: ignore[no-untyped-def]
-    """Condition on one reading, in place: it sees position and velocity errors by the sensitivity,
-    its map error and the bias by one."""
+    """Condition on one reading, in place; its derivatives are `sensitivity` by position and
+    velocity, and 1 by its map error and by the bias."""
     n = P.shape[0]
     column = np.empty(n)
     for i in range(n):

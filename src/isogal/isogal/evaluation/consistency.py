@@ -1,9 +1,10 @@
-"""Does a filter know its own error? NEES, NIS and the chi-square intervals they must lie in.
+"""Consistency of a filter: its NEES, and the chi-square intervals that it must lie in
+(docs/mathematics.md, section 11.3).
 
 Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", section
-5.4: for a consistent filter the normalised (estimation) error squared e' P^-1 e is chi-square with
-as many degrees of freedom as e has components. Divided by that number it is 1 on average; above 1
-the filter is overconfident."""
+5.4: for a consistent filter the normalised estimation error squared, e' P^-1 e, is chi-square with
+as many degrees of freedom as e has components. Divided by that number its mean is 1; above 1 the
+filter is overconfident."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -15,7 +16,8 @@ from isogal.arrays import Array
 
 
 def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """Normalised estimation error squared, divided by the number of axes; 1 is right on average.
+    """Return the normalised estimation error squared, divided by the number of axes; its mean is 1
+    for a consistent filter.
 
     Parameters
     ----------
@@ -28,7 +30,7 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
     -------
     (...) array
         e' P^-1 e / n; NaN where error or covariance is not finite, infinite where the covariance
-        is not positive definite (such an estimator claims certainty that it cannot have).
+        is not positive definite (no estimator can be that certain).
     """
     error, covariance = (
         np.asarray(error, dtype=np.float64),
@@ -48,17 +50,11 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
     return result.reshape(shape)
 
 
-def nis_per_axis(innovation: ArrayLike, covariance: ArrayLike) -> Array:
-    """Normalised innovation squared per axis: `nees_per_axis` of (..., n) innovations and their
-    (..., n, n) covariance."""
-    return nees_per_axis(innovation, covariance)
-
-
 def chi_square_interval(
     samples: float, axes: int = 2, confidence: float = 0.95, independent: float | None = None
 ) -> tuple[float, float]:
-    """Where the mean of a per-axis NEES or NIS of a consistent filter lies with the given
-    probability.
+    """Return the interval in which the mean of a consistent filter's NEES per axis lies with the
+    given probability.
 
     Parameters
     ----------
@@ -91,8 +87,8 @@ def chi_square_interval(
 
 
 def effective_samples(values: ArrayLike) -> float:
-    """How many independent values the (R, B) values are worth: runs are independent, the B values
-    of a run are correlated in time.
+    """Return how many independent values (R, B) values are worth: runs are independent, the B
+    values of a run are correlated in time.
 
     N / tau with the integrated autocorrelation time tau = 1 + 2 sum rho_k, rho pooled over runs
     and summed up to its first value that is not positive (initial positive sequence, Geyer 1992).
@@ -126,27 +122,23 @@ class MeanNees:
     mean: float
     interval: tuple[float, float]
 
-    @property
-    def consistent(self) -> bool:
-        """Whether the mean lies in the interval."""
-        return self.interval[0] <= self.mean <= self.interval[1]
 
-
-def mean_nees(values: ArrayLike, axes: int = 2, confidence: float = 0.95) -> MeanNees:
-    """Mean of (R, B) per-axis NEES values (NaN left out) with its chi-square interval; NaN where
-    there is no value."""
+def mean_nees(values: ArrayLike, confidence: float = 0.95) -> MeanNees:
+    """Return the mean of (R, B) NEES values per axis of two axes, NaN left out, and its chi-square
+    interval; NaN where there is no value."""
     values = np.atleast_2d(np.asarray(values, dtype=np.float64))
     known = ~np.isnan(values)
     if not known.any():
         return MeanNees(np.nan, (np.nan, np.nan))
-    interval = chi_square_interval(int(known.sum()), axes, confidence, effective_samples(values))
+    independent = effective_samples(values)
+    interval = chi_square_interval(int(known.sum()), 2, confidence, independent)
     return MeanNees(float(values[known].mean()), interval)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpreadTest:
-    """Does the spread of many runs agree with one covariance, instant by instant? See
-    `spread_test`."""
+    """Whether the spread of many runs agrees with one covariance at several instants: the result
+    of `spread_test`."""
 
     nees: Array
     """(K,) mean over runs of e' P^-1 e / axes."""
@@ -169,15 +161,15 @@ def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.9
     recursion) claims.
 
     At one instant the R errors are independent, so the sum of their e' P^-1 e is chi-square with R
-    n degrees of freedom, exactly for Gaussian errors. Choose few instants well apart: neighbours
-    are correlated, which makes the family interval conservative.
+    n degrees of freedom, exactly so for Gaussian errors. Choose few instants, well apart: those
+    close together are correlated, which makes the family interval conservative.
 
     Parameters
     ----------
     error : (R, K, n) array
         Errors of R runs at K instants, for example of the unaided navigator.
     covariance : (K, n, n) or (R, K, n, n) array
-        Their claimed covariance.
+        Their covariance as claimed.
     confidence : float
         Probability that a consistent filter passes, at least.
     """

@@ -1,7 +1,7 @@
 """The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry,
-start and noise of a scenario."""
+initial covariance and noise of a scenario."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from isogal.scenario import Scenario
 from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import Trajectory
 
+LONGEST = 1.0
+"""s, duration of a stretch at most. Errors change over minutes (Schuler period 84 min), so
+stretches of a second are short enough for an IMU of any rate."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+
+class Segments(NamedTuple):
     """What the model needs at the middle of each of S stretches of the trajectory, all of the same
     duration."""
 
@@ -30,18 +33,15 @@ class Segments:
     """Stretches from one gravimeter reading to the next."""
 
 
-def divide(scenario: Scenario, trajectory: Trajectory, longest: float = 1.0) -> Segments:
-    """Divide a trajectory into stretches of whole IMU intervals, up to `longest` seconds where an
-    interval is shorter.
-
-    Errors change over minutes (Schuler period 84 min), so stretches of a second do for an IMU of
-    any rate. What is left of the trajectory after the last whole gravimeter interval is dropped.
+def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
+    """Divide a trajectory into stretches of whole IMU intervals, up to `LONGEST` where an interval
+    is shorter. What is left of the trajectory after the last whole gravimeter interval is dropped.
     """
     steps = scenario.steps_per_scan
     size = max(
         n
         for n in range(1, steps + 1)
-        if steps % n == 0 and (n == 1 or n * trajectory.dt <= longest)
+        if steps % n == 0 and (n == 1 or n * trajectory.dt <= LONGEST)
     )
     count = len(trajectory) // steps * (steps // size)
     ends = np.arange(count + 1) * size
@@ -71,7 +71,7 @@ def divide(scenario: Scenario, trajectory: Trajectory, longest: float = 1.0) -> 
 
 
 def initial_covariance(scenario: Scenario) -> Array:
-    """(13, 13) covariance of the error before the vehicle moves: the scenario's initial errors and
+    """Return the covariance (13, 13) of the error at the start: the scenario's initial errors, and
     the biases of the IMU's grade."""
     sigma, grade = scenario.initial_error, GRADES[scenario.imu.grade]
     start = [
@@ -87,7 +87,7 @@ def initial_covariance(scenario: Scenario) -> Array:
 
 
 def noise_density(scenario: Scenario) -> Array:
-    """(6,) power spectral densities per body axis: accelerometers (m²/s³), then gyroscopes
+    """Return power spectral densities (6,) per body axis: accelerometers (m²/s³), then gyroscopes
     (rad²/s)."""
     grade = GRADES[scenario.imu.grade]
     return np.square([*grade.accelerometer_noise, *grade.gyroscope_noise])

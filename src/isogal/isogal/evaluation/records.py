@@ -1,8 +1,7 @@
-"""What runs leave behind for evaluation, as arrays with the run axis first.
+"""Records of runs, for evaluation: arrays with the run axis first.
 
-One type serves a single run (R = 1) and a Monte Carlo; chunks of runs are joined with
-`Runs.concatenate` and kept on disk with `Runs.save`, so that a finished chunk is never computed
-again."""
+One type serves a single run (R = 1) and a Monte Carlo. Chunks of runs are joined by
+`Runs.concatenate` and kept on disk by `Runs.save`."""
 
 import zipfile
 import zlib
@@ -28,21 +27,20 @@ _DETAIL_PREFIX = "detail_"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunDetail:
-    """What only the figures of a single run need; it belongs to run 0 of the record. SI units,
-    radians.
+    """What only the figures of a single run need, for run 0 of the record. SI units, radians.
 
-    Candidates of all batches are kept flat: N of them, each with its batch, its scan within the
-    batch and its weight."""
+    Candidates of all batches are in one list of N, each with its batch, its scan within the batch
+    and its weight."""
 
     scan_time: Array
     """(S,) s."""
     reading: Array
     """(S,) reduced readings, map's unit; NaN = none."""
     map_value: Array
-    """(S,) what the map says at the true position of the scan, known offset included: the
-    noiseless signal."""
+    """(S,) the map's value at the true position of the scan, known offset included: the signal
+    without noise."""
     map_value_navigator: Array
-    """(S,) the same where the navigator believed to be."""
+    """(S,) the same at the navigator's position."""
     feature_variability: Array
     """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan
     of a batch; NaN elsewhere."""
@@ -107,7 +105,7 @@ class Runs:
     error: Array
     """(R, K, 2) m, the aided navigator."""
     covariance: Array
-    """(R, K, 2, 2) m², what the aided navigator says about its error."""
+    """(R, K, 2, 2) m², the aided navigator's covariance of its error."""
     unaided_error: Array
     """(R, K, 2) m, the same inertial data without aiding."""
     fix_time: Array
@@ -206,7 +204,7 @@ class Runs:
         return Runs(**joined, fix_reason=reasons, detail=first.detail)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed npz; a reader sees the whole file or none, whenever the writer
+        """Write a compressed npz. The file appears whole or not at all, even if the writer
         dies."""
         arrays: dict[str, Any] = {"format": np.array(FORMAT)}
         for item in fields(self):
