@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isogal.maps.interpolation import Grid
+from isogal.maps.interpolation import Grid, values_at
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window, subdivision
 
 # a grid with steps of 0.001 rad and 1e5 metres per radian: 100 m cells, node (i, j) at (100 i, 100
@@ -19,24 +19,23 @@ def grid_of(function):
     return Grid(values, NODES, 0.0, STEP, 0.0, STEP)
 
 
-def look(
-    grid,
-    north,
-    east,
-    covariance,
-    reading,
-    *,
-    gamma=1.0,
-    minimum=1.0,
-    rectangle=False,
-    slope=(0.0, 0.0),
-    spacing=np.inf,
-    wanted=20,
-):
-    shape, half_width = search_window(np.array(covariance, float), gamma, minimum, rectangle)
-    return lookup(
-        grid, north / METRES[0], east / METRES[1], METRES, shape, half_width, reading, slope, spacing, wanted
-    )  # fmt: skip
+def look(grid, centre, window, reading, *, slope=(0.0, 0.0), spacing=np.inf, wanted=20):
+    """Offsets, mismatches and gradients of the candidates about a centre (north, east m)."""
+    place = (centre[0] / METRES[0], centre[1] / METRES[1])
+    offset, gradient = lookup(grid, place, METRES, window, reading, slope, spacing, wanted)
+    value = values_at(
+        grid, place[0] + offset[:, 0] / METRES[0], place[1] + offset[:, 1] / METRES[1]
+    )
+    return offset, reading - (value - offset @ slope), gradient
+
+
+def ellipse(north, east, minimum=1.0):
+    """Window of the 1-sigma ellipse of a covariance of these variances, m²."""
+    return search_window(np.diag([north, east]), 1.0, minimum, False)
+
+
+def rectangle(north, east, minimum=1.0):
+    return search_window(np.diag([north, east]), 1.0, minimum, True)
 
 
 def test_ellipse_by_hand():
@@ -60,9 +59,9 @@ def test_the_minimum_raises_only_the_short_axis():
 
 
 def test_a_rectangle_holds_the_corners_that_the_ellipse_leaves_out():
-    grid = grid_of(lambda n, e: 0.0 * n)
-    around = look(grid, 2000.0, 2000.0, np.diag([1e4, 1e4]), 0.0)[0]
-    box = look(grid, 2000.0, 2000.0, np.diag([1e4, 1e4]), 0.0, rectangle=True)[0]
+    grid, centre = grid_of(lambda n, e: 0.0 * n), (2000.0, 2000.0)
+    around = look(grid, centre, ellipse(1e4, 1e4), 0.0)[0]
+    box = look(grid, centre, rectangle(1e4, 1e4), 0.0)[0]
     assert sorted(map(tuple, np.rint(around))) == [
         (-100, 0),
         (0, -100),
@@ -76,16 +75,8 @@ def test_a_rectangle_holds_the_corners_that_the_ellipse_leaves_out():
 def test_nearest_values_on_a_slope_by_hand():
     # the value is the distance north in km: of the nodes at 1.9, 2.0, ... km, 2.04 is nearest to
     # 2.0, then 2.1
-    offset, mismatch, gradient = look(
-        grid_of(lambda n, e: n / 1000.0),
-        2000.0,
-        2000.0,
-        np.diag([1e6, 1.0]),
-        2.04,
-        rectangle=True,
-        minimum=30.0,
-        wanted=3,
-    )
+    grid, window = grid_of(lambda n, e: n / 1000.0), rectangle(1e6, 1.0, minimum=30.0)
+    offset, mismatch, gradient = look(grid, (2000.0, 2000.0), window, 2.04, wanted=3)
     np.testing.assert_allclose(offset, [[0.0, 0.0], [100.0, 0.0], [-100.0, 0.0]], atol=1e-6)
     np.testing.assert_allclose(mismatch, [0.04, -0.06, 0.14], atol=1e-12)
     np.testing.assert_allclose(gradient, [[1e-3, 0.0]] * 3, atol=1e-12)
@@ -93,15 +84,9 @@ def test_nearest_values_on_a_slope_by_hand():
 
 def test_one_reading_fits_both_flanks_of_a_hill():
     # value 100 - |n - 2000| / 10: 60 at 400 m on either side, Fig. 1 of the paper in one dimension
-    offset, mismatch, _ = look(
-        grid_of(lambda n, e: 100.0 - np.abs(n - 2000.0) / 10.0),
-        2000.0,
-        2000.0,
-        np.diag([1e6, 1.0]),
-        60.0,
-        minimum=30.0,
-        wanted=2,
-    )
+    grid = grid_of(lambda n, e: 100.0 - np.abs(n - 2000.0) / 10.0)
+    window = ellipse(1e6, 1.0, minimum=30.0)
+    offset, mismatch, _ = look(grid, (2000.0, 2000.0), window, 60.0, wanted=2)
     assert sorted(np.rint(offset[:, 0])) == [-400, 400]
     np.testing.assert_allclose(mismatch, 0.0, atol=1e-9)
 
@@ -109,16 +94,8 @@ def test_one_reading_fits_both_flanks_of_a_hill():
 def test_reduction_with_the_wrong_position_is_undone():
     # a flat map, but readings fall by 1 per 100 m that the navigator is too far north; so a point
     # 100 m north of it, where the navigator would be 100 m too far south, predicts 1 more
-    offset, _, gradient = look(
-        grid_of(lambda n, e: 0.0 * n),
-        2000.0,
-        2000.0,
-        np.diag([9e4, 1.0]),
-        2.0,
-        minimum=30.0,
-        slope=(-0.01, 0.0),
-        wanted=1,
-    )
+    grid, window = grid_of(lambda n, e: 0.0 * n), ellipse(9e4, 1.0, minimum=30.0)
+    offset, _, gradient = look(grid, (2000.0, 2000.0), window, 2.0, slope=(-0.01, 0.0), wanted=1)
     np.testing.assert_allclose(offset, [[200.0, 0.0]], atol=1e-6)
     np.testing.assert_allclose(gradient, [[0.01, 0.0]], atol=1e-12)
 
@@ -126,19 +103,10 @@ def test_reduction_with_the_wrong_position_is_undone():
 def test_a_finer_lattice_finds_points_between_cells():
     assert subdivision(100.0, 40.0) == 3
     assert subdivision(100.0, 100.0) == 1
-    grid = grid_of(lambda n, e: n / 1000.0)
+    grid, window = grid_of(lambda n, e: n / 1000.0), ellipse(1e6, 1.0, minimum=10.0)
     assert lattice_spacing(grid, METRES, 40.0) == pytest.approx(100.0 / 3)
     assert lattice_spacing(grid, METRES, np.inf) == pytest.approx(100.0)
-    offset, mismatch, _ = look(
-        grid,
-        2000.0,
-        2000.0,
-        np.diag([1e6, 1.0]),
-        2.02,
-        minimum=10.0,
-        spacing=20.0,
-        wanted=1,
-    )
+    offset, mismatch, _ = look(grid, (2000.0, 2000.0), window, 2.02, spacing=20.0, wanted=1)
     np.testing.assert_allclose(offset, [[20.0, 0.0]], atol=1e-6)
     assert abs(mismatch[0]) < 1e-9
 
@@ -150,34 +118,40 @@ def test_missing_and_outside_are_never_candidates():
         return values
 
     # the hole spoils the interpolation at all nodes whose 4 x 4 surroundings hold it
-    offset, _, _ = look(grid_of(with_hole), 2000.0, 2000.0, np.diag([1e6, 1e6]), 2.0, wanted=1000)
+    hole, wide = grid_of(with_hole), ellipse(1e6, 1e6)
+    offset, _, _ = look(hole, (2000.0, 2000.0), wide, 2.0, wanted=1000)
     assert np.abs(offset).max(axis=1).min() > 100.0
-    assert look(grid_of(with_hole), -3000.0, 2000.0, np.diag([1e6, 1e6]), 2.0)[0].shape == (0, 2)
-    edge, _, _ = look(grid_of(lambda n, e: n), 0.0, 0.0, np.diag([9e4, 9e4]), 2.0, wanted=1000)
+    assert look(hole, (-3000.0, 2000.0), wide, 2.0)[0].shape == (0, 2)
+    slope, window = grid_of(lambda n, e: n), ellipse(9e4, 9e4)
+    edge, _, _ = look(slope, (0.0, 0.0), window, 2.0, wanted=1000)
     assert edge.min() > 0.0  # the outermost nodes cannot be interpolated
 
 
 @settings(max_examples=50, deadline=None)
 @given(
-    st.floats(900.0, 3100.0), st.floats(900.0, 3100.0), st.floats(0.0, 5.0), st.floats(1e3, 4e5), st.floats(1e3, 4e5),
-    st.floats(-0.9, 0.9), st.booleans(), st.integers(1, 30),
-)  # fmt: skip
+    north=st.floats(900.0, 3100.0),
+    east=st.floats(900.0, 3100.0),
+    reading=st.floats(0.0, 5.0),
+    nn=st.floats(1e3, 4e5),
+    ee=st.floats(1e3, 4e5),
+    correlation=st.floats(-0.9, 0.9),
+    box=st.booleans(),
+    wanted=st.integers(1, 30),
+)
 def test_equals_sorting_all_cells_of_the_window(
-    north, east, reading, nn, ee, correlation, rectangle, wanted
+    north, east, reading, nn, ee, correlation, box, wanted
 ):
     grid = grid_of(lambda n, e: np.sin(n / 300.0) + np.cos(e / 211.0) + n * e / 4e6)
     covariance = np.array(
         [[nn, correlation * np.sqrt(nn * ee)], [correlation * np.sqrt(nn * ee), ee]]
     )
-    offset, mismatch, _ = look(
-        grid, north, east, covariance, reading, rectangle=rectangle, minimum=60.0, wanted=wanted
-    )
-    shape, half_width = search_window(covariance, 1.0, 60.0, rectangle)
+    window = search_window(covariance, 1.0, 60.0, box)
+    offset, mismatch, _ = look(grid, (north, east), window, reading, wanted=wanted)
     i, j = np.meshgrid(np.arange(1, NODES - 1), np.arange(1, NODES - 1), indexing="ij")
     d = np.stack([100.0 * i - north, 100.0 * j - east], -1)
-    inside = (np.abs(d) <= half_width).all(-1) & (
-        np.einsum("...i,ij,...j->...", d, shape, d) <= 1.0
+    inside = (np.abs(d) <= window.half_width).all(-1) & (
+        np.einsum("...i,ij,...j->...", d, window.shape, d) <= 1.0
     )
     brute = np.sort(np.abs(reading - grid.values[i, j])[inside])[:wanted]
     np.testing.assert_allclose(np.abs(mismatch), brute, atol=1e-9)
-    assert (np.abs(offset) <= half_width + 1e-6).all()
+    assert (np.abs(offset) <= window.half_width + 1e-6).all()

@@ -1,5 +1,5 @@
-"""The paper's matcher: its iteration against an independent one, its fixes on a made-up and on a
-real field, what it declines."""
+"""The paper's matcher: its iteration against an independent implementation, its fixes on a made-up
+and on a real field, batches that it declines."""
 
 import numpy as np
 import pytest
@@ -8,77 +8,83 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
 from isogal.errors import InputError
+from isogal.matching.paper.iteration import Process, ScanCandidates, maximise
 from isogal.matching.paper.kalman import constant_velocity
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper, _maximise
+from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
 
 
+SCANS, WANTED, Q, ITERATIONS = 6, 4, 1e-3, 4
+TIME = 10.0 * np.arange(SCANS)
+FIRST = np.diag([300.0**2, 200.0**2, 0.3**2, 0.3**2])
+
+
+def made_up_batch():
+    """States of the navigator and candidates of scans, one of which has none."""
+    rng = np.random.default_rng(5)
+    navigator = np.concatenate(
+        [200.0 * np.arange(SCANS)[:, None] * np.ones(2), np.full((SCANS, 2), 20.0)], axis=1
+    )
+    position = navigator[:, None, :2] + rng.normal(scale=300.0, size=(SCANS, WANTED, 2))
+    variance = rng.uniform(80.0, 200.0, (SCANS, WANTED)) ** 2
+    return navigator, ScanCandidates(position, variance, np.array([4, 4, 0, 3, 4, 4]))
+
+
+def associated(candidates, t, centre, R_bar):
+    """Eqs. s3-01, s3-02, s3-021 and s32-1 of a scan: z-bar and R-bar."""
+    n = candidates.found[t]
+    used = candidates.variance[t] if R_bar is None else np.full(WANTED, R_bar[t])
+    p = np.array(
+        [
+            multivariate_normal.pdf(candidates.position[t, i], centre[t], used[i] * np.eye(2))
+            for i in range(n)
+        ]
+    )
+    w = p / p.sum()
+    return w @ candidates.position[t, :n], w @ candidates.variance[t, :n]
+
+
+def smoothed(start, z_bar, R_bar):
+    """Eqs. forward and backward: smoothed states, last covariance, predicted states."""
+    F, Q_ = constant_velocity(np.diff(TIME), Q)
+    kalman = KalmanFilter(dim_x=4, dim_z=2)
+    kalman.x, kalman.P, kalman.H = start[:, None].copy(), FIRST.copy(), np.eye(2, 4)
+    y, P, predictions = [kalman.x.copy()], [kalman.P.copy()], [kalman.x.copy()]
+    for t in range(1, SCANS):
+        kalman.predict(F=F[t - 1], Q=Q_[t - 1])
+        predictions.append(kalman.x.copy())
+        if z_bar[t] is not None:
+            kalman.update(z_bar[t][:, None], R=R_bar[t] * np.eye(2))
+        y.append(kalman.x.copy())
+        P.append(kalman.P.copy())
+    X = np.array(y)[..., 0]
+    for t in range(SCANS - 2, -1, -1):
+        predicted_P = F[t] @ P[t] @ F[t].T + Q_[t]
+        X[t] += P[t] @ F[t].T @ np.linalg.inv(predicted_P) @ (X[t + 1] - F[t] @ X[t])
+    return X, P[-1], np.array(predictions)[..., 0]
+
+
 @pytest.mark.parametrize("predicted", [True, False])
 def test_iteration_equals_section_3_2_written_out(predicted):
-    rng = np.random.default_rng(5)
-    scans, n, q, iterations = 6, 4, 1e-3, 4
-    time = 10.0 * np.arange(scans)
-    navigator = np.concatenate(
-        [200.0 * np.arange(scans)[:, None] * np.ones(2), np.full((scans, 2), 20.0)], axis=1
-    )
-    first = np.diag([300.0**2, 200.0**2, 0.3**2, 0.3**2])
-    candidates = navigator[:, None, :2] + rng.normal(scale=300.0, size=(scans, n, 2))
-    variances = rng.uniform(80.0, 200.0, (scans, n)) ** 2
-    count = np.array([4, 4, 0, 3, 4, 4])
-
+    navigator, candidates = made_up_batch()
     X, centre, R_bar = navigator.copy(), navigator[:, :2].copy(), None
-    F, Q = constant_velocity(np.diff(time), q)
-    for _ in range(iterations):
-        z_bar, new_R = [None] * scans, np.zeros(scans)
-        for t in range(scans):
-            if count[t]:
-                used = variances[t] if R_bar is None else np.full(n, R_bar[t])
-                p = np.array(
-                    [
-                        multivariate_normal.pdf(candidates[t, i], centre[t], used[i] * np.eye(2))
-                        for i in range(count[t])
-                    ]
-                )
-                w = p / p.sum()
-                z_bar[t] = w @ candidates[t, : count[t]]
-                new_R[t] = w @ variances[t, : count[t]]
+    for _ in range(ITERATIONS):
+        z_bar, new_R = [None] * SCANS, np.zeros(SCANS)
+        for t in np.flatnonzero(candidates.found):
+            z_bar[t], new_R[t] = associated(candidates, t, centre, R_bar)
         R_bar = new_R
-        kalman = KalmanFilter(dim_x=4, dim_z=2)
-        kalman.x, kalman.P, kalman.H = X[0][:, None].copy(), first.copy(), np.eye(2, 4)
-        y, P, predictions = [kalman.x.copy()], [kalman.P.copy()], [kalman.x.copy()]
-        for t in range(1, scans):
-            kalman.predict(F=F[t - 1], Q=Q[t - 1])
-            predictions.append(kalman.x.copy())
-            if z_bar[t] is not None:
-                kalman.update(z_bar[t][:, None], R=R_bar[t] * np.eye(2))
-            y.append(kalman.x.copy())
-            P.append(kalman.P.copy())
-        last_P = P[-1]
-        X = np.array(y)[..., 0]
-        for t in range(scans - 2, -1, -1):
-            predicted_P = F[t] @ P[t] @ F[t].T + Q[t]
-            X[t] += P[t] @ F[t].T @ np.linalg.inv(predicted_P) @ (X[t + 1] - F[t] @ X[t])
-        centre = np.array(predictions)[:, :2, 0] if predicted else X[:, :2].copy()
+        X, last_P, predictions = smoothed(X[0], z_bar, R_bar)
+        centre = (predictions if predicted else X)[:, :2].copy()
 
-    state, covariance, weight, done, _ = _maximise(
-        navigator,
-        first,
-        np.diff(time),
-        candidates,
-        variances,
-        count,
-        q,
-        iterations,
-        0.0,
-        predicted,
-    )
-    assert done == iterations
-    np.testing.assert_allclose(state, X, rtol=1e-8)
-    np.testing.assert_allclose(covariance[-1], last_P, rtol=1e-8)
-    np.testing.assert_allclose(weight.sum(axis=1), (count > 0).astype(float))
+    process = Process(Q, ITERATIONS, 0.0, predicted)
+    estimate = maximise(navigator, FIRST, np.diff(TIME), candidates, process)
+    assert estimate.iterations == ITERATIONS
+    np.testing.assert_allclose(estimate.state, X, rtol=1e-8)
+    np.testing.assert_allclose(estimate.covariance[-1], last_P, rtol=1e-8)
+    np.testing.assert_allclose(estimate.weight.sum(axis=1), (candidates.found > 0).astype(float))
 
 
 def test_finds_the_vehicle_on_a_rough_map(rough_map):

@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
-from isogal.matching.paper.map_lookup import lattice_spacing, lookup
+from isogal.matching.paper.map_lookup import Window, lattice_spacing, lookup
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import (
@@ -108,10 +108,16 @@ def search_window_example(field_map: FieldMap, latitude: float, longitude: float
     )
     reading = value + sigma * random.standard_normal()
     half, spacing = np.full(2, 0.5 * FIGURE_54_SIDE), 250.0
-    offset, _, gradient = lookup(
-        field_map.grid, latitude, longitude, metres, np.zeros((2, 2)), half, reading, (0.0, 0.0), spacing,
+    offset, gradient = lookup(
+        field_map.grid,
+        (latitude, longitude),
+        metres,
+        Window(np.zeros((2, 2)), half),
+        reading,
+        (0.0, 0.0),
+        spacing,
         FIGURE_54_CANDIDATES,
-    )  # fmt: skip
+    )
     step = lattice_spacing(field_map.grid, metres, spacing)
     variance = candidate_variance(sigma, gradient, step, float(half[0] ** 2))
     # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre

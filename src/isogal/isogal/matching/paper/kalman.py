@@ -125,9 +125,12 @@ def forward_filter(
     R : (T, m, m) array
         Their covariances.
 
-    Returns ------- filtered_mean (T, n), filtered_covariance (T, n, n), predicted_mean (T, n),
-    predicted_covariance (T, n, n)
-        y_{t|t}, P_{t|t}, y_{t|t-1}, P_{t|t-1}; at scan 0 all are the prior.
+    Returns
+    -------
+    filtered_mean (T, n), filtered_covariance (T, n, n)
+        y_{t|t} and P_{t|t}.
+    predicted_mean (T, n), predicted_covariance (T, n, n)
+        y_{t|t-1} and P_{t|t-1}; at scan 0 all four are the prior's.
     """
     scans, states = z.shape[0], mean.shape[0]
     filtered_mean = np.empty((scans, states))

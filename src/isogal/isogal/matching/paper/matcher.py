@@ -23,34 +23,32 @@ What the paper leaves open, and the choice here (each an option of `matcher.opti
 
 Known faults, kept because they are the paper's: the candidates' spread about their mean is in no
 covariance; the navigator's prior is in P_{T|T} and is used again when the navigator takes the fix;
-x_1 of one iteration is the smoothed, no longer independent, x_1 of the last; no error of the map,
-no unknown bias (`map_sigma` and `bias_sigma` do nothing); the first scan's reading is never used
-(eq. forward)."""
+x_1 of one iteration is the smoothed x_1 of the last, which is not independent of the readings; no
+error of the map, no unknown bias (`map_sigma` and `bias_sigma` have no effect); the first scan's
+reading is never used (eq. forward). See docs/mathematics.md, section 13."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from isogal.arrays import Array, Integers
-from isogal.compiled import kernel
+from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.maps.variability import feature_variability
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local import LocalPlane, too_few, unusable
-from isogal.matching.paper.kalman import (
-    backward_smoother,
-    constant_velocity,
-    forward_filter,
-    multiply,
-    multiply_transposed,
+from isogal.matching.local_plane import LocalPlane
+from isogal.matching.paper.iteration import (
+    Estimate,
+    Process,
+    ScanCandidates,
+    Scans,
+    Search,
+    find_candidates,
+    maximise,
 )
-from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window
-from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 from isogal.matching.registry import check_options
+from isogal.matching.usability import too_few, unusable
 from isogal.scenario import Matcher as MatcherSettings
 
 REFERENCE_SIDE = 10
@@ -108,6 +106,7 @@ class PmhtPaper:
     options: PaperOptions = field(default_factory=PaperOptions)
     name: str = "pmht-paper"
     context: int = 0
+    takes_channels: bool = False
 
     @classmethod
     def from_settings(cls, settings: MatcherSettings) -> "PmhtPaper":
@@ -120,13 +119,9 @@ class PmhtPaper:
         if reason := unusable(batch):
             return declined(batch, reason), memory
         reference = memory if isinstance(memory, float) else self._reference(field_map)
-        local = feature_variability(
-            field_map, batch.latitude, batch.longitude, options.variability_window
-        )
-        known = local[np.isfinite(local)]
-        if not known.size:
+        variability = self._variability(batch, field_map, reference)
+        if variability is None:
             return declined(batch, "the track is outside the map"), reference
-        variability = float(known.mean()) / reference if reference > 0.0 else 0.0
         if variability < options.min_variability or variability == 0.0:
             reason = (
                 f"map feature variability {variability:.2g} of the map's mean is below"
@@ -135,48 +130,48 @@ class PmhtPaper:
             return declined(batch, reason, feature_variability=variability), reference
 
         plane = LocalPlane.of(batch)
-        navigator = np.concatenate(
-            [plane.metres(batch.latitude, batch.longitude), batch.velocity], axis=1
+        scans = Scans.of(batch, plane)
+        candidates = find_candidates(
+            field_map.grid, scans, batch.prior, (plane.north, plane.east), self._search
         )
-        position, variance, count = _candidates(
-            field_map.grid, batch.latitude, batch.longitude, navigator, (plane.north, plane.east),
-            batch.transition, batch.prior, batch.reading - batch.offset, batch.sigma, batch.reading_jacobian,
-            options.gamma, options.window == "rectangle", options.min_half_width, options.candidates,
-            np.inf if options.spacing is None else options.spacing,
-        )  # fmt: skip
-        usable = int((count > 0).sum())
+        usable = int((candidates.found > 0).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
             return declined(batch, reason, feature_variability=variability), reference
-
-        state, covariance, weight, iterations, spread = _maximise(
-            navigator, _first_scan(batch), np.diff(batch.time), position, variance, count,
-            options.acceleration_density, options.iterations, options.epsilon, options.association == "predicted",
-        )  # fmt: skip
-        factor = (
-            options.covariance_factor or len(batch)
-        ) * variability**-options.variability_exponent
-        # where batches overlap each reading serves in T / new of them
-        out = covariance[-1, :2, :2] * factor * (len(batch) / max(batch.new, 1))
-        scan_covariance = np.full((len(batch), 2, 2), np.nan)
-        scan_covariance[len(batch) - batch.new :] = (
-            batch.new * out
-        )  # so many fixes hold the information once
-        latitude, longitude = plane.radians(state[:, :2])
-        fix = Fix(
-            time=float(batch.time[-1]),
-            latitude=float(latitude[-1]),
-            longitude=float(longitude[-1]),
-            covariance=out,
-            candidates=_listed(plane, position, weight, count),
-            diagnostics={
-                "feature_variability": variability,
-                "iterations": float(iterations),
-                "spread": spread,
-            },
-            scan_position=np.stack([latitude, longitude], axis=-1),
-            scan_covariance=scan_covariance,
+        result = maximise(
+            scans.navigator, _first_scan(batch), np.diff(batch.time), candidates, self._process
         )
-        return fix, reference
+        return self._fix(batch, plane, variability, candidates, result), reference
+
+    @property
+    def _search(self) -> Search:
+        options = self.options
+        return Search(
+            gamma=options.gamma,
+            rectangle=options.window == "rectangle",
+            minimum=options.min_half_width,
+            spacing=np.inf if options.spacing is None else options.spacing,
+            wanted=options.candidates,
+        )
+
+    @property
+    def _process(self) -> Process:
+        options = self.options
+        return Process(
+            acceleration_density=options.acceleration_density,
+            most=options.iterations,
+            epsilon=options.epsilon,
+            predicted=options.association == "predicted",
+        )
+
+    def _variability(self, batch: Batch, field_map: FieldMap, reference: float) -> float | None:
+        """Return the mean of eq. CV over the batch, in units of C_ref; None off the map."""
+        local = feature_variability(
+            field_map, batch.latitude, batch.longitude, self.options.variability_window
+        )
+        known = local[np.isfinite(local)]
+        if not known.size:
+            return None
+        return float(known.mean()) / reference if reference > 0.0 else 0.0
 
     def _reference(self, field_map: FieldMap) -> float:
         """Return C_ref, the mean of eq. CV over a lattice of the map, the fixed number of samples
@@ -191,6 +186,40 @@ class PmhtPaper:
         sample = sample[np.isfinite(sample)]
         return float(sample.mean()) if sample.size else 0.0
 
+    def _fix(
+        self,
+        batch: Batch,
+        plane: LocalPlane,
+        variability: float,
+        candidates: ScanCandidates,
+        result: Estimate,
+    ) -> Fix:
+        """Return x_T with P_{T|T} weighted by the map feature variability."""
+        options = self.options
+        factor = (
+            options.covariance_factor or len(batch)
+        ) * variability**-options.variability_exponent
+        # where batches overlap each reading is used in T / new of them
+        out = result.covariance[-1, :2, :2] * factor * (len(batch) / max(batch.new, 1))
+        scan_covariance = np.full((len(batch), 2, 2), np.nan)
+        # as many fixes together hold the information once
+        scan_covariance[len(batch) - batch.new :] = batch.new * out
+        latitude, longitude = plane.radians(result.state[:, :2])
+        return Fix(
+            time=float(batch.time[-1]),
+            latitude=float(latitude[-1]),
+            longitude=float(longitude[-1]),
+            covariance=out,
+            candidates=_listed(plane, candidates, result.weight),
+            diagnostics={
+                "feature_variability": variability,
+                "iterations": float(result.iterations),
+                "spread": result.spread,
+            },
+            scan_position=np.stack([latitude, longitude], axis=-1),
+            scan_covariance=scan_covariance,
+        )
+
 
 def _first_scan(batch: Batch) -> Array:
     """Sigma_1: covariance (4, 4) of the navigator's position and velocity error at the first
@@ -204,119 +233,8 @@ def _first_scan(batch: Batch) -> Array:
     return to_first @ batch.prior @ to_first.T
 
 
-def _listed(plane: LocalPlane, position: Array, weight: Array, count: Integers) -> Candidates:
-    kept = np.arange(weight.shape[1])[None, :] < count[:, None]
-    latitude, longitude = plane.radians(position[kept])
+def _listed(plane: LocalPlane, candidates: ScanCandidates, weight: Array) -> Candidates:
+    """Return the candidates of all scans with their last weights."""
+    kept = np.arange(weight.shape[1])[None, :] < candidates.found[:, None]
+    latitude, longitude = plane.radians(candidates.position[kept])
     return Candidates(latitude, longitude, weight[kept], np.nonzero(kept)[0])
-
-
-@kernel
-def _candidates(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    navigator: Array,
-    metres: tuple[float, float],
-    transition: Array,
-    prior: Array,
-    reading: Array,
-    sigma: Array,
-    jacobian: Array,
-    gamma: float,
-    rectangle: bool,
-    minimum: float,
-    wanted: int,
-    spacing: float,
-) -> tuple[Array, Array, Integers]:
-    """Look up all scans: candidates' positions (T, wanted, 2) m, variances R_i (T, wanted) m², and
-    how many there are (T,)."""
-    scans = reading.shape[0]
-    position = np.zeros((scans, wanted, 2))
-    variance = np.ones((scans, wanted))
-    count = np.zeros(scans, np.int64)
-    step = lattice_spacing(grid, metres, spacing)
-    for t in range(scans):
-        here = value_and_gradient(grid, latitude[t], longitude[t])[0]
-        if np.isnan(reading[t]) or np.isnan(here):
-            continue
-        uncertainty = multiply_transposed(multiply(transition[t], prior), transition[t])
-        shape, half_width = search_window(uncertainty, gamma, minimum, rectangle)
-        # as seen from a candidate, the vehicle has no other velocity error than the navigator
-        # expects: none
-        offset, _, gradient = lookup(
-            grid, latitude[t], longitude[t], metres, shape, half_width,
-            reading[t], (jacobian[t, 0], jacobian[t, 1]), spacing, wanted,
-        )  # fmt: skip
-        n = offset.shape[0]
-        count[t] = n
-        limit = 0.5 * (half_width[0] * half_width[0] + half_width[1] * half_width[1])
-        spread = candidate_variance(sigma[t], gradient, step, limit)
-        for i in range(n):
-            position[t, i, 0] = offset[i, 0] + navigator[t, 0]
-            position[t, i, 1] = offset[i, 1] + navigator[t, 1]
-            variance[t, i] = spread[i]
-    return position, variance, count
-
-
-@kernel
-def _maximise(
-    navigator: Array,
-    first_covariance: Array,
-    interval: Array,
-    position: Array,
-    variance: Array,
-    count: Integers,
-    acceleration_density: float,
-    most: int,
-    epsilon: float,
-    predicted: bool,
-) -> tuple[Array, Array, Array, int, float]:
-    """Iterate steps 1 and 2 of section 3.2: states (T, 4), covariances (T, 4, 4), weights,
-    iterations, spread of candidates (m)."""
-    scans = navigator.shape[0]
-    F, Q = constant_velocity(interval, acceleration_density)
-    H = np.zeros((2, 4))
-    H[0, 0] = H[1, 1] = 1.0
-    state = navigator.copy()
-    centre = navigator[:, :2].copy()
-    covariance = np.zeros((scans, 4, 4))
-    weight = np.zeros(variance.shape)
-    z = np.full((scans, 2), np.nan)
-    combined = np.zeros(scans)
-    R = np.zeros((scans, 2, 2))
-    done = 0
-    for iteration in range(most):
-        for t in range(scans):
-            n = count[t]
-            if n == 0:
-                continue
-            # eq. s3-01 with the R_i at first, eq. s32-1 with R-bar of the scan after that
-            used = variance[t, :n].copy()
-            if iteration > 0:
-                for i in range(n):
-                    used[i] = combined[t]
-            w = association_weights(position[t, :n], centre[t], used)
-            for i in range(n):
-                weight[t, i] = w[i]
-            z[t, 0], z[t, 1], combined[t] = combine(position[t, :n], w, variance[t, :n])
-            R[t, 0, 0] = R[t, 1, 1] = combined[t]
-        x, P, x_predicted, P_predicted = forward_filter(state[0], first_covariance, F, Q, H, z, R)
-        smoothed, covariance = backward_smoother(x, P, x_predicted, P_predicted, F)
-        moved = 0.0
-        for t in range(scans):
-            for i in range(4):
-                moved += (smoothed[t, i] - state[t, i]) ** 2
-            for i in range(2):
-                centre[t, i] = x_predicted[t, i] if predicted else smoothed[t, i]
-        state = smoothed
-        done = iteration + 1
-        if moved <= epsilon * epsilon:
-            break
-    total = 0.0
-    matched = 0
-    for t in range(scans):
-        matched += count[t] > 0
-        for i in range(count[t]):
-            north, east = position[t, i, 0] - z[t, 0], position[t, i, 1] - z[t, 1]
-            total += weight[t, i] * (north * north + east * east)
-    return state, covariance, weight, done, math.sqrt(total / max(1, matched))
