@@ -16,7 +16,7 @@ distance at which the correlation is 1/e grows from L to 1.95 h, as then
 c(d) = (1 + (d / 2h)²)^(-3/2)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,13 +100,24 @@ def rounding(field_map: FieldMap) -> float:
     return field_map.quantisation / math.sqrt(12.0)
 
 
-def mixed_length(variances: list[float], lengths: list[float]) -> float:
+def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:
     """Return the distance (m) at which the sum of independent errors with covariances
-    v exp(-d / L) has a correlation of 1/e."""
-    share = np.asarray(variances) / np.sum(variances)
-    low, high = 0.0, max(lengths)
+    v exp(-d / L) has a correlation of 1/e.
+
+    Parameters
+    ----------
+    parts : sequence of (float, float)
+        Variance v and length L (m) of each error; only those count that are not zero. None = no
+        error at all.
+    """
+    errors = [(variance, length) for variance, length in parts if variance and length]
+    if not errors:
+        return None
+    variance, length = np.transpose(errors)
+    low, high = 0.0, float(length.max())
     for _ in range(60):
         middle = 0.5 * (low + high)
-        above = float((share * np.exp(-middle / np.asarray(lengths))).sum()) > math.exp(-1.0)
+        correlation = float((variance * np.exp(-middle / length)).sum() / variance.sum())
+        above = correlation > math.exp(-1.0)
         low, high = (middle, high) if above else (low, middle)
     return high

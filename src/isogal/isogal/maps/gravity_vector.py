@@ -132,8 +132,7 @@ def _components(
     # half of the variance of the map's own error goes into each horizontal component, with the
     # same correlation on the mean of all directions
     sideways = np.sqrt(0.5 * own**2 + beyond**2)
-    variances = [0.5 * own**2, float(np.mean(beyond**2))]
-    mixed = mixed_length(variances, [length or reach, reach]) if any(variances) else None
+    mixed = mixed_length([(0.5 * own**2, length), (float(np.mean(beyond**2)), reach)])
     channels = []
     for name, one in zip(quantities, result, strict=True):
         down = name == "disturbance"

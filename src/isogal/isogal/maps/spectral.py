@@ -22,7 +22,8 @@ STRETCH = 0.01
 with."""
 _WIDEST = 0.2
 """Share by which it may differ over the whole map."""
-_MOST_MISSING = 0.2
+MOST_MISSING = 0.2
+"""Share of a map that may be missing."""
 _TORUS = (256, 256)
 """Nodes of the periodic map whose spectrum stands for that of an error."""
 
@@ -65,7 +66,7 @@ def check_plane(field_map: FieldMap, what: str) -> None:
     `what` names the result, for the message."""
     where = field_map.provenance or "map"
     share = float(np.mean(~np.isfinite(field_map.values)))
-    if share > _MOST_MISSING:
+    if share > MOST_MISSING:
         raise InputError(
             f"{where}: {100.0 * share:.0f} % of the map is missing; {what} need a map without"
             " holes"
@@ -163,7 +164,9 @@ def _applied(
         yield whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
 
 
-def continued(values: Array, pads: list[int], *, antisymmetric: bool = False) -> Array:
+def continued(
+    values: NDArray[Any], pads: list[int], *, antisymmetric: bool = False
+) -> NDArray[Any]:
     """Continue a map by its mirror image on all sides, faded out by a cosine.
 
     Antisymmetric: mirrored in the value at the rim, too, so that the slope goes on; of fields with

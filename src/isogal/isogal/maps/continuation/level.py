@@ -1,0 +1,174 @@
+"""From one level to another.
+
+Upwards each wavelength decays by exp(-|k| h), which is exact over a plane. Downwards the same
+factor grows without bound towards short waves, and with it whatever is wrong about them: that is
+only done with a cut-off wavelength. Waves shorter than it are left out, those longer than 4/3 of
+it kept, with a cosine between."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps import spectral
+from isogal.maps.continuation.harmonic import EDGE, TAPER, check, filled, trimmed
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.field_map import FieldMap
+from isogal.maps.spectral import Waves
+
+_KEPT = 0.75
+"""Share of the cut-off's wavenumber up to which everything is kept."""
+
+
+def to_level(
+    field_map: FieldMap,
+    height: float,
+    from_height: float | None = None,
+    *,
+    cutoff: float | None = None,
+    edge: float | None = None,
+) -> FieldMap:
+    """Continue a map from the level that its values hold on to another.
+
+    The map's own error and the rounding of its values go through the same operator and become
+    sigma and correlation length of the result (`isogal.maps.error_spectrum`). Downwards sigma also
+    holds what the cut-off leaves out: the shorter waves of the map, with the factor that they have
+    at the cut-off.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        Of a harmonic quantity, without large holes (small ones are filled, and the result is left
+        out there); rows and columns at its ends without any value are cut off. The channels of a
+        vector map are continued one by one.
+    height : float
+        m above the ellipsoid.
+    from_height : float, optional
+        m above the ellipsoid; None = as the map says.
+    cutoff : float, optional
+        Wavelength, m; needed downwards, and only there.
+    edge : float, optional
+        m at the rim and round holes that are left out; None = five times the way up or down.
+
+    Raises
+    ------
+    InputError
+        Not a harmonic quantity, height not known, downwards without a cut-off, too many holes, too
+        small or too large a map.
+    """
+    field_map = trimmed(field_map)
+    check(field_map, height, edge)
+    where = field_map.provenance or "map"
+    rise = height - _start(field_map, from_height, where)
+    _check_cutoff(field_map, rise, cutoff, where)
+    missing = ~np.isfinite(field_map.values)
+    kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
+    values, offset = filled(field_map, missing)
+    factors = _Factors(rise, cutoff)
+    result = spectral.transformed(
+        field_map,
+        values,
+        [factors.whole] if cutoff is None else [factors.whole, factors.left_out],
+        TAPER,
+        antisymmetric=True,
+    )
+    left_out = 0.0
+    if cutoff is not None:
+        short_waves = float(np.sqrt(np.mean(result[1][kept] ** 2)))
+        left_out = short_waves * math.exp(-2.0 * math.pi * rise / cutoff)
+    sigma, length = _error(field_map, factors, left_out)
+    result[0] += offset
+    result[0][~kept] = np.nan
+    return replace(
+        field_map,
+        values=result[0],
+        sigma=sigma,
+        correlation_length=length,
+        quantisation=0.0,
+        provenance=f"{where} continued to {height:g} m",
+        height=height,
+    )
+
+
+class _Factors:
+    """Operators of a continuation, as spectral operators and by wavenumber."""
+
+    def __init__(self, rise: float, cutoff: float | None) -> None:
+        self.rise, self.cutoff = rise, cutoff
+
+    def passed(self, wavenumber: Array) -> Array:
+        """Return the share of each wave that is kept."""
+        if self.cutoff is None:
+            return np.ones_like(wavenumber)
+        highest = 2.0 * math.pi / self.cutoff
+        place = np.clip((wavenumber / highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
+        return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
+
+    def by_wavenumber(self, wavenumber: Array) -> Array:
+        """Return the factor of the continuation."""
+        highest = math.inf if self.cutoff is None else 2.0 * math.pi / self.cutoff
+        return np.exp(-self.rise * np.minimum(wavenumber, highest)) * self.passed(wavenumber)
+
+    def whole(self, waves: Waves) -> Array:
+        """Return the factor of the continuation at the wavenumbers of a map."""
+        return self.by_wavenumber(waves.size)
+
+    def left_out(self, waves: Waves) -> Array:
+        """Return the share of each wave of the map that is not kept."""
+        return 1.0 - self.passed(waves.size)
+
+
+def _start(field_map: FieldMap, from_height: float | None, where: str) -> float:
+    start = field_map.height if from_height is None else from_height
+    if start is None:
+        raise InputError(
+            f"{where}: does not say at which height its values hold; give from_height"
+            " (--from-height), or the terrain (--terrain) for values on the ground"
+        )
+    if not math.isfinite(start):
+        raise InputError(f"height to continue from must be finite, is {start}")
+    return start
+
+
+def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where: str) -> None:
+    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
+    if rise >= 0.0:
+        if cutoff is not None:
+            raise InputError(
+                f"{where}: a cut-off wavelength is for downward continuation, this is"
+                f" {rise:g} m upwards"
+            )
+        return
+    if cutoff is None:
+        growth = math.exp(min(-rise * math.pi / max(cell), 700.0))
+        raise InputError(
+            f"{where}: {-rise:g} m down the shortest waves of the map grow {growth:.3g} times, and"
+            " their errors with them; give a cut-off wavelength (--downward-cutoff, km)"
+        )
+    width = min(size * count for size, count in zip(cell, field_map.values.shape, strict=True))
+    if not 2.0 * max(cell) <= cutoff <= width:
+        raise InputError(
+            f"{where}: the cut-off wavelength must be {2e-3 * max(cell):.3g} (two cells) to"
+            f" {1e-3 * width:.3g} km (the map), is {1e-3 * cutoff:g}"
+        )
+
+
+def _error(
+    field_map: FieldMap, factors: _Factors, left_out: float
+) -> tuple[float | Array, float | None]:
+    """Return sigma and correlation length (m) of the result; `left_out` is the 1-sigma of the
+    waves beyond the cut-off."""
+    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
+    spectrum = ErrorSpectrum.of_grid(cell, field_map.correlation_length)
+    sigma, white = typical_sigma(field_map), rounding(field_map)
+    gain = spectrum.gain(factors.by_wavenumber)
+    steps = white * spectrum.white_gain(factors.by_wavenumber)
+    own: float | Array = field_map.sigma * gain
+    parts = [(left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi))]
+    if sigma or white:
+        length = spectrum.length(factors.by_wavenumber, sigma, white)
+        parts.append(((sigma * gain) ** 2 + steps**2, length))
+    total = np.sqrt(np.square(own) + steps**2 + left_out**2)
+    return float(total) if isinstance(own, float) else total, mixed_length(parts)
