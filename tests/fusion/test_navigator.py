@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from helpers.navigators import error_between, fly, random_covariance
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.ellipsoid import EARTH_RATE, metres_per_radian
 from isogal.evaluation.ins_error_model import divide
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import (
@@ -313,6 +313,16 @@ def test_model_knows_what_the_scenario_draws_from():
     assert model.initial_sigma[9:12] == GRADES["precision"].accelerometer_bias
     assert model.noise[3:] == GRADES["precision"].gyroscope_noise
     assert model.noise[2] > 100.0 * GRADES["precision"].accelerometer_noise[2]  # unknown gravity
+
+
+def test_turn_rate_is_relative_to_the_earth():
+    """Level on a meridian, nose north: the Earth's rate is along the nose and upwards."""
+    state = fly(range(2)).start
+    state.attitude[1], state.gyroscope_bias[1] = [1.0, 0.0, 0.0, 0.0], [1e-6, 2e-6, 3e-6]
+    latitude = state.position[1, 0]
+    of_earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
+    measured = np.array([0.1, 0.2, 0.3]) + of_earth + [1e-6, 2e-6, 3e-6]
+    np.testing.assert_allclose(state.turn_rate_of(1, measured), [0.1, 0.2, 0.3], rtol=1e-12)
 
 
 def test_a_lost_run_is_widened_alone():

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from isogal.inertial.rotations import (
     SMALL,
+    from_angles,
     from_heading,
     from_matrix,
     from_rotation_vector,
@@ -67,6 +68,13 @@ def test_heading_turns_the_nose_clockwise_from_north(heading_deg):
         rotate(*attitude, 1.0, 0.0, 0.0), [np.cos(heading), np.sin(heading), 0.0], atol=1e-15
     )
     np.testing.assert_allclose(rotate(*attitude, 0.0, 0.0, 1.0), [0.0, 0.0, 1.0], atol=1e-15)
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_roll_pitch_and_heading_equal_scipy(roll, pitch, heading):
+    expected = quaternion(Rotation.from_euler("ZYX", [heading, pitch, roll]))
+    found = from_angles(roll, pitch, heading)
+    np.testing.assert_allclose(found * np.sign(expected @ found), expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1999, 2 * np.arcsin(np.sqrt(SMALL)) - 1e-9, 3.14])

@@ -1,4 +1,12 @@
-"""Unscented Kalman filter that fuses inertial data with map matching fixes."""
+"""Unscented Kalman filter that fuses inertial data with map matching fixes.
+
+node            subscriptions: IMU samples, fixes and the information that belongs to them
+settings        the node's own parameters
+start           the filter's first state
+fixes           fixes paired with their information by stamp
+corrections     fixes applied to the filter
+outputs         messages on nav/*
+"""
 
 from isogal.threads import one_thread
 

@@ -1,4 +1,4 @@
-"""Fixes applied to the filter, and what became of them."""
+"""Fixes applied to the filter, and their figures in the diagnostics."""
 
 from typing import Any
 
@@ -16,12 +16,12 @@ from ukf_fusion_node.fixes import Extra
 
 
 class Corrections:
-    """Applies fixes and counts them.
+    """Applies fixes, and counts which the filter accepts.
 
     Parameters
     ----------
     health : Health
-        Takes the figures of the last fix.
+        Gets the figures of the last fix.
     """
 
     def __init__(self, health: Health) -> None:
@@ -29,8 +29,8 @@ class Corrections:
         self._accepted = self._refused = 0
 
     def apply(self, navigator: BufferedNavigator | None, message: Any, extra: Extra) -> None:
-        """Correct the filter with a message on pmht_mm/fix and what belongs to it; None = it has
-        not begun.
+        """Correct the filter (None = it has not started) with a message on pmht_mm/fix and the
+        information that belongs to it.
 
         Raises
         ------
@@ -60,9 +60,9 @@ class Corrections:
 
 
 def read_fix(message: Any, extra: Extra) -> Fix:
-    """Return the fix of a message on pmht_mm/fix and what belongs to it.
+    """Return the fix of a message on pmht_mm/fix and the information that belongs to it.
 
-    Position and covariance are read only where they say all: with information they are not used.
+    Position and covariance are not read where there is information, as they are not used then.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The navigator: an unscented filter over the IMU, corrected by map matching fixes of any age."""
+"""The navigator: an unscented filter that integrates the IMU and takes fixes of any age."""
 
 import sys
 from collections.abc import Sequence
@@ -19,16 +19,16 @@ from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from isogal_ros.nodes.spin import run_node
-from ukf_fusion_node.answer import Answer
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
+from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.start import initial_state
 
 
 class UkfFusionNode(GraphNode):
-    """Advances with each IMU sample and answers it, and every message on pmht_mm/fix, with nav/*
-    of its newest stamp."""
+    """Advances with each IMU sample, and publishes nav/* of its newest stamp after each sample and
+    each message on pmht_mm/fix."""
 
     sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error", "fusion")
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
@@ -37,9 +37,9 @@ class UkfFusionNode(GraphNode):
     def setup(self) -> None:
         """Start the filter and make publishers and subscriptions."""
         self.samples = 0
-        """IMU samples received, whatever became of them."""
+        """IMU samples received, those that were dropped included."""
         self.answered = 0
-        """Messages on pmht_mm/fix dealt with."""
+        """Messages on pmht_mm/fix that were applied or dropped."""
         self._gaps = 0
         self._corrections = Corrections(self.health)
         self._start = initial_state(self.scenario, self.settings)
@@ -48,11 +48,11 @@ class UkfFusionNode(GraphNode):
         self._ns = -1
         self._rate = np.zeros(3)
         self._warm_up()
-        self._answer = Answer(self)
+        self._outputs = Outputs(self)
         self.listen(topics.IMU, self._take_imu)
         self.listen(topics.FIX, self._take_fix)
-        informants = self.listen(topics.INFORMATION, self._take_information, raw=True)
-        self._fixes = FixQueue(informants.get_publisher_count)
+        information = self.listen(topics.INFORMATION, self._take_information, raw=True)
+        self._fixes = FixQueue(information.get_publisher_count)
 
     def _warm_up(self) -> None:
         """Compile, or load, the filter's kernels before the first sample comes."""
@@ -113,8 +113,8 @@ class UkfFusionNode(GraphNode):
         self._settle()
 
     def _settle(self) -> None:
-        """Apply the fixes that are complete; answer each, whatever it is: a lock-step simulation
-        waits for that."""
+        """Apply the fixes that are complete, and publish nav/* after each, even after one that is
+        dropped: a lock-step simulation waits for that."""
         for message, extra in self._fixes.complete(self._ns):
             try:
                 self._corrections.apply(self._navigator, message, extra)
@@ -129,7 +129,7 @@ class UkfFusionNode(GraphNode):
 
     def _publish(self) -> None:
         assert self._navigator is not None
-        self._answer.publish(self._ns, self._navigator.state, self._rate)
+        self._outputs.publish(self._ns, self._navigator.state, self._rate)
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -12,7 +12,7 @@ _FROM_SCENARIO = (math.nan, math.nan, math.nan)
 
 
 class UkfFusionSettings(NodeSettings):
-    """What the filter is told beside the scenario. A start of NaN is the scenario's, with its
+    """Parameters that are not keys of a scenario. A start of NaN is the scenario's, with its
     initial errors drawn."""
 
     imu_frame: str = Field(

@@ -1,13 +1,16 @@
 """The filter's state: mean and covariance of many runs."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import Nominal
 from isogal.inertial.error_state import BATCH, Estimate
+from isogal.inertial.rotations import rotate
 from isogal.inertial.strapdown import NavState
 
 
@@ -73,6 +76,15 @@ class FilterState:
     def nominal_of(self, run: int) -> Nominal:
         """Return the mean of one run; it shares the arrays."""
         return Nominal(*(array[run] for array in self.nominal))
+
+    def turn_rate_of(self, run: int, angular_rate: Array) -> Array:
+        """Return the angular rate (3,) of one run relative to the Earth, body axes, rad/s: that of
+        the gyroscopes (3,) without their biases and the Earth's rotation."""
+        latitude = self.position[run, 0]
+        north, down = EARTH_RATE * math.cos(latitude), -EARTH_RATE * math.sin(latitude)
+        w, x, y, z = self.attitude[run]
+        of_earth = np.array(rotate(w, -x, -y, -z, north, 0.0, down))
+        return angular_rate - self.gyroscope_bias[run] - of_earth
 
     def estimate_of(self, run: int) -> Estimate:
         """Return position, velocity and attitude of one run; they share the arrays."""

@@ -4,4 +4,5 @@ rotations       quaternions and rotation vectors
 strapdown       position, velocity and attitude from specific force and angular rate
 error_state     the navigator's error as a vector: order of the states, difference of estimates
 error_model     linear dynamics of that error
+dead_reckoning  position a fraction of an interval later
 """

@@ -1,8 +1,9 @@
-"""Quaternions (w, x, y, z) as scalar numba kernels: a quaternion turns vectors of its inner frame
-into its outer frame.
+"""Rotations: quaternions (w, x, y, z), rotation vectors and matrices.
 
-The kernels are inlined and free of branches and calls where they can be, so that a loop over many
-quaternions becomes vector instructions."""
+A quaternion turns vectors of its inner frame into its outer frame.
+
+The compiled functions take and return scalars. They are inlined, and as far as possible without
+branches and calls, so that a loop over many quaternions becomes vector instructions."""
 
 import math
 
@@ -12,16 +13,13 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array
 from isogal.compiled import kernel
 
-Quaternion = tuple[float, float, float, float]
-Vector = tuple[float, float, float]
-
 SERIES = 11
 COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(SERIES))
 HALF_SINE = tuple(0.5 * (-1.0) ** k / math.factorial(2 * k + 1) for k in range(SERIES))
 """Coefficients of cos a and sin a / (2 a) in powers of a²."""
 
 INLINE = {"forceinline": True, "error_model": "numpy"}
-"""How functions are compiled that loops over many states are made of."""
+"""Options of compiled functions that are called in loops over many states."""
 
 
 @kernel(**INLINE)
@@ -115,6 +113,16 @@ def from_heading(heading: ArrayLike) -> Array:
     half = 0.5 * np.asarray(heading, float)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+def from_angles(roll: float, pitch: float, heading: float) -> Array:
+    """Return the quaternion (4,) body to NED of heading, pitch and roll (rad), turned in this
+    order (Groves 2013, eq. 2.38)."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    ch, sh = math.cos(0.5 * heading), math.sin(0.5 * heading)
+    pitched = multiply(ch, 0.0, 0.0, sh, cp, 0.0, sp, 0.0)
+    return np.array(multiply(*pitched, cr, sr, 0.0, 0.0))
 
 
 @kernel

@@ -3,6 +3,8 @@
 trajectory      the true route, and what a perfect inertial sensor measures on it
 imu             grades of inertial sensors, their noise and biases
 initial         the navigator's first state, with its errors
+vehicle         one run of a simulated vehicle: route, inertial sensors, unaided INS
+scans           which readings of an instrument are scans, and which scans are missing
 reduction       what every instrument of a mapped field provides
 gravimeter      gravity and its disturbance
 magnetometer    the anomaly of the total magnetic field
