@@ -1,4 +1,7 @@
-"""The unscented filter: Isogal's compiled one and filterpy's, on the same IMU readings."""
+"""The unscented filter: Isogal's compiled one and filterpy's, on the same IMU readings.
+
+filterpy's filter is set up as a user of it would, with the navigator's states as they are: it is
+faster than `isogal.fusion.reference`, which follows the compiled filter step by step."""
 
 import time
 
@@ -9,7 +12,9 @@ from numba import njit
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion import sigma_points
-from isogal.fusion.navigator import FilterModel, FilterState, propagate
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import propagate
+from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
 from isogal.inertial.strapdown import step
 from isogal.scenario import Scenario
