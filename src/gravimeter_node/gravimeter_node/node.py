@@ -1,8 +1,7 @@
-"""The sensor of the field: what it feels (simulated, or from another source), and its reductions
-with the navigator's estimate.
+"""The sensor: raw readings, simulated or of an instrument, and their reductions with the
+navigator's estimate.
 
-A gravimeter, unless the parameter `field` says a magnetometer, a clearance meter or a gradiometer.
-"""
+A gravimeter, unless the parameter `field` names a field of another instrument."""
 
 import sys
 from collections.abc import Sequence
@@ -34,15 +33,15 @@ class GravimeterSettings(NodeSettings):
     simulate: bool = Field(
         True,
         description=(
-            "true: feel the map at the true position; false: reduce what comes on the instrument's"
-            " topic"
+            "true: readings of the map at the true position; false: reduce the readings on the"
+            " instrument's topic"
         ),
     )
 
 
 class GravimeterNode(GraphNode):
-    """At each scan publishes what the instrument feels, then its reductions once the navigator's
-    state of that stamp is there."""
+    """Publishes the raw reading of each scan, then its reductions once the navigator's state of
+    that stamp is there."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
@@ -53,7 +52,7 @@ class GravimeterNode(GraphNode):
 
     def setup(self) -> None:
         """Draw the readings and make publishers and subscriptions."""
-        self.reduced = 0
+        self._reduced = 0
         """Readings reduced so far."""
         self._out_of_range = self._left_out = 0
         covariance = measured_field(self.scenario).covariance(self.scenario)
@@ -72,8 +71,8 @@ class GravimeterNode(GraphNode):
         self._queue = NavQueue(self, self.scenario, self._reduce)
 
     def _readings(self) -> dict[int, Any]:
-        """Return what is felt at each scan, a number or one for each channel, by stamp; the map is
-        not kept."""
+        """Return the raw reading of each scan, a number or one for each channel, by stamp; the map
+        is not kept."""
         trajectory = build_trajectory(self.scenario)
         simulator = ReadingSimulator(
             self.scenario,
@@ -112,8 +111,8 @@ class GravimeterNode(GraphNode):
     def _reduce(self, ns: int, reading: tuple[Any, Any], nav: NavSample | None) -> None:
         """Reduce and publish a reading, the value and its variance."""
         self._outputs.publish(ns, *reading, nav)
-        self.reduced += 1
-        self.health.figures |= {"readings": self.reduced, "last reading": to_seconds(ns)}
+        self._reduced += 1
+        self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
         self.health.state(OK, "reducing")
 
 

@@ -27,8 +27,8 @@ class Outputs:
             )
 
     def publish(self, ns: int, felt: Any, variance: Any, nav: NavSample | None) -> None:
-        """Publish a reading; NaN where there is nothing to reduce, or to reduce with, so that the
-        scan is known to be without."""
+        """Publish the reductions of a raw reading and its variance; NaN where the reading or the
+        navigator's state is missing, so that the scan is known to be empty."""
         for reduction, adapter, publisher, message in self._reductions:
             value, total, place = math.nan * felt, variance, None
             if nav is not None:

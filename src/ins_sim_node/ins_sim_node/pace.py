@@ -25,17 +25,17 @@ class Pace:
         self._timer: Any = None
 
     def set(self, steps_per_second: float) -> None:
-        """Call `due` at a rate from now on, or without a pause where it is infinite."""
+        """Call `due` at a rate from now on; without a pause where the rate is infinite."""
         self.clear()
         self._timer = self._node.create_timer(1.0 / steps_per_second, self._due, clock=self._clock)
 
     def clear(self) -> None:
-        """Call no more."""
+        """Stop calling `due`."""
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
 
     def end(self) -> None:
-        """Call no more; may be called from `due` itself."""
+        """Stop calling `due`; may be called from `due` itself."""
         if self._timer is not None:
             self._timer.cancel()

@@ -1,4 +1,4 @@
-"""Whether the other nodes of the graph are there, as their diagnostics say."""
+"""Which other nodes of the graph are ready, by their diagnostics."""
 
 from collections.abc import Iterable
 
@@ -9,22 +9,23 @@ from isogal_ros.nodes.health import figures_of
 
 
 class Peers:
-    """The nodes of one's namespace that are still to come up.
+    """The nodes of the same namespace that are not ready yet.
 
     Parameters
     ----------
     node : GraphNode
-        The one that waits; it does not wait for itself.
+        The one that waits.
     names : iterable of str
+        Nodes to wait for, except itself.
     """
 
     def __init__(self, node: GraphNode, names: Iterable[str]) -> None:
         self.missing = {name for name in names if name != node.get_name()}
-        """Names of those that have not said that all their listeners are there."""
+        """Names of the nodes that have not reported that all their listeners are there."""
         self._space = node.get_namespace().strip("/")
 
     def hear(self, array: DiagnosticArray) -> None:
-        """Take what nodes say about themselves."""
+        """Take the diagnostics of nodes."""
         for item in array.status:
             space, _, name = item.name.rpartition("/")
             if space == self._space and figures_of(item).get("ready") == "True":

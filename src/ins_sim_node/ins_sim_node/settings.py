@@ -17,7 +17,7 @@ class InsSimSettings(NodeSettings):
     lock_step: bool = Field(
         True,
         description=(
-            "wait at each step until the graph has answered it, so that nothing is ever lost"
+            "wait at each step until the graph has answered it, so that no message is lost"
         ),
     )
     start_timeout: float = Field(

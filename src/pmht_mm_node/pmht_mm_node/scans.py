@@ -1,5 +1,4 @@
-"""Readings and the navigator's states, which come apart and at any time, put together as scans in
-order."""
+"""Scans in order of time, from readings and the navigator's states, which arrive separately."""
 
 import math
 from collections.abc import Callable

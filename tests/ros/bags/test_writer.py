@@ -89,9 +89,9 @@ def test_folders(tmp_path) -> None:
         prepare_folder(tmp_path / "bag", replace=False)
     prepare_folder(tmp_path / "bag", replace=True)
     assert not list((tmp_path / "bag").iterdir())
-    (tmp_path / "bag" / "thesis.txt").write_text("years of work")
-    with pytest.raises(InputError, match=r"something else than a bag \(thesis.txt\)"):
+    (tmp_path / "bag" / "notes.txt").write_text("not a bag")
+    with pytest.raises(InputError, match=r"something else than a bag \(notes.txt\)"):
         prepare_folder(tmp_path / "bag", replace=True)
-    assert (tmp_path / "bag" / "thesis.txt").exists()
+    assert (tmp_path / "bag" / "notes.txt").exists()
     with pytest.raises(InputError, match="is a file"):
-        prepare_folder(tmp_path / "bag" / "thesis.txt", replace=True)
+        prepare_folder(tmp_path / "bag" / "notes.txt", replace=True)

@@ -7,6 +7,7 @@ import pytest
 from helpers.node_bench import run_here
 from helpers.recordings import collect, record, same
 from isogal.errors import InputError
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -68,7 +69,8 @@ def test_other_scenarios(scenario, tmp_path, changes) -> None:
 )
 def test_other_fields(recorded, field, rounding) -> None:
     scenario, bag = recorded(field)
-    graph, library = record(bag, scenario), simulate(scenario, [0])
+    field_map = map_for_scenario(scenario)
+    graph, library = record(bag, scenario, field_map), simulate(scenario, [0], field_map)
     same(graph, library, 1e-4)
     np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=rounding, rtol=0)
     assert set(graph.fix_reason[0]) == {None}
@@ -100,7 +102,9 @@ def test_retrodiction_of_vectors_has_one_fix_for_each_scan(gradient, tmp_path) -
     run_here(made, tmp_path / "bag")
     messages = BagReader(tmp_path / "bag").messages()
     assert sum(item.topic == "/pmht_mm/fix" for item in messages) == 60
-    same(record(tmp_path / "bag", made), simulate(made, [0]), 1e-4, fixes=False)
+    field_map = map_for_scenario(made)
+    graph, library = record(tmp_path / "bag", made, field_map), simulate(made, [0], field_map)
+    same(graph, library, 1e-4, fixes=False)
 
 
 def test_a_gravimeters_sigma_is_refused_for_another_field(magnetic) -> None:
@@ -120,7 +124,7 @@ def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
     same(record(tmp_path / "bag", short), simulate(short, [0]))
 
 
-def test_without_lock_step_fixes_come_late_and_count_all_the_same(scenario, tmp_path) -> None:
+def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     short = scenario("route.duration=400.0")
     plan = Plan(short, tmp_path / "bag", rate=100.0, lock_step=False)
     run_in_process(plan, Interrupt(), lambda progress: None)
@@ -156,7 +160,7 @@ def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
         )
 
 
-def test_a_node_that_falls_silent(scenario, tmp_path, monkeypatch) -> None:
+def test_a_node_that_stops_answering(scenario, tmp_path, monkeypatch) -> None:
     publish, own = UkfFusionNode._publish, Plan.own
     monkeypatch.setattr(
         UkfFusionNode, "_publish", lambda self: publish(self) if self.samples < 20 else None

@@ -1,5 +1,6 @@
 """The graph as processes: the same numbers, and an orderly end whatever happens."""
 
+import os
 import signal
 import subprocess
 
@@ -9,58 +10,49 @@ import pytest
 
 from helpers.commands import PATIENCE, command, sets, wait_for
 from helpers.recordings import collect, nav_positions
+from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.plan import CLASSES
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.plan import CLASSES, GraphError
+from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.shared_memory import (
     abandoned_memory,
     shared_memory,
     sweep_shared_memory,
 )
-
-
-def nodes_of(process: subprocess.Popen) -> dict[str, psutil.Process]:
-    """The node processes that a run has started, by name."""
-    found = {}
-    for child in psutil.Process(process.pid).children():
-        words = child.cmdline()
-        for name, (module, _) in CLASSES.items():
-            if module in words:
-                found[name] = child
-    return found
+from isogal_ros.nodes.spin import Interrupt
 
 
 @pytest.fixture
 def running(tmp_path, settings):
-    """A run in processes that has recorded something, at ten times real time; ended afterwards
-    whatever happens."""
+    """`isogal run` in processes that has recorded something; ended afterwards whatever happens."""
     before = shared_memory()
+    options = sets(settings("route.duration=1900.0"))
     process = subprocess.Popen(
-        command(
-            "run",
-            *sets(settings("route.duration=1900.0")),
-            "--rate",
-            10,
-            "--out",
-            tmp_path / "out",
-        ),
+        command("run", *options, "--rate", 20, "--out", tmp_path / "out"),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    bag = tmp_path / "out" / "bag" / "bag_0.mcap"
     wait_for(
-        lambda: process.poll() is not None or (bag.exists() and bag.stat().st_size > 30_000),
+        lambda: process.poll() is not None or has_recorded(tmp_path / "out" / "bag"),
         "the recording",
     )
     assert process.poll() is None, process.communicate()
-    nodes = nodes_of(process)
+    nodes = nodes_of(process.pid)
     yield process, nodes, tmp_path / "out"
-    for item in (process, *nodes.values()):
-        if item.poll() is None if isinstance(item, subprocess.Popen) else item.is_running():
-            item.kill()
-    process.wait()
+    kill(process, nodes)
     sweep_shared_memory(before)  # a test may have killed what sweeps
+
+
+def kill(process: subprocess.Popen, nodes: dict[str, psutil.Process]) -> None:
+    """End what is left."""
+    process.kill()
+    for node in nodes.values():
+        if node.is_running():
+            node.kill()
+    process.wait()
 
 
 def test_a_run_in_processes_is_the_run_in_one(finished, recording) -> None:
@@ -74,9 +66,12 @@ def test_a_run_in_processes_is_the_run_in_one(finished, recording) -> None:
     np.testing.assert_allclose(nav_positions(one), nav_positions(five), atol=1e-13, rtol=0)
 
 
-def test_an_interrupt_ends_all_and_keeps_the_bag(running) -> None:
+def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
+    """After a whole run, so that no node is compiling, which takes memory."""
     process, nodes, out = running
     assert set(nodes) == set(CLASSES)
+    for name, node in nodes.items():
+        assert node.memory_info().rss < 300e6, name
     before = shared_memory()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
@@ -86,33 +81,57 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(running) -> None:
     assert not any(node.is_running() for node in nodes.values())
     wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
     reader = BagReader(out / "bag")
-    assert sum(1 for _ in reader.messages()) > 100
+    assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
     for name in CLASSES:
         assert "Traceback" not in (out / "log" / f"{name}.log").read_text()
 
 
-@pytest.mark.parametrize("victim", [topics.UKF_FUSION, "isogal_recorder"])
-def test_a_node_that_dies_ends_the_run(running, victim) -> None:
+def test_a_node_that_dies_ends_the_run(running) -> None:
     process, nodes, out = running
     before = shared_memory()
-    nodes[victim].kill()
+    nodes[topics.UKF_FUSION].kill()
     _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert f"isogal: {victim} ended (killed by SIGKILL)" in err.strip().splitlines()[-1]
+    assert (
+        err.strip()
+        .splitlines()[-1]
+        .startswith("isogal: ukf_fusion_node ended (killed by SIGKILL)")
+    )
     assert not any(node.is_running() for node in nodes.values())
     wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
     reader = BagReader(out / "bag")
-    assert sum(1 for _ in reader.messages()) > 100
-    assert (reader.cut is not None) == (victim == "isogal_recorder")
+    assert sum(1 for _ in reader.messages()) > ENOUGH
+    assert reader.cut is None
 
 
-def test_nodes_are_small_and_end_with_their_parent(running) -> None:
-    process, nodes, _ = running
-    for name, node in nodes.items():
-        assert node.memory_info().rss < 300e6, name
-    process.kill()
-    process.wait()
-    gone, alive = psutil.wait_procs(nodes.values(), timeout=60)
-    assert not alive
-    assert len(gone) == len(CLASSES)
+def test_a_recorder_that_dies_leaves_a_bag_that_can_be_read(tmp_path) -> None:
+    before, bag = shared_memory(), tmp_path / "bag"
+
+    def report(progress) -> None:
+        if has_recorded(bag):
+            nodes_of(os.getpid())[RECORDER].kill()
+
+    with pytest.raises(GraphError, match=r"^isogal_recorder ended \(killed by SIGKILL\)"):
+        run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
+    assert not nodes_of(os.getpid())
+    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
+    reader = BagReader(bag)
+    assert sum(1 for _ in reader.messages()) > ENOUGH
+    assert reader.cut is not None
+
+
+def test_nodes_end_with_their_parent(tmp_path) -> None:
+    before, process = shared_memory(), start(tmp_path)
+    nodes = {}
+    try:
+        wait_for(lambda: process.poll() is not None or has_recorded(tmp_path / "bag"), "a bag")
+        nodes = nodes_of(process.pid)
+        assert set(nodes) == {RECORDER, topics.INS_SIM}
+        process.kill()
+        process.wait()
+        _, alive = psutil.wait_procs(nodes.values(), timeout=60)
+        assert not alive
+    finally:
+        kill(process, nodes)
+        sweep_shared_memory(before)

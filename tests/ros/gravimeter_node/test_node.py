@@ -62,7 +62,7 @@ def test_without_navigator_the_scan_is_known_to_be_empty(scenario) -> None:
         assert any("said nothing about 10.000 s" in message for _, message, _ in made.says())
 
 
-def test_it_feels_at_its_own_scans_only(scenario) -> None:
+def test_it_simulates_readings_at_its_scans_only(scenario) -> None:
     with bench(topics.GRAVIMETER, scenario()) as made:
         message = topics.TRUTH_FIX.type()
         for k in range(1, 25):

@@ -7,7 +7,7 @@ from isogal_ros import topics
 from isogal_ros.nodes.health import ERROR
 
 
-def test_it_says_whom_it_waits_for(scenario) -> None:
+def test_it_names_the_nodes_that_are_not_ready(scenario) -> None:
     with bench(topics.INS_SIM, scenario(), peers=list(topics.NODES), start_timeout=0.5) as made:
         made.wait(lambda: made.node.finished)
         assert made.node.exit_code == 1
@@ -16,7 +16,7 @@ def test_it_says_whom_it_waits_for(scenario) -> None:
         made.wait(lambda: made.says() and made.says()[-1][0] == ERROR)
 
 
-def test_it_does_not_wait_for_ever_for_an_answer(scenario) -> None:
+def test_it_ends_where_no_answer_comes(scenario) -> None:
     with bench(topics.INS_SIM, scenario(), rate=0.0, reply_timeout=0.5) as made:
         made.wait(lambda: made.node.finished)
         assert (

@@ -33,7 +33,7 @@ def test_numbers_without_a_stamp_are_refused() -> None:
 
 
 @pytest.mark.parametrize("size", [4, 7])
-def test_nav_random_covariance(size) -> None:
+def test_nav_covariance(size) -> None:
     message = Float64MultiArray()
     cov = random_covariance(np.ones(size), 1)
     fill_numbers(message, 12_500_000_000, cov)

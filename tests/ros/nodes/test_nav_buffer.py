@@ -84,7 +84,7 @@ def test_the_state_of_a_stamp() -> None:
     assert buffer.arrivals == 3
 
 
-def test_it_waits_for_the_covariance_only_where_somebody_publishes_it() -> None:
+def test_it_waits_for_the_covariance_where_it_is_published() -> None:
     for publishers in (0, 1):
         buffer = Buffer(publishers)
         buffer.feed(5 * S, *PLACE, covariance=False)
@@ -94,7 +94,7 @@ def test_it_waits_for_the_covariance_only_where_somebody_publishes_it() -> None:
             assert np.diag(sample.covariance) == pytest.approx([4.0, 4.0, 0.1, 0.1])
 
 
-def test_it_does_not_wait_for_ever() -> None:
+def test_it_does_not_wait_where_a_later_covariance_has_come() -> None:
     buffer = Buffer()
     buffer.feed(5 * S, *PLACE, covariance=False)
     assert buffer.buffer.at(5 * S) is None
@@ -162,7 +162,7 @@ def test_topics_may_run_ahead_of_each_other() -> None:
     assert buffer.buffer.at(5 * S).position[0] == pytest.approx(PLACE[0], abs=1e-15)
 
 
-def test_old_states_are_given_up() -> None:
+def test_old_states_are_dropped() -> None:
     buffer = Buffer()
     for i in range(1100):
         buffer.feed(i * S, *PLACE)

@@ -120,7 +120,7 @@ def test_stamps_must_increase(matcher_bench, drive) -> None:
     assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
 
 
-def test_a_matcher_that_fails_is_answered_for(matcher_bench, drive, monkeypatch) -> None:
+def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) -> None:
     class Broken:
         context = 0
 

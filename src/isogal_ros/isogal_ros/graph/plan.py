@@ -31,7 +31,6 @@ class Plan:
     run: int = 0
     rate: float = 0.0
     """Simulated seconds per second; 0 = as fast as the graph can."""
-    replace_bag: bool = True
     lock_step: bool = True
     """Whether a step waits for the graph's answers; without, nodes work as they would with real
     sensors."""
@@ -47,7 +46,7 @@ class Plan:
         if name == topics.INS_SIM:
             values |= {"rate": float(self.rate), "lock_step": self.lock_step}
         if name == RECORDER:
-            values |= {"bag": str(self.bag), "replace": self.replace_bag}
+            values |= {"bag": str(self.bag), "replace": True}
         return values
 
     def values(self, name: str) -> dict[str, Any]:

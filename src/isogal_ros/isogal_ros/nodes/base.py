@@ -140,7 +140,7 @@ class GraphNode(Node):
         return publisher
 
     def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Any:
-        """Subscribe; whatever a message does to the handler, the node counts it and goes on."""
+        """Subscribe; a message with which the handler fails is dropped and counted."""
 
         def guarded(message: Any) -> None:
             try:

@@ -1,4 +1,4 @@
-"""What a node says about itself on /diagnostics."""
+"""What a node reports of itself on /diagnostics."""
 
 from typing import Any
 
@@ -112,6 +112,5 @@ def _text(value: Any) -> str:
 
 
 def _shape(reason: str) -> str:
-    """Return a reason without its numbers, so that the same trouble with other numbers counts as
-    the same."""
+    """Return a reason without its numbers: reasons that differ in numbers only are the same."""
     return "".join(character for character in reason if not character.isdigit())

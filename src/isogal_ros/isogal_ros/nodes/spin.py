@@ -48,7 +48,7 @@ class Interrupt:
 
 @contextmanager
 def interrupts() -> Iterator[Interrupt]:
-    """Catch SIGINT and SIGTERM instead of dying of them, so that what was published arrives before
+    """Note SIGINT and SIGTERM instead of ending at once, so that what was published arrives before
     the process ends."""
     interrupt = Interrupt()
     old = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -60,8 +60,8 @@ def interrupts() -> Iterator[Interrupt]:
 
 
 def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> None:
-    """Let a node that counts what it receives (`GraphNode.received`) take what is still under way:
-    until nothing comes for `quiet` s."""
+    """Let a node that counts its messages (`GraphNode.received`) take those that are under way,
+    until none has come for `quiet` s, for at most `limit` s."""
     if node.received() is None:
         return
     count, changed = node.received(), time.monotonic()
