@@ -1,4 +1,4 @@
-"""All matchers on the same runs, in one call: error against the bound, honesty, time per fix.
+"""All matchers on the same runs, in one call: error against the bound, NEES, time per fix.
 
     python benchmarks/matchers.py [--runs 8] [--map FILE] [--figure docs/figures/matchers.png]
     [--json]

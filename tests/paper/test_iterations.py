@@ -5,7 +5,7 @@ import numpy as np
 from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
-from isogal.paper.iterations import Listener, follow_iterations
+from isogal.paper.iterations import BatchRecorder, follow_iterations
 from isogal.paper.published import ITERATIONS
 
 
@@ -24,10 +24,10 @@ def test_last_iteration_is_the_fix(two_maps: Path) -> None:
         assert abs(snapshot.weight.sum() - 15.0) < 1e-9
 
 
-def test_the_listener_changes_nothing(two_maps: Path) -> None:
+def test_recording_batches_changes_no_result(two_maps: Path) -> None:
     plan = Plan(1, str(two_maps), 600.0)
     scenario, field_map = plan.scenario(Setting(batch_length=15)), plan.field_map(Setting())
-    listener = Listener(PmhtPaper.from_settings(scenario.matcher))
-    heard = simulate(scenario, [0], field_map, listener)
-    assert len(listener.heard) == 4
-    np.testing.assert_array_equal(heard.error, simulate(scenario, [0], field_map).error)
+    recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
+    recorded = simulate(scenario, [0], field_map, recorder)
+    assert len(recorder.batches) == 4
+    np.testing.assert_array_equal(recorded.error, simulate(scenario, [0], field_map).error)

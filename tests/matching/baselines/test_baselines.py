@@ -31,7 +31,7 @@ def test_all_names_of_a_scenario_are_registered():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_knows_where_the_vehicle_is_and_how_well(rough_map, name):
+def test_errors_are_small_and_agree_with_the_covariance(rough_map, name):
     # the same prior that the errors are drawn from; the posterior is what a filter has after the
     # fix
     prior = np.diag([150.0**2, 150.0**2, 0.05**2, 0.05**2])
@@ -74,7 +74,7 @@ def test_same_batch_same_fix_and_memory_untouched(rough_map, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_less_to_say_with_a_bad_sensor(rough_map, name):
+def test_a_noisier_sensor_gives_a_larger_covariance(rough_map, name):
     variances = []
     for sigma in (1e-5, 8e-5):
         batch, _ = make_batch(rough_map, DRIFT, sigma=sigma, prior_sigma=(300.0, 0.05))
@@ -99,7 +99,7 @@ def test_map_error_is_white_noise(rough_map, name):
 
 
 @pytest.mark.parametrize("name", ["tercom", "sitan", "particle", "point-mass"])
-def test_an_unknown_bias_is_put_up_with(rough_map, name):
+def test_an_unknown_bias_is_allowed_for(rough_map, name):
     bias = 5e-5
     batch, truth = make_batch(
         rough_map, (150.0, -100.0, 0.02, 0.02), sigma=2e-6, prior_sigma=(200.0, 0.05)
@@ -113,7 +113,7 @@ def test_an_unknown_bias_is_put_up_with(rough_map, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_offsets_belong_to_the_readings(rough_map, name):
+def test_known_offsets_are_subtracted_from_the_readings(rough_map, name):
     batch, _ = make_batch(rough_map, DRIFT)
     plain, _ = build(name).match(batch, rough_map, None)
     offset = 1e-4 * np.sin(np.arange(30.0))

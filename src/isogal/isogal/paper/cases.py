@@ -22,12 +22,12 @@ SWEEP_SPEEDS = (11.0, 22.0, 33.0, 45.0)
 SWEEP_SHARE = 5
 """The sweeps have a fifth of the runs."""
 RIVAL = "tercom"
-"""Area correlation, which the paper compares itself with in words."""
+"""Area correlation, with which the paper compares its matcher in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What distinguishes one case from another; the rest is the default scenario."""
+    """Where a case departs from the default scenario."""
 
     quantity: str = "gravity"
     sigma: float = LOW["gravity"]
@@ -62,17 +62,17 @@ def table_settings() -> list[Setting]:
 
 
 def unaided_settings() -> list[Setting]:
-    """Return the inertial navigator left alone, each grade."""
+    """Return the unaided navigator of each grade."""
     return [Setting(grade=grade, aided=False) for grade in GRADES]
 
 
 def retrodiction_settings() -> list[Setting]:
-    """Return the paper's second way of aiding, beside which the tables have the first."""
+    """Return the paper's second way of aiding; the first is in the tables."""
     return [Setting(batch_length=length, mode="retrodiction") for length in (30, 15)]
 
 
 def sweep_settings(matcher: str) -> list[Setting]:
-    """Return the sensitivity to heading error and speed."""
+    """Return the settings for the sensitivity to heading error and speed."""
     headings = [Setting(matcher=matcher, heading=heading) for heading in SWEEP_HEADINGS]
     return headings + [
         Setting(matcher=matcher, speed=speed) for speed in SWEEP_SPEEDS if speed != Setting().speed
@@ -80,7 +80,7 @@ def sweep_settings(matcher: str) -> list[Setting]:
 
 
 def rival_setting() -> Setting:
-    """Return an area correlation in the paper's best case."""
+    """Return area correlation in the paper's best case."""
     return Setting(matcher=RIVAL)
 
 
@@ -140,7 +140,7 @@ class Plan:
         )
 
     def settings(self) -> list[Setting]:
-        """Return all settings, dear ones first, each once."""
+        """Return all settings, those that take longest first, each once."""
         wanted = [
             *table_settings(),
             *retrodiction_settings(),

@@ -24,7 +24,7 @@ class Snapshot:
     time: float
     """s since the start, last scan."""
     states: Array
-    """(I + 1, T, 2) m: where the navigator puts the scans, then after each iteration."""
+    """(I + 1, T, 2) m: the scans by the navigator, then after each iteration."""
     truth: Array
     """(T, 2) m."""
     candidates: Array
@@ -43,19 +43,20 @@ class Snapshot:
         return np.sqrt((np.diff(self.states, axis=0) ** 2).sum(axis=-1).mean(axis=-1))
 
 
-class Listener:
-    """A matcher that hands everything on to another one and keeps the batches."""
+class BatchRecorder:
+    """A matcher that passes everything on to another one and keeps the batches."""
 
     takes_channels = False
 
     def __init__(self, inner: PmhtPaper) -> None:
         self.inner = inner
         self.name, self.context = inner.name, inner.context
-        self.heard: list[tuple[Batch, Any]] = []
+        self.batches: list[tuple[Batch, Any]] = []
+        """Batches with the memory before each."""
 
     def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
         """Match (see `isogal.matching.interfaces.Matcher`)."""
-        self.heard.append((batch, memory))
+        self.batches.append((batch, memory))
         return self.inner.match(batch, field_map, memory)
 
 
@@ -68,10 +69,10 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
     scenario = scenario.model_copy(
         update={"route": scenario.route.model_copy(update={"duration": duration})}
     )
-    listener = Listener(PmhtPaper.from_settings(scenario.matcher))
-    simulate(scenario, [0], field_map, listener)
+    recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
+    simulate(scenario, [0], field_map, recorder)
     trajectory = build_trajectory(scenario)
-    snapshots = [_follow(batch, memory, field_map, trajectory) for batch, memory in listener.heard]
+    snapshots = [_follow(*recorded, field_map, trajectory) for recorded in recorder.batches]
     return [snapshot for snapshot in snapshots if snapshot is not None]
 
 

@@ -45,7 +45,7 @@ class ProfileExample:
 
 def profile_example(plan: Plan) -> ProfileExample:
     """Look readings up along the track; the example is the first place with three candidates, or
-    as near to that as there is."""
+    with a number as near to three as there is."""
     trajectory, field_map = build_trajectory(plan.scenario(Setting())), plan.field_map(Setting())
     offset = np.linspace(-_REACH, _REACH, 1601)
     centre = 0.3 * PROFILE_WINDOW
@@ -88,8 +88,8 @@ class WindowExample:
 
 
 def window_example(plan: Plan) -> WindowExample:
-    """Look a reading up a third along the track, around a prior that errs by some hundred
-    metres."""
+    """Look a reading up a third of the way along the track, about a prior that is some hundred
+    metres off."""
     trajectory = build_trajectory(plan.scenario(Setting()))
     place = len(trajectory) // 3
     latitude, longitude = float(trajectory.latitude[place]), float(trajectory.longitude[place])

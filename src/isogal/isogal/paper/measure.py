@@ -1,5 +1,5 @@
-"""From runs to what tables, figures and claims need; the runs themselves are let go, so that many
-cases fit into memory."""
+"""What is kept of the runs of a case for tables, figures and claims; the runs themselves are not,
+so that many cases fit into memory."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +27,7 @@ TRACKS = 10
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a case of R runs, at K instants."""
+    """Errors and figures of merit of a case of R runs, at K instants."""
 
     setting: Setting
     summary: dict[str, Any]
@@ -48,7 +48,7 @@ class Outcome:
 
     @classmethod
     def of(cls, setting: Setting, runs: Runs, plan: Plan) -> "Outcome":
-        """Reduce the runs of a case."""
+        """Compute them from the runs of a case."""
         scenario = plan.scenario(setting)
         bound = posterior_cramer_rao(
             scenario, build_trajectory(scenario), plan.field_map(setting)
@@ -87,8 +87,7 @@ class Outcome:
 
     @property
     def mean_uncertainty(self) -> float:
-        """1-sigma of the mean position error as an estimate from so many runs, m; NaN for a single
-        run."""
+        """Standard error of the mean position error, m; NaN for a single run."""
         count = len(self.run_means)
         return float(self.run_means.std(ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
 
@@ -106,8 +105,8 @@ class Outcome:
 
 
 def excluded_share(runs: Runs) -> float:
-    """Share of the batch ends that the navigator came to with the true place outside the window of
-    eq. s2-02 (a rectangle)."""
+    """Share of the batch ends at which the true place is outside the window of eq. s2-02 (a
+    rectangle) about the navigator's position before the fix."""
     options = PaperOptions()
     before = np.searchsorted(runs.time, runs.fix_time - 1e-6) - 1
     half = np.sqrt(options.gamma * np.diagonal(runs.covariance[:, before], axis1=-2, axis2=-1))
@@ -117,7 +116,7 @@ def excluded_share(runs: Runs) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Does the filter of the unaided navigator know the spread of its runs?"""
+    """RMS error of the unaided navigator, and what its filter's covariance says."""
 
     grade: str
     time: Array
@@ -148,7 +147,7 @@ def measure_spread(setting: Setting, runs: Runs) -> Spread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Tracks as known at the time and as known in the end."""
+    """Errors of tracks as output at the time and as revised by later batches."""
 
     setting: Setting
     time: Array
@@ -160,20 +159,20 @@ class Tracks:
 
 
 def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
-    """Follow a few runs with what retrodiction makes of their past."""
+    """Simulate a few runs, and collect the past states that retrodiction revises."""
     scenario, field_map = plan.scenario(setting), plan.field_map(setting)
     trajectory = build_trajectory(scenario)
     states = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
     runs = range(min(TRACKS, plan.runs))
     revised = np.full((len(runs), len(states), 2), np.nan)
 
-    def take_note(state: int, which: list[int], there: FilterState) -> None:
+    def keep(state: int, which: list[int], there: FilterState) -> None:
         truth = trajectory.latitude[states[state]], trajectory.longitude[states[state]]
         revised[which, state] = horizontal_difference(
             there.position[:, 0], there.position[:, 1], *truth
         )
 
-    record = simulate(scenario, runs, field_map, revised=take_note)
+    record = simulate(scenario, runs, field_map, revised=keep)
     revised = np.where(np.isnan(revised), record.error, revised)
     return Tracks(setting, record.elapsed, record.error, revised)
 
@@ -184,8 +183,8 @@ def roughness(error: Array) -> float:
 
 
 def drift_by_theory(plan: Plan, setting: Setting, time: float) -> float:
-    """RMS error (m) of the unaided INS after so many seconds, by its linear error model; NaN
-    beyond the end."""
+    """RMS error (m) of the unaided INS at a time (s), by its linear error model; NaN beyond the
+    end."""
     scenario = plan.scenario(setting)
     return float(
         unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([time]))[0]

@@ -49,7 +49,7 @@ def along_track(plan: Plan, quantity: str) -> AlongTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """Outcomes by setting, and what was measured besides."""
+    """Outcomes by setting, and other measurements."""
 
     plan: Plan
     outcomes: Mapping[Setting, Outcome]
@@ -75,7 +75,7 @@ class Results:
         return self.outcomes[Setting(quantity, sigma, batch_length, matcher)]
 
     def unaided(self, grade: str) -> Outcome:
-        """Return the inertial navigator left alone."""
+        """Return the outcome of the unaided navigator of a grade."""
         return self.outcomes[Setting(grade=grade, aided=False)]
 
     def snr(self, row: PublishedRow) -> float:

@@ -42,9 +42,9 @@ def reproduce(
     out : path
         Folder; finished runs are kept in its folder ``runs``.
     backend : Backend
-        Who computes.
+        Processes or machines that compute.
     display : Display
-        Who watches.
+        Shows the progress.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def reproduce(
 
 
 def measure(plan: Plan, cases: dict[Setting, Case], store: Store) -> Results:
-    """Reduce the runs in the store, one case at a time, and measure what needs no runs."""
+    """Evaluate the runs in the store, one case at a time, and measure what needs no runs."""
     outcomes, spreads = {}, []
     for setting, case in cases.items():
         runs = store.load(case)

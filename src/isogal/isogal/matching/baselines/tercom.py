@@ -54,7 +54,7 @@ class TercomOptions(BaseModel):
         0.05,
         ge=0.0,
         le=1.0,
-        description="share of likelihood far from the fix that is put up with",
+        description="share of likelihood far from the fix that is tolerated",
     )
     min_scans: int = Field(8, ge=3, description="readings that a fix needs")
 
