@@ -146,7 +146,7 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_attains_the_bound():
     assert bound.rms[-1] < 0.5 * 300.0 * np.sqrt(2.0)
 
 
-def test_without_a_gradient_nothing_is_learned_but_velocity():
+def test_a_map_without_gradient_tells_nothing():
     settings = scenario(route={"duration": 600.0}, gravimeter={"sigma": 1.0})
     trajectory = build_trajectory(settings)
     unaided = unaided_covariance(settings, trajectory)

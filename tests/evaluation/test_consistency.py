@@ -37,7 +37,7 @@ def test_nees_does_not_depend_on_the_axes_or_the_unit(scale, angle, seed):
     np.testing.assert_allclose(turned, nees_per_axis(error, COVARIANCE), rtol=1e-9)
 
 
-def test_what_is_not_known_is_nan_and_impossible_certainty_infinite():
+def test_nees_of_missing_values_and_of_indefinite_covariances():
     error = np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 2.0], [1.0, 2.0], [1.0, 0.0]])
     covariance = np.array(
         [np.eye(2), np.eye(2), np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.zeros((2, 2))]
@@ -54,7 +54,7 @@ def test_the_interval_is_the_chi_square_one():
         np.testing.assert_allclose((low, high), expected, rtol=1e-10)
 
 
-def test_the_interval_covers_as_often_as_it_says():
+def test_the_interval_has_its_probability():
     random = np.random.default_rng(3)
     low, high = chi_square_interval(50, confidence=0.9)
     means = nees_per_axis(draw(random, 4000, 50), COVARIANCE).mean(axis=1)
@@ -66,7 +66,7 @@ def test_the_interval_covers_as_often_as_it_says():
 @pytest.mark.parametrize(
     "bad", [{"samples": 0}, {"samples": 5, "axes": 0}, {"samples": 5, "confidence": 1.0}]
 )
-def test_a_senseless_interval_is_refused(bad):
+def test_impossible_arguments_of_an_interval_are_refused(bad):
     with pytest.raises(ValueError, match="samples > 0"):
         chi_square_interval(**bad)
 

@@ -52,7 +52,7 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
 
 
 @pytest.mark.parametrize("grade", ["precision", "quantum"])
-def test_the_unscented_filter_without_aiding_claims_the_same(grade):
+def test_the_unaided_filter_has_the_same_covariance(grade):
     settings = validate_scenario({"imu": {"grade": grade}, "route": {"duration": 3600.0}})
     trajectory = build_trajectory(settings)
     imu = simulate_imu(settings, trajectory, [0])
@@ -65,7 +65,7 @@ def test_the_unscented_filter_without_aiding_claims_the_same(grade):
 
 
 @pytest.mark.parametrize("state", range(STATES))
-def test_every_column_of_the_error_model_is_the_strapdowns(state):
+def test_error_model_equals_the_strapdown_column_by_column(state):
     """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where
     the linear model says."""
     points = [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]]

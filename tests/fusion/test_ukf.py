@@ -1,4 +1,4 @@
-"""The filter's kernels against filterpy (a whole prediction: tests/montecarlo/test_kernels.py)."""
+"""Parts of the compiled filter against filterpy (the whole: `test_reference.py`)."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Quaternions against scipy's rotations (rotation vectors: tests/montecarlo/test_kernels.py)."""
+"""Quaternions against scipy's rotations (rotation vectors: tests/fusion/test_against_numpy.py)."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_matrices_of_many_quaternions():
 
 
 @pytest.mark.parametrize("heading_deg", [-90.0, 0.0, 57.0, 180.0, 300.0])
-def test_heading_turns_the_nose_clockwise_from_north(heading_deg):
+def test_heading_is_clockwise_from_north(heading_deg):
     heading = np.radians(heading_deg)
     attitude = from_heading(heading)
     np.testing.assert_allclose(
@@ -78,7 +78,7 @@ def test_roll_pitch_and_heading_equal_scipy(roll, pitch, heading):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1999, 2 * np.arcsin(np.sqrt(SMALL)) - 1e-9, 3.14])
-def test_short_cuts_equal_the_general_functions(angle):
+def test_series_equal_the_general_functions(angle):
     axis = np.array([0.36, -0.48, 0.8])
     np.testing.assert_allclose(
         from_short_rotation_vector(*(axis * angle)),

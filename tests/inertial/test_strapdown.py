@@ -128,7 +128,7 @@ def test_free_height_is_unstable_with_the_published_time_constant():
     for _ in range(3):
         nav, _ = propagate(nav, force[:, :600], rate[:, :600], 1.0)
         heights.append(nav.position[0, 2])
-    # h'' = 2 g h / R from rest: cosh(t / 570 s) (SCIENCE 1; Titterton & Weston 2004, section 12.4)
+    # h'' = 2 g h / R from rest: cosh(t / 570 s) (Titterton & Weston 2004, section 12.4)
     np.testing.assert_allclose(
         heights, np.cosh(np.array([600.0, 1200.0, 1800.0]) / 570.0), rtol=0.03
     )
@@ -142,7 +142,7 @@ def test_known_height_is_followed():
     assert end.velocity[0, 2] == pytest.approx(-2.0)
 
 
-def test_start_is_left_alone_and_runs_do_not_touch_each_other():
+def test_start_is_unchanged_and_runs_are_independent():
     random = np.random.default_rng(2)
     runs = 5
     nav = NavState(

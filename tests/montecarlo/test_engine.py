@@ -1,5 +1,5 @@
-"""The closed loop: a run's numbers are its own, fixes help, and matchers are treated as the
-interface says."""
+"""The closed loop: runs are independent, fixes help, and matchers are called as their interface
+says."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -142,7 +142,7 @@ def test_without_fixes_the_navigator_only_predicts():
     assert (np.diff(trace) > 0.0).all()
 
 
-def test_position_fix_is_taken_by_its_covariance():
+def test_a_position_fix_is_weighted_by_its_covariance():
     it = scenario()
     runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, *truth_at(it, batch), 1.0)))
     assert np.hypot(*runs.posterior_error[0].T).max() < 3.0
@@ -152,7 +152,7 @@ def test_position_fix_is_taken_by_its_covariance():
     np.testing.assert_allclose(vague.error, vague.unaided_error, atol=0.5)
 
 
-def test_information_goes_before_position():
+def test_information_is_used_instead_of_the_position():
     """A fix with information is used by that, wherever its position says it is."""
     it = scenario(duration=150.0)
     M = np.diag([1.0, 1.0, 0.0, 0.0]) / 10.0**2
@@ -178,7 +178,7 @@ def test_a_reset_widens_even_without_a_fix():
     np.testing.assert_allclose(runs.error, runs.unaided_error, atol=20.0)
 
 
-def test_batches_come_as_the_matcher_wants_them():
+def test_batches_have_the_matchers_stride_and_context():
     it = scenario(stride=5)
     scripted = Scripted(lambda batch: declined(batch, "nothing"), context=8)
     simulate(it, [0], MAP, scripted)
@@ -196,7 +196,7 @@ def test_each_run_has_its_own_memory_and_batches():
     assert (scripted.batches[0].reading != scripted.batches[1].reading).all()
 
 
-def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
+def test_a_correction_is_carried_back_to_earlier_scans():
     """After a perfect fix the older scans of the next, overlapping batch lie near the true track,
     and where the filter now says."""
     it = scenario(stride=5)
@@ -219,7 +219,7 @@ def test_what_a_fix_corrects_is_carried_back_to_the_scans_kept():
     assert after.max() < 0.1 * before.min()
 
 
-def test_retrodiction_tells_of_the_past_states_it_corrects():
+def test_retrodiction_reports_the_past_states_it_corrects():
     it = scenario(duration=300.0, mode="retrodiction")
     told = []
     runs = simulate(

@@ -48,7 +48,7 @@ def test_normal_gradient_is_the_derivative_of_normal_gravity(degrees):
     np.testing.assert_array_equal(gradient, gradient.T)
 
 
-def test_a_reduction_undoes_what_is_felt_and_hardly_needs_the_navigator():
+def test_reduction_is_the_inverse_of_the_measurement():
     reduction = GradientReduction()
     at = State(np.full(3, -0.65), 2.5, 200.0, 15.0, 15.0)
     value = 50.0 * EOTVOS * np.arange(18.0).reshape(3, 6)
@@ -81,7 +81,7 @@ def test_noise_has_its_covariance():
     assert reading_sigma(scenario("gradiometer.sigma_eotvos=3")) == pytest.approx(3e-9)
 
 
-def test_an_outlier_is_one_in_all_components():
+def test_all_components_of_an_outlier_are_outliers():
     it = scenario("gravimeter.outlier_fraction=0.1", "gravimeter.outlier_sigma=1000")
     large = np.abs(draw_noise(it, 0, 4000)) > 20.0 * EOTVOS
     assert 0.05 < large.any(axis=1).mean() < 0.15
@@ -116,7 +116,7 @@ def test_each_channel_has_a_map_error_of_its_own():
     assert np.mean(errors[:, 1:] * errors[:, :-1]) > 0.8 * 25e-18
 
 
-def test_a_map_of_something_else_is_not_felt():
+def test_a_map_of_another_quantity_is_refused():
     it = vehicle()
     with pytest.raises(InputError, match="a gradiometer does not feel disturbance; give gradient"):
         ReadingSimulator(it, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
@@ -159,14 +159,14 @@ def test_a_map_of_something_else_is_not_felt():
         ),
     ],
 )
-def test_what_a_scenario_may_not_say(override, words):
+def test_wrong_settings_are_refused(override, words):
     with pytest.raises(InputError) as error:
         scenario(override)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_a_gravimeters_sigma_says_nothing():
+def test_the_gravimeters_sigma_does_not_matter():
     with pytest.raises(
         InputError,
         match=r"sigma: says nothing where field is gradient, .* in the section gradiometer",

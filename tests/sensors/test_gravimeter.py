@@ -1,4 +1,4 @@
-"""What the gravimeter feels, its reductions and their derivatives."""
+"""Measured gravity, its reductions and their derivatives."""
 
 import numpy as np
 import pytest
@@ -23,16 +23,16 @@ speeds = st.floats(-100.0, 100.0)
 
 
 @given(st.floats(9.7, 9.9), latitudes, st.floats(0.0, 9e3), speeds, speeds)
-def test_reductions_with_the_true_state_undo_what_is_felt(gravity, latitude, height, north, east):
+def test_reductions_with_the_true_state_are_exact(gravity, latitude, height, north, east):
     felt = felt_gravity(gravity, latitude, height, north, east)
     assert reduce_gravity(felt, latitude, height, north, east) == pytest.approx(gravity, abs=1e-14)
     disturbance = reduce_disturbance(felt, latitude, height, north, east)
     assert disturbance == pytest.approx(gravity - normal_gravity(latitude), abs=1e-14)
 
 
-def test_felt_gravity_in_numbers():
-    # SCIENCE 1: 31 mGal less 100 m up; about 220 mGal less on the default course, as going east
-    # lightens
+def test_felt_gravity():
+    # 31 mGal less at 100 m (free air); about 220 mGal less on the default course, as motion to the
+    # east reduces gravity (Eötvös)
     still = felt_gravity(9.8, -0.64, 100.0, 0.0, 0.0)
     assert (still - 9.8) / 1e-5 == pytest.approx(-30.86)
     course = np.radians(57.0)

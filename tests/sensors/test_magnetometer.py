@@ -25,7 +25,7 @@ def test_the_coefficients_of_2020_give_the_dipole_at_the_equator():
     assert (np.abs(field / dipole - 1.0) < 0.45).all()
 
 
-def test_interpolation_is_as_good_as_the_model(main_field):
+def test_interpolation_agrees_with_the_model(main_field):
     random = np.random.default_rng(1)
     latitude, longitude = random.uniform(54.0, 58.0, 300), random.uniform(-7.0, -1.0, 300)
     exact = intensity(latitude, longitude, 300.0, 2025.0)
@@ -34,7 +34,7 @@ def test_interpolation_is_as_good_as_the_model(main_field):
     )
 
 
-def test_it_falls_with_height(main_field):
+def test_the_main_field_decreases_with_height(main_field):
     for height in (-700.0, 100.0, 2300.0):
         there = main_field.value(np.radians(56.0), np.radians(-4.0), height)
         assert there == pytest.approx(float(intensity(56.0, -4.0, height, 2025.0)), abs=0.05)
@@ -44,7 +44,7 @@ def test_it_falls_with_height(main_field):
     )  # a dipole falls as the third power
 
 
-def test_years_change_it_by_tens_of_nanotesla():
+def test_the_main_field_changes_with_the_year():
     a, b = (float(intensity(56.0, -4.0, 0.0, year)) for year in (2024.0, 2025.0))
     assert 10.0 < abs(b - a) < 100.0
     between = float(intensity(56.0, -4.0, 0.0, 2024.5))
@@ -67,7 +67,7 @@ def test_anywhere_on_earth(latitude, longitude):
     np.testing.assert_allclose(field.value(latitude, longitude, 0.0), exact, atol=0.1)
 
 
-def test_the_anomaly_is_what_the_model_leaves(main_field):
+def test_the_anomaly_is_the_field_less_the_model(main_field):
     reduction = MagneticReduction(main_field)
     at = State(np.radians(56.0), np.radians(-4.0), 300.0, 30.0, 0.0)
     total = float(intensity(56.0, -4.0, 300.0, 2025.0)) + 123.0

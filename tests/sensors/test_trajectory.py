@@ -29,9 +29,8 @@ def headings(trajectory):
 def test_default_route_is_that_of_the_paper():
     trajectory = route(height=0.0)
     speed = np.linalg.norm(trajectory.velocity, axis=1)
-    assert trajectory.time[-1] == pytest.approx(
-        7.5 * 3600.0, rel=1e-3
-    )  # SCIENCE 1: 594.5 km, 7.5 h
+    # 594.5 km, 7.5 h (docs/mathematics.md, section 3.8)
+    assert trajectory.time[-1] == pytest.approx(7.5 * 3600.0, rel=1e-3)
     assert (speed * trajectory.dt)[1:].sum() == pytest.approx(594.5e3, rel=1e-3)
     np.testing.assert_allclose(speed, 22.0, rtol=1e-14)
     assert np.ptp(headings(trajectory)) == 0.0
@@ -41,7 +40,7 @@ def test_default_route_is_that_of_the_paper():
     assert np.hypot(*missed) < 22.0
 
 
-def test_rhumb_azimuth_on_a_sphere_like_case():
+def test_rhumb_azimuth():
     assert rhumb_azimuth(0.1, 3.1, 0.1, -3.1) == pytest.approx(
         np.pi / 2
     )  # along a parallel, across the date line
@@ -65,8 +64,15 @@ def test_geodesic_is_the_shortest_line():
     np.testing.assert_allclose(distance, 22.0 * trajectory.time[1:], atol=1e-3)
 
 
-@pytest.mark.parametrize("keys", [{"duration": 2000.0}, {"duration": 2000.0, "line": "geodesic", "speed": 250.0}, {"waypoints": CORNERS}],
-                         ids=["rhumb", "fast geodesic", "corners"])  # fmt: skip
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"duration": 2000.0},
+        {"duration": 2000.0, "line": "geodesic", "speed": 250.0},
+        {"waypoints": CORNERS},
+    ],
+    ids=["rhumb", "fast geodesic", "corners"],
+)
 def test_imu_is_newtons_law_in_inertial_space(keys):
     """Second differences of the position in inertial space are gravitation plus specific force,
     means over both intervals."""
@@ -144,10 +150,17 @@ def test_route_across_the_date_line():
     assert trajectory.time[-1] == pytest.approx(22.6e3 / 22.0, rel=0.01)
 
 
-@pytest.mark.parametrize(("keys", "message"), [
-    ({"duration": 1e5}, r"route\.duration: the route ends after 27\d\d\d s, duration asks for 100000 s; shorten"),
-    ({"duration": 1.0}, "route: must last at least two IMU samples"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (
+            {"duration": 1e5},
+            r"route\.duration: the route ends after 27\d\d\d s, duration asks for 100000 s;"
+            " shorten",
+        ),
+        ({"duration": 1.0}, "route: must last at least two IMU samples"),
+    ],
+)
 def test_routes_that_cannot_be_driven(keys, message):
     with pytest.raises(InputError, match=message):
         route(**keys)
@@ -168,7 +181,7 @@ CLOSE = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.9, 144.603, 22.0))
 @pytest.mark.parametrize(
     ("points", "turn_rate"), [(CLOSE, 0.02), ((*CLOSE[:2], (-37.95, 144.65, 22.0)), 0.001)]
 )
-def test_a_point_inside_the_turning_circle_is_not_circled_for_ever(points, turn_rate):
+def test_a_point_inside_the_turning_circle_is_reached(points, turn_rate):
     trajectory = route(waypoints=points, turn_rate=turn_rate)
     away = horizontal_difference(
         trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(points[-1][:2])

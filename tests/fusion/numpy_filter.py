@@ -1,5 +1,5 @@
-"""The hot kernels once more, in plain NumPy: vectors, rotation matrices and `numpy.linalg`, as in
-the books and not as in the kernels."""
+"""Strapdown and filter in plain NumPy, with vectors, rotation matrices and `numpy.linalg`: written
+after the books, not after the compiled functions."""
 
 from dataclasses import dataclass
 
