@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.interfaces import Information
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 
@@ -45,7 +46,7 @@ def peek_numbers_ns(serialised: bytes) -> int:
 
 
 def read_nav_covariance(message: Any) -> Array:
-    """Return the covariance of `isogal.matching.batching`'s error states: (7, 7), or (4, 4)
+    """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
     without the attitude.
 
     Raises
@@ -55,7 +56,7 @@ def read_nav_covariance(message: Any) -> Array:
     """
     values = np.array(message.data)
     size = math.isqrt(max(len(values) - 2, 0))
-    if size not in (4, 7) or len(values) != size * size + 2:
+    if size not in (HORIZONTAL_STATES, BATCH_STATES) or len(values) != size * size + 2:
         raise BadMessageError(
             f"must hold a stamp and a 7 x 7 or 4 x 4 covariance, holds {len(values)} numbers"
         )
@@ -81,7 +82,8 @@ def read_information(message: Any) -> tuple[bool, Information | None]:
         The number of numbers is another, or they are not finite.
     """
     values = np.array(message.data)
-    size = {3: 0, 23: 4, 59: 7}.get(len(values))
+    sizes = {3 + n + n * n: n for n in (0, HORIZONTAL_STATES, BATCH_STATES)}
+    size = sizes.get(len(values))
     if size is None:
         raise BadMessageError(
             "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7"
