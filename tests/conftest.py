@@ -5,7 +5,9 @@ from pathlib import Path
 
 from isogal.threads import one_thread
 
-one_thread()  # as Isogal's own programs: two test processes on two cores would fight for them; before NumPy is loaded
+# As Isogal's own programs: two test processes on two cores would fight for them. Before NumPy is
+# loaded.
+one_thread()
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402

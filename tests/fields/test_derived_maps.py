@@ -29,8 +29,9 @@ def disturbance(tmp_path_factory):
 def scenario(path, *more):
     return load_scenario(
         None,
-        ["field=gradient", f"map.source={path}", "route.start=[-36.55, 146.95]", "route.end=[-36.4, 147.1]",
-         "route.duration=600", "gradiometer.components=[nd,ee]", *more],
+        ["field=gradient", f"map.source={path}", "route.start=[-36.55, 146.95]",
+         "route.end=[-36.4, 147.1]", "route.duration=600", "gradiometer.components=[nd,ee]",
+         *more],
     )  # fmt: skip
 
 

@@ -123,7 +123,8 @@ def test_a_run_reads_the_same_alone_and_among_others():
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"route": Route(start=(-30.0, 147.0), end=(-30.0, 148.0), duration=100.0)},
-     r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg \(10 s after the start\)"),
+     r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg "
+     r"\(10 s after the start\)"),
     ({}, "a gravimeter does not feel magnetic_anomaly; give gravity or disturbance"),
 ])  # fmt: skip
 def test_maps_that_cannot_be_used(change, message):

@@ -1,9 +1,10 @@
 """Runs whose results are kept, so that a change that must not change any result can be seen to
 have changed none.
 
-    PYTHONPATH=tests python -m helpers.reference_runs write FILE.npz       every number, for a comparison on one machine
-    PYTHONPATH=tests python -m helpers.reference_runs compare FILE.npz     the largest difference of each case, m
-    PYTHONPATH=tests python -m helpers.reference_runs keep                 tests/regression/results.json, for the test
+    export PYTHONPATH=tests
+    python -m helpers.reference_runs write FILE.npz      every number, to compare on one machine
+    python -m helpers.reference_runs compare FILE.npz    the largest difference of each case, m
+    python -m helpers.reference_runs keep                tests/regression/results.json, for a test
 
 An hour of one run each, on maps that are made up here. What is compared: the navigator's error and
 its 1-sigma at every scan, the fixes, their errors and 1-sigmas; m."""
@@ -44,18 +45,24 @@ _TOLD = [*_WRONG, "matcher.map_sigma=3e-5"]
 MATCHERS = ("pmht", "pmht-paper", "tercom", "iccp", "sitan", "particle", "point-mass", "viterbi")
 ENGINE: dict[str, list[str]] = (
     {name: [*_HOUR, f"matcher.name={name}"] for name in MATCHERS}
-    | {f"{name} retrodiction": [*_HOUR, f"matcher.name={name}", "matcher.mode=retrodiction"] for name in MATCHERS}
+    | {
+        f"{name} retrodiction": [*_HOUR, f"matcher.name={name}", "matcher.mode=retrodiction"]
+        for name in MATCHERS
+    }
     | {
         "disturbance": [*_HOUR, "gravimeter.quantity=disturbance", "gravimeter.sigma=1e-6"],
         "noisy": [*_HOUR, "gravimeter.sigma=2e-4"],
         "3 mGal": [*_HOUR, *_TOLD],
         "8 mGal, T 15": [
-            *_HOUR, "gravimeter.quantity=disturbance", "gravimeter.sigma=1e-6", "map_error.sigma=8e-5",
-            "matcher.map_sigma=8e-5", "matcher.batch_length=15",
+            *_HOUR, "gravimeter.quantity=disturbance", "gravimeter.sigma=1e-6",
+            "map_error.sigma=8e-5", "matcher.map_sigma=8e-5", "matcher.batch_length=15",
         ],
         "stride 5": [*_HOUR, *_TOLD, "matcher.stride=5"],
         "auto": [*_HOUR, *_WRONG, "matcher.map_sigma=auto"],
-        "bias": [*_HOUR, *_TOLD, "gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9", "matcher.bias_sigma=5e-5"],
+        "bias": [
+            *_HOUR, *_TOLD, "gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9",
+            "matcher.bias_sigma=5e-5",
+        ],
         "bias untold": [*_HOUR, "gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"],
         "outliers": [*_HOUR, "gravimeter.outlier_fraction=0.05"],
         "wide start": [*_HOUR, "initial_error.position=10000"],
@@ -65,7 +72,8 @@ ENGINE: dict[str, list[str]] = (
         "gradient": [*_HOUR, "field=gradient"],
         "turns": [
             *_HOUR,
-            "route.waypoints=[[-37.9, 144.8, 22], [-37.75, 145.0, 18], [-37.8, 145.3, 25], [-37.4, 145.5, 22]]",
+            "route.waypoints=[[-37.9, 144.8, 22], [-37.75, 145.0, 18], [-37.8, 145.3, 25], "
+            "[-37.4, 145.5, 22]]",
         ],
     }
 )  # fmt: skip

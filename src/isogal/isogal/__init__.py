@@ -4,7 +4,8 @@ Conventions of the whole package, stated once:
 
 Frames
     n     navigation frame: north, east, down (NED) at the vehicle.
-    b     body frame: x forward, y right, z down. (ROS messages use x forward, y left, z up; the nodes convert.)
+    b     body frame: x forward, y right, z down. (ROS messages use x forward, y left, z up; the
+          nodes convert.)
     e     Earth-centred Earth-fixed, GRS80.
     Attitude is the quaternion (w, x, y, z) that turns body vectors into n.
 Units

@@ -64,6 +64,14 @@ def test_errors_are_small_and_agree_with_the_covariance(rough_map, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_a_prior_much_wider_than_the_map_is_no_error(rough_map, name):
+    # of the point-mass grid's first nodes only a few lie on the map
+    batch, _ = make_batch(rough_map, DRIFT, prior_sigma=(3e5, 0.05))
+    fix, _ = build(name).match(batch, rough_map, None)
+    assert not fix.published or np.isfinite(fix.covariance).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_same_batch_same_fix_and_memory_untouched(rough_map, name):
     batch, _ = make_batch(rough_map, DRIFT)
     one, memory = build(name).match(batch, rough_map, None)

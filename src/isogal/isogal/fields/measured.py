@@ -101,13 +101,18 @@ _GRADIENT = Channels(
 FIELDS = {
     field.name: field
     for field in (
-        MeasuredField("gravity", "gravimeter", "gravity", "m/s²", 0.0, 1.0, lambda scenario: GravityReduction()),
         MeasuredField(
-            "disturbance", "gravimeter", "disturbance", "m/s²", 0.0, 1.0, lambda scenario: DisturbanceReduction()
+            "gravity", "gravimeter", "gravity", "m/s²", 0.0, 1.0,
+            lambda scenario: GravityReduction(),
+        ),
+        MeasuredField(
+            "disturbance", "gravimeter", "disturbance", "m/s²", 0.0, 1.0,
+            lambda scenario: DisturbanceReduction(),
         ),
         MeasuredField("magnetic", "magnetometer", "magnetic_anomaly", "nT", 1e-4, 1.0, _magnetic),
         MeasuredField(
-            "terrain", "altimeter", "height", "m", 1e-4, -1.0, lambda scenario: TerrainReduction(scenario.altimeter)
+            "terrain", "altimeter", "height", "m", 1e-4, -1.0,
+            lambda scenario: TerrainReduction(scenario.altimeter),
         ),
         MeasuredField(
             "gradient", "gradiometer", "gradient", "1/s²", 0.0, 1.0,

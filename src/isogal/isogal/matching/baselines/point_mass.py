@@ -98,8 +98,12 @@ def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Arra
     """Return the largest power beta <= 1 of the likelihood that leaves so many effective nodes,
     and the weights there."""
 
+    # a node off the map stays off it at beta = 0, which fewer nodes on it than `support` end with
+    on_map = np.isfinite(likelihood)
+    log_likelihood = np.where(on_map, likelihood, 0.0)
+
     def weigh(beta: float) -> Array:
-        log = base + beta * np.where(np.isfinite(likelihood), likelihood, -np.inf)
+        log = np.where(on_map, base + beta * log_likelihood, -np.inf)
         weight = np.exp(log - log.max())
         return weight / weight.sum()
 
