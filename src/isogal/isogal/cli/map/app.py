@@ -2,6 +2,7 @@
 
 import typer
 
+from isogal.cli.map.continuation import continue_
 from isogal.cli.map.convert import convert
 from isogal.cli.map.fetch import fetch
 from isogal.cli.map.info import info
@@ -13,3 +14,4 @@ app = typer.Typer(
 )
 for _command in (info, variability, synth, fetch, convert):
     app.command()(_command)
+app.command("continue")(continue_)

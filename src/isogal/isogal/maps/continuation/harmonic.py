@@ -28,7 +28,7 @@ FADING = (
 """Quantities that are taken to be zero far beyond the map."""
 OFFSET = ("bouguer_disturbance", "bouguer_anomaly")
 """Quantities whose level is a matter of their reduction: taken to have the map's mean there."""
-TAPER = 50_000.0
+TAPER = 20_000.0
 """m over which the continuation beyond the map fades out; measured, see docs/maps.md."""
 EDGE = 5.0
 """Rim that is left out unless said otherwise, in heights of continuation."""
