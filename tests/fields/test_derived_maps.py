@@ -10,6 +10,7 @@ from isogal.errors import InputError
 from isogal.fields import derived_maps as derived
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.source_map import source_map
+from isogal.maps.corridor import corridor_of
 from isogal.maps.formats.netcdf import write_netcdf
 from isogal.maps.gradients import tensor_maps
 from isogal.maps.load import load_map
@@ -52,7 +53,8 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
         [one.sigma for one in expected.channels], rel=1e-3
     )
     assert maps.channels[0].sigma > 0.0
-    assert source_map(it).quantity == "disturbance"
+    window = corridor_of(route.latitude, route.longitude).window
+    assert source_map(it, window).quantity == "disturbance"
 
 
 def test_another_process_computes_what_this_one_would(disturbance, monkeypatch):

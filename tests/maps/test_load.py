@@ -5,7 +5,8 @@ import pytest
 
 from isogal.errors import InputError
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.maps.load import check_coverage, load_map, route_window
+from isogal.maps.corridor import corridor_of
+from isogal.maps.load import check_coverage, load_map
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -34,7 +35,7 @@ def test_variable_by_quantity(shared_data, quantity, variable):
 def test_margin(shared_data):
     chosen = scenario(shared_data)
     trajectory = build_trajectory(chosen)
-    found = route_window(trajectory.latitude, trajectory.longitude, 10_000.0)
+    found = corridor_of(trajectory.latitude, trajectory.longitude, 10_000.0).window
     assert (trajectory.latitude.min() - found.south) * 6.371e6 == pytest.approx(10_000.0)
     assert (found.east - trajectory.longitude.max()) * 6.371e6 * np.cos(
         found.south

@@ -12,7 +12,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.magnetometer import intensity
-from isogal.tracks.track import fit_to_map, track_window
+from isogal.tracks.track import fit_to_map
 
 DISTURBANCE = field_of("disturbance")
 
@@ -149,8 +149,3 @@ def test_jacobian_of_the_reduction_with_the_main_field():
         )  # nT/m
     assert np.abs(jacobian[:, 0]).min() > 1e-3
     assert not jacobian[:, 2:].any()
-
-
-def test_window_crosses_the_date_line():
-    window = track_window(np.radians([10.0, 10.0]), np.radians([179.9, -179.9]), 1000.0)
-    assert window.east - window.west < 0.01

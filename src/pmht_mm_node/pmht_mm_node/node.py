@@ -95,7 +95,8 @@ class PmhtMmNode(GraphNode):
         batch = self._builder.build(nav.covariance)
         begun = time.perf_counter()
         try:
-            fix, self._memory = self._matcher.match(batch, self._map, self._memory)
+            near = self._map.near(batch.latitude, batch.longitude)
+            fix, self._memory = self._matcher.match(batch, near, self._memory)
         except Exception as error:
             reason = f"the matcher failed: {type(error).__name__}: {error}"
             self.get_logger().error(reason)

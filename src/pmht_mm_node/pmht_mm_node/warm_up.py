@@ -4,7 +4,7 @@ starts to wait for answers."""
 import numpy as np
 
 from isogal.fields.measured import measured_field, reading_sigma
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Matcher
 from isogal.scenario import Scenario
@@ -12,7 +12,9 @@ from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import build_trajectory
 
 
-def warm_up(matcher: Matcher, field_map: AnyMap, scenario: Scenario, reduction: Reduction) -> None:
+def warm_up(
+    matcher: Matcher, field_map: RouteMap, scenario: Scenario, reduction: Reduction
+) -> None:
     """Match a made-up batch at the start of the route; the result is thrown away."""
     trajectory = build_trajectory(scenario)
     settings = scenario.matcher
@@ -31,4 +33,5 @@ def warm_up(matcher: Matcher, field_map: AnyMap, scenario: Scenario, reduction: 
             scenario.gravimeter.sigma,
         )
     sigma = np.array([100.0, 100.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4])
-    matcher.match(builder.build(np.diag(sigma**2)), field_map, None)
+    batch = builder.build(np.diag(sigma**2))
+    matcher.match(batch, field_map.near(batch.latitude, batch.longitude), None)

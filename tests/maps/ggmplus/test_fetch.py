@@ -14,9 +14,9 @@ import pytest
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.cache import locked
+from isogal.maps.corridor import corridor_of
 from isogal.maps.ggmplus.download import Patience
 from isogal.maps.ggmplus.fetch import REGISTRY, fetch_tiles, read_registry, tiles_for
-from isogal.maps.load import route_window
 
 CELLS = 100  # tiles of 20 kB instead of 12.5 MB
 NAME = "S40E145.dg"
@@ -266,10 +266,10 @@ def test_a_broken_registry_is_named(mirror, tmp_path):
 
 def test_tiles_of_the_default_route():
     lat, lon = np.radians([-38.0, -35.0]), np.radians([144.5, 150.0])
-    assert tiles_for(route_window(lat, lon, 25_000.0), ["ga"]) == [
+    assert tiles_for(corridor_of(lat, lon), ["ga"]) == [
         f"{name}.ga" for name in ("S40E140", "S40E145", "S40E150", "S35E145", "S35E150")
     ]
-    long_way = route_window(np.radians([-39.0, -21.0]), np.radians([141.0, 154.0]))
-    assert len(tiles_for(long_way, ["dg"])) < len(tiles_for(long_way._replace(track=None), ["dg"]))
+    long_way = corridor_of(np.radians([-39.0, -21.0]), np.radians([141.0, 154.0]))
+    assert len(tiles_for(long_way, ["dg"])) < len(tiles_for(long_way.window, ["dg"]))
     with pytest.raises(InputError, match="--variable zz"):
         tiles_for(Window(0.0, 0.1, 0.0, 0.1), ["zz"])

@@ -1,19 +1,11 @@
-"""GGMplus tiles: layout, joints, missing tiles, no-data, memory."""
-
-import json
-import pickle
-import subprocess
-import sys
-from dataclasses import replace
-from pathlib import Path
+"""GGMplus tiles: layout, joints, missing tiles, no-data."""
 
 import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal.evaluation.figures.style import field_scale
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.maps.axes import Track, Window
+from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus.folder import (
     CELLS,
@@ -24,9 +16,7 @@ from isogal.maps.ggmplus.folder import (
     tiles_of,
     write_ggmplus,
 )
-from isogal.maps.load import load_map, route_window
-from isogal.maps.sparse import row_spans, strip_grid
-from isogal.montecarlo.chunks import map_digest
+from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
 
 
@@ -188,145 +178,3 @@ def test_a_scenario_names_the_folder(folder):
         ]
     )
     assert map_for_scenario(scenario).quantity == "disturbance"
-
-
-def test_a_strip_is_the_window_where_it_has_values(folder, monkeypatch):
-    lat, lon = (
-        np.radians(np.linspace(-38.0, -37.0, 500)),
-        np.radians(np.linspace(144.5, 146.5, 500)),
-    )
-    around = route_window(lat, lon, 5_000.0)
-    whole = read_ggmplus(folder, "dg", around._replace(track=None))
-    monkeypatch.setattr("isogal.maps.ggmplus.folder.DENSE_BYTES", 0)
-    strip = read_ggmplus(folder, "dg", around)
-    filled = np.isfinite(strip.values)
-    np.testing.assert_array_equal(strip.values[filled], whole.values[filled])
-    assert 0.02 < filled.mean() < 0.3
-    for north, east in ((4900.0, 0.0), (-4900.0, 0.0), (0.0, 4900.0), (3400.0, -3400.0)):
-        assert strip.covers(lat + north / 6.371e6, lon + east / 5.1e6).all()
-
-
-def test_a_strip_takes_no_memory_beside_it():
-    lat, lon = np.radians(0.002 * np.arange(4000)), np.radians(0.002 * np.arange(4000))
-    spans = row_spans(Track(lat[[100, -100]], lon[[100, -100]], 10_000.0), lat, lon)
-    before = resident()
-    grid = strip_grid(4000, 4000, spans)
-    assert resident() - before < 0.3 * grid.nbytes / 1024
-    for row in (0, 99, 2000, 3999):
-        assert np.isnan(grid[row]).all()
-    grid[2000, spans[2000, 0] : spans[2000, 1]] = 1.0
-    assert np.nansum(grid[2000]) == spans[2000, 1] - spans[2000, 0]
-
-
-def resident() -> float:
-    """Resident memory of this process, KiB."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return float(next(line for line in lines if line.startswith("VmRSS")).split()[1])
-
-
-MEASURE = """
-import json, resource, sys
-import numpy as np
-from isogal.maps.field_map import FieldMap
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.scenario import load_scenario
-from isogal.sensors.trajectory import build_trajectory
-
-def most():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-scenario = load_scenario(overrides=sys.argv[1:])
-route = build_trajectory(scenario)
-axis = 1e-3 * np.arange(9)
-tiny = FieldMap(route.latitude[0] + axis, route.longitude[0] + axis, np.ones((9, 9)), "m", "height")
-tiny.value_and_gradient(route.latitude, route.longitude)
-tiny.covers(route.latitude, route.longitude)
-before = most()
-field = map_for_scenario(scenario, route)
-value, north, east = field.value_and_gradient(route.latitude, route.longitude)
-assert (abs(value - 9.8) < 0.01).all()
-print(json.dumps([most() - before, field.values.size]))
-"""
-
-
-@pytest.fixture(scope="module")
-def four_tiles(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("four")
-    for name in ("S40E140.ga", "S40E145.ga", "S35E140.ga", "S35E145.ga"):
-        np.full(CELLS * CELLS, 9_800_000, ">i4").tofile(folder / name)
-    return folder
-
-
-@pytest.mark.parametrize(
-    "start,end,cells",
-    [
-        (
-            "[-37.5,142.5]",
-            "[-32.5,147.5]",
-            6_000_000,
-        ),  # from the middle of one tile to the middle of the opposite one
-        ("[-39.7,140.3]", "[-30.3,149.7]", 18_000_000),  # from corner to corner
-    ],
-)
-def test_a_route_over_four_full_tiles_takes_under_60_mb(four_tiles, start, end, cells):
-    """The most that the process ever takes, with the map less before it (issue 5)."""
-    route = [f"route.start={start}", f"route.end={end}", "route.speed=100", "route.duration=null"]
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURE, f"map.source={four_tiles}", *route],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=200,
-    )
-    megabytes, size = json.loads(done.stdout)
-    assert size > cells
-    assert megabytes < 60.0
-
-
-@pytest.fixture
-def strip(four_tiles):
-    """A map along a route over four tiles, its route."""
-    route = [
-        f"route.{key}"
-        for key in ("start=[-37.5,142.5]", "end=[-32.5,147.5]", "speed=100", "duration=null")
-    ]
-    field_map = map_for_scenario(load_scenario(overrides=[f"map.source={four_tiles}", *route]))
-    assert field_map.strip is not None
-    return field_map
-
-
-def test_a_strip_is_sent_without_its_empty_part(strip):
-    sent = pickle.dumps(strip)
-    assert len(sent) < 0.4 * strip.values.nbytes
-    before = resident()
-    got = pickle.loads(sent)
-    assert resident() - before < 0.5 * strip.values.nbytes / 1024
-    np.testing.assert_array_equal(got.values, strip.values)
-    np.testing.assert_array_equal(got.strip, strip.strip)
-    assert map_digest(got) == map_digest(strip)
-
-
-def test_a_strip_has_its_key_by_its_numbers(strip):
-    values = strip.values.copy()
-    row = values.shape[0] // 2
-    values[row, strip.strip[row, 0] + 5] += 1e-5
-    assert map_digest(replace(strip, values=values)) != map_digest(strip)
-    shifted = replace(strip, longitude=strip.longitude + 1e-6)
-    assert map_digest(shifted) != map_digest(strip)
-
-
-def test_key_scale_and_thinned_view_leave_the_empty_part_alone(strip):
-    before = resident()
-    map_digest(strip)
-    field_scale(strip)
-    thin = strip.thinned(3, 5)
-    assert resident() - before < 0.3 * strip.values.nbytes / 1024
-    np.testing.assert_array_equal(thin.values, strip.values[::3, ::5])
-    np.testing.assert_array_equal(thin.longitude, strip.longitude[::5])
-
-
-def test_a_window_of_a_strip_is_whole(strip):
-    middle = float(strip.latitude.mean()), float(strip.longitude.mean())
-    part = strip.window(middle[0] - 0.01, middle[0] + 0.01, middle[1] - 0.01, middle[1] + 0.01)
-    assert part.strip is None
-    assert np.isfinite(part.value(*middle))

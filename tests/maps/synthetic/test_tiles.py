@@ -9,11 +9,12 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
+from isogal.maps.corridor import corridor_of
 from isogal.maps.formats.netcdf import read_netcdf
-from isogal.maps.load import route_window
 from isogal.maps.synthetic import tiles as synthetic
 from isogal.maps.synthetic.lattice_noise import RMS, sum_of_octaves
-from isogal.maps.synthetic.tiles import VERSION, synthetic_map
+from isogal.maps.synthetic.synthetic_map import synthetic_map
+from isogal.maps.synthetic.tiles import VERSION
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -127,8 +128,8 @@ def test_the_default_route_is_like_the_real_terrain(shared_data):
     """RMS of the disturbance and of its gradient along the default route; tolerances 10 %."""
     trajectory = build_trajectory(load_scenario())
     at = trajectory.latitude[::5], trajectory.longitude[::5]
-    real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", route_window(*at))
-    made = synthetic_map("disturbance", route_window(*at, 3000.0))
+    real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", corridor_of(*at).window)
+    made = synthetic_map("disturbance", corridor_of(*at, 3000.0).window)
 
     def gradient_rms(field_map):
         _, north, east = field_map.value_and_gradient(*at)

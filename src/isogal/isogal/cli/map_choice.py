@@ -10,7 +10,9 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.axes import Window
+    from isogal.maps.corridor import Corridor
     from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 MAP = "Map"
 """Heading of the options that say what the map is."""
@@ -86,7 +88,32 @@ class MapChoice:
             There is no such map, or it cannot be read.
         """
         if self.is_synthetic:
-            return self._synthetic(window, measured)
+            if window is None:
+                raise InputError(
+                    "the synthetic map has no end: give --window, --route or --scenario"
+                )
+            return make_synthetic(self._synthetic_quantity(measured), window)
+        return self._read(window=window)
+
+    def load_along(self, corridor: "Corridor", measured: str = "gravity") -> "ScalarMap":
+        """Read the map along a route, in parts if it is large; see `load`."""
+        from isogal.maps.tiled_map import map_along
+
+        if self.is_synthetic:
+            return make_synthetic_along(self._synthetic_quantity(measured), corridor)
+        return map_along(self._read, corridor)
+
+    def load_part(
+        self, part: "Window | Corridor | None", measured: str = "gravity"
+    ) -> "ScalarMap":
+        """Read the map, a window of it, or what lies along a route; see `load`."""
+        from isogal.maps.corridor import Corridor
+
+        if isinstance(part, Corridor):
+            return self.load_along(part, measured)
+        return self.load(part, measured)
+
+    def _read(self, *, window: "Window | None") -> "FieldMap":
         from isogal.maps.load import load_map
 
         return load_map(
@@ -99,9 +126,7 @@ class MapChoice:
             format_name=self.format_name,
         )
 
-    def _synthetic(self, window: "Window | None", measured: str) -> "FieldMap":
-        if window is None:
-            raise InputError("the synthetic map has no end: give --window, --route or --scenario")
+    def _synthetic_quantity(self, measured: str) -> str:
         if self.variable is not None and self.variable not in _SYNTHETIC_VARIABLES:
             raise InputError(
                 f"--variable {self.variable}: the synthetic map has height, ga and dg"
@@ -114,16 +139,26 @@ class MapChoice:
             if value is not None:
                 raise InputError(f"{name} {value}: cannot be given for the synthetic map")
         named = self.quantity or _SYNTHETIC_VARIABLES.get(self.variable or "")
-        return make_synthetic(named or measured, window)
+        return named or measured
 
 
 def make_synthetic(quantity: str, window: "Window") -> "FieldMap":
     """Make the synthetic map of a quantity with a bar that shows how far it is; raises
     InputError."""
-    from isogal.maps.synthetic.tiles import synthetic_map
+    from isogal.maps.synthetic.synthetic_map import synthetic_map
 
     with Bars("tiles") as bars:
         return synthetic_map(quantity, window, lambda done, total: bars("tiles", done, total))
+
+
+def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
+    """Make the synthetic map along a route, as `make_synthetic` does."""
+    from isogal.maps.synthetic.synthetic_map import synthetic_map_along
+
+    with Bars("tiles") as bars:
+        return synthetic_map_along(
+            quantity, corridor, lambda done, total: bars("tiles", done, total)
+        )
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from isogal.compiled import kernel
 from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import RouteMap, channels_of
 from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.reduction import State
@@ -67,7 +67,7 @@ class BoundResult:
 
 
 def posterior_cramer_rao(
-    scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, *, batchwise: bool = False
+    scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, *, batchwise: bool = False
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the scenario's noise
     and map error.
@@ -80,7 +80,7 @@ def posterior_cramer_rao(
         Initial errors, IMU grade, gravimeter noise and the map error of the simulated truth.
     trajectory : Trajectory
         The true route.
-    field_map : FieldMap or ChannelMap
+    field_map : FieldMap, TiledMap or ChannelMap
         The map; its gradient is taken at the true positions.
     batchwise : bool
         Return the bound of a navigator that learns what a batch's readings say only at the end of

@@ -21,14 +21,14 @@ from isogal.maps.channels import channels_of
 from isogal.scenario import Scenario
 
 if TYPE_CHECKING:
-    from isogal.maps.channels import AnyMap
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.channels import RouteMap
+    from isogal.maps.tiled_map import ScalarMap
 
 
 def run_report(
     runs: Runs,
     scenario: Scenario,
-    field_map: "AnyMap",
+    field_map: "RouteMap",
     bound: BoundResult,
     out_dir: str | Path,
     summary: dict[str, Any],
@@ -41,7 +41,7 @@ def run_report(
         One run is shown in detail; of many, the ensemble and the first run.
     scenario : Scenario
         What they were runs of.
-    field_map : FieldMap or ChannelMap
+    field_map : FieldMap, TiledMap or ChannelMap
         The map they were matched against; of several channels the first is shown.
     bound : BoundResult
         `posterior_cramer_rao` of the scenario.
@@ -74,7 +74,7 @@ def run_report(
     return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
 
 
-def _scenario(scenario: Scenario, field_map: "AnyMap") -> Section:
+def _scenario(scenario: Scenario, field_map: "RouteMap") -> Section:
     channels = len(channels_of(field_map))
     first = (
         f", the first of {channels} that are matched; figures show it alone"
@@ -150,7 +150,7 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
     return Section("Accuracy and consistency", illustrations=pictures)
 
 
-def _single(runs: Runs, scenario: Scenario, field_map: "FieldMap", many: bool) -> list[Section]:
+def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) -> list[Section]:
     pictures = [
         Illustration(
             "track",

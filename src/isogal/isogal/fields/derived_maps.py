@@ -19,8 +19,9 @@ from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.source_map import source_map
 from isogal.maps.channels import ChannelMap
+from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import check_coverage, route_window
+from isogal.maps.load import check_coverage
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -71,9 +72,12 @@ def compute(scenario: Scenario, margin: float) -> ChannelMap:
     channels = measured_field(scenario).channels
     assert channels is not None
     trajectory = build_trajectory(scenario)
-    maps = channels.maps(scenario, source_map(scenario, trajectory, margin))
-    check_coverage(maps, trajectory.latitude, trajectory.longitude)
-    window = route_window(trajectory.latitude, trajectory.longitude, margin)
+    route = trajectory.latitude, trajectory.longitude
+    window = corridor_of(*route, margin).window
+    source = source_map(scenario, window.grown(channels.reach))
+    check_coverage(source, *route)
+    maps = channels.maps(scenario, source)
+    check_coverage(maps, *route)
     cut = [channel.window(*window[:4]) for channel in maps.channels]
     # the last of float32's digits is a millionth of what is measured, 1e-5 E of 100 E
     return ChannelMap(

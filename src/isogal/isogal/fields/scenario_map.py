@@ -2,16 +2,17 @@
 
 from isogal.fields.derived_maps import derived_maps
 from isogal.fields.measured import measured_field
-from isogal.fields.source_map import source_map
-from isogal.maps.channels import AnyMap
-from isogal.maps.load import CORRIDOR_MARGIN
+from isogal.fields.source_map import source_map_along
+from isogal.maps.channels import RouteMap
+from isogal.maps.corridor import CORRIDOR_MARGIN, corridor_of
+from isogal.maps.load import check_coverage
 from isogal.scenario import Scenario
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 
 def map_for_scenario(
     scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
-) -> AnyMap:
+) -> RouteMap:
     """Return the map of what a scenario measures, cut to its route.
 
     Parameters
@@ -25,7 +26,7 @@ def map_for_scenario(
 
     Returns
     -------
-    FieldMap, or ChannelMap of a field with several channels
+    FieldMap, or TiledMap if it is large; ChannelMap of a field with several channels
 
     Raises
     ------
@@ -33,5 +34,10 @@ def map_for_scenario(
         The map cannot be read, is of another quantity than is needed, or does not cover the route.
     """
     if measured_field(scenario).channels is None:
-        return source_map(scenario, trajectory, margin)
+        route = trajectory or build_trajectory(scenario)
+        field_map = source_map_along(
+            scenario, corridor_of(route.latitude, route.longitude, margin)
+        )
+        check_coverage(field_map, route.latitude, route.longitude)
+        return field_map
     return derived_maps(scenario, margin)

@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.reduction import State
@@ -20,7 +20,7 @@ class ReadingSimulator:
     1) * steps_per_scan."""
 
     def __init__(
-        self, scenario: Scenario, trajectory: Trajectory, field_map: AnyMap, runs: Sequence[int]
+        self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
     ) -> None:
         """Draw all readings; raises InputError as `true_readings` does."""
         self.index = i = _scans(scenario, trajectory)
@@ -39,7 +39,7 @@ class ReadingSimulator:
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
 
 
-def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: AnyMap) -> Array:
+def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> Array:
     """Return what a perfect instrument feels at each scan, (scans,) or (scans, C), the map being
     the truth.
 
@@ -69,7 +69,7 @@ def _scans(scenario: Scenario, trajectory: Trajectory) -> Integers:
     return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
 
 
-def _felt(scenario: Scenario, field_map: AnyMap) -> MeasuredField:
+def _felt(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
     """Return the field that a map is of, among those that the scenario's instrument feels."""
     instrument = measured_field(scenario).instrument
     fields = of_instrument(instrument)

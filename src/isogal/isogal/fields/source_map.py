@@ -1,74 +1,88 @@
 """The map that a scenario names: synthetic, or read from where it says."""
 
+from functools import partial
+
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
+from isogal.maps.axes import Window
+from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import CORRIDOR_MARGIN, FORMATS, check_coverage, load_map, route_window
+from isogal.maps.load import FORMATS, load_map
+from isogal.maps.tiled_map import Load, ScalarMap, map_along
 from isogal.scenario import Scenario
-from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+_SYNTHETIC = "synthetic"
 
 
-def source_map(
-    scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
-) -> FieldMap:
-    """Return the map that a scenario names; for several channels, all of it that theirs are
-    computed from.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Its ``map``, field and route.
-    trajectory : Trajectory, optional
-        The route's points, if they are there already.
-    margin : float
-        m of map kept around the route, as far as the map reaches.
+def source_map_along(scenario: Scenario, corridor: Corridor) -> ScalarMap:
+    """Return the map that a scenario names along its route, tiled if it is large.
 
     Raises
     ------
     InputError
-        The map cannot be read, is of another quantity than the sensor, or does not cover the
-        route.
+        The map cannot be read, or is of another quantity than the sensor.
     """
-    route = trajectory or build_trajectory(scenario)
-    field = measured_field(scenario)
-    quantity, channels = field.source, field.channels
-    window = route_window(route.latitude, route.longitude, margin)
-    if channels is not None:
-        window = window.grown(channels.reach)  # and all of it, also what is off the track
-    source, path = scenario.map.source, scenario.map.path
-    if source == "synthetic":
-        from isogal.maps.synthetic.tiles import synthetic_map  # which takes some time to load
+    if scenario.map.source == _SYNTHETIC:
+        from isogal.maps.synthetic.synthetic_map import synthetic_map_along  # slow to import
+
+        field_map = synthetic_map_along(_synthetic_quantity(scenario), corridor)
+    else:
+        field_map = map_along(_reader(scenario), corridor)
+    _check_quantity(scenario, field_map)
+    return field_map
+
+
+def source_map(scenario: Scenario, window: Window) -> FieldMap:
+    """Return the map that a scenario names in a window, whole and in memory.
+
+    Raises
+    ------
+    InputError
+        The map cannot be read, is of another quantity than the sensor, or is too large.
+    """
+    if scenario.map.source == _SYNTHETIC:
+        from isogal.maps.synthetic.synthetic_map import synthetic_map
 
         field_map = synthetic_map(_synthetic_quantity(scenario), window)
     else:
-        named = source in {f.name for f in FORMATS}
-        if named and path is None:
-            raise InputError(
-                "map.path: must name the file or folder, since map.source is the format"
-                f" '{source}'"
-            )
-        if not named and path is not None:
-            raise InputError(
-                "map.source: must be 'synthetic' or a format"
-                f" ({', '.join(f.name for f in FORMATS)}) where map.path is given"
-            )
-        variable = scenario.map.variable
-        field_map = load_map(
-            path if named and path is not None else source,
-            variable,
-            None if variable else quantity,
-            window,
-            format_name=source if named else None,
+        field_map = _reader(scenario)(window=window)
+    _check_quantity(scenario, field_map)
+    return field_map
+
+
+def _reader(scenario: Scenario) -> Load:
+    """Return the function that reads the file or folder that a scenario names."""
+    source, path = scenario.map.source, scenario.map.path
+    named = source in {f.name for f in FORMATS}
+    if named and path is None:
+        raise InputError(
+            f"map.path: must name the file or folder, since map.source is the format '{source}'"
         )
-    if field_map.quantity != quantity:
-        needs = "" if channels is None else f", which needs one of {quantity}"
+    if not named and path is not None:
+        raise InputError(
+            "map.source: must be 'synthetic' or a format"
+            f" ({', '.join(f.name for f in FORMATS)}) where map.path is given"
+        )
+    variable = scenario.map.variable
+    return partial(
+        load_map,
+        path if named and path is not None else source,
+        variable,
+        None if variable else measured_field(scenario).source,
+        format_name=source if named else None,
+    )
+
+
+def _check_quantity(scenario: Scenario, field_map: ScalarMap) -> None:
+    """Raise InputError unless a map is of the quantity that the scenario's field needs."""
+    field = measured_field(scenario)
+    if field_map.quantity != field.source:
+        needs = "" if field.channels is None else f", which needs one of {field.source}"
         key = "field" if scenario.field else "gravimeter.quantity"
         raise InputError(
             f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is"
             f" {scenario.measured_field}{needs}; change map.variable or {key}"
         )
-    check_coverage(field_map, route.latitude, route.longitude)
-    return field_map
 
 
 def _synthetic_quantity(scenario: Scenario) -> str:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.maps.axes import MOST_CELLS, TooManyCellsError, Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.quantities import (
     QUANTITIES,
@@ -17,24 +18,21 @@ from isogal.maps.quantities import (
     value_range,
 )
 
-MOST_CELLS = 150_000_000
-"""Cells that a reader takes into memory at once (1.2 GB); a larger map needs a window."""
-
-
 _ONCE = ", or make a file that says so with 'isogal map convert'"
 
 
-def check_size(cells: int, where: str) -> None:
-    """Refuse a grid that would not fit into memory, before anything is read.
+def check_size(cells: int, where: str, window: Window | None = None) -> None:
+    """Refuse a grid that would take too much memory, before anything is read.
 
     Raises
     ------
-    InputError
+    TooManyCellsError
         Names the number of cells.
     """
-    if cells > MOST_CELLS:
-        raise InputError(
-            f"{where}: {cells:,} cells are too many to read at once (at most {MOST_CELLS:,}); give"
+    most = MOST_CELLS if window is None else window.most_cells
+    if cells > most:
+        raise TooManyCellsError(
+            f"{where}: {cells:,} cells are too many to read at once (at most {most:,}); give"
             " a window or a route"
         )
 

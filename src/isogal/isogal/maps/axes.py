@@ -11,20 +11,23 @@ from isogal.errors import InputError
 TWO_PI = 2.0 * math.pi
 REGULAR = 1e-2
 """How far, in steps, a node may lie from a regular axis (files round their coordinates)."""
+FEWEST_NODES = 4
+"""Along an axis; interpolation needs them."""
 MARGIN = 3
 """Nodes kept beyond a window on each side, so that every point of the window can be
 interpolated."""
 
 
-class Track(NamedTuple):
-    """The part of a window that is really needed: everything within a margin of a route."""
+MOST_CELLS = 150_000_000
+"""Cells that a reader takes into memory at once (1.2 GB) unless it is told another number."""
 
-    latitude: Array
-    """(K,) rad."""
-    longitude: Array
-    """(K,) rad, continuous (no jumps of whole circles)."""
-    margin: float
-    """m."""
+
+class EmptyWindowError(InputError):
+    """A map has no value in the window asked for."""
+
+
+class TooManyCellsError(InputError):
+    """A window has more cells than are taken into memory at once."""
 
 
 class Window(NamedTuple):
@@ -35,9 +38,8 @@ class Window(NamedTuple):
     north: float
     west: float
     east: float
-    track: Track | None = None
-    """A reader may leave out (NaN) what lies off the track, where the whole window would need much
-    memory."""
+    most_cells: int = MOST_CELLS
+    """A reader refuses to read more than so many (`check_size`)."""
 
     def grown(self, metres: float) -> "Window":
         """Return the window with a margin (m) on all sides."""
@@ -65,7 +67,7 @@ def regular_axis(axis: Array, name: str, where: str) -> Array:
         over 1 % of a step.
     """
     axis = np.asarray(axis, dtype=np.float64)
-    if axis.ndim != 1 or axis.size < 4:
+    if axis.ndim != 1 or axis.size < FEWEST_NODES:
         raise InputError(
             f"{where}: {name} needs at least 4 nodes in one dimension, has shape {axis.shape}"
         )

@@ -4,6 +4,7 @@ gravity gradient tensor."""
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, Values
+from isogal.maps.tiled_map import ScalarMap
 
 
 class ChannelMap:
@@ -74,6 +76,10 @@ class ChannelMap:
         """Tell where all channels have a value."""
         return np.asarray(np.isfinite(self.value(latitude, longitude)).all(axis=-1))
 
+    def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "ChannelMap":
+        """See `FieldMap`."""
+        return self
+
     @cached_property
     def grid(self) -> Grid:
         """The grid of all channels, as the kernels of `isogal.maps.interpolation` take it."""
@@ -102,10 +108,16 @@ class ChannelMap:
 
 
 AnyMap = FieldMap | ChannelMap
-"""What readings are matched against."""
+"""What readings are matched against: in memory."""
+RouteMap = ScalarMap | ChannelMap
+"""What there is along a route, however large."""
 
 
-def channels_of(field_map: FieldMap | ChannelMap) -> tuple[FieldMap, ...]:
+@overload
+def channels_of(field_map: AnyMap) -> tuple[FieldMap, ...]: ...
+@overload
+def channels_of(field_map: RouteMap) -> tuple[ScalarMap, ...]: ...
+def channels_of(field_map: RouteMap) -> tuple[ScalarMap, ...]:
     """Return the maps of a vector map, or the only one."""
     return field_map.channels if isinstance(field_map, ChannelMap) else (field_map,)
 

@@ -17,7 +17,8 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
-from isogal.maps.field_map import FieldMap
+from isogal.maps.corridor import along_track
+from isogal.maps.tiled_map import ScalarMap
 
 
 @dataclass(frozen=True)
@@ -64,21 +65,18 @@ class Stretches:
         return values[:, 0], values[:, 1]
 
 
-def along_track(latitude: Array, longitude: Array) -> Array:
-    """Return the distance from the first point, m, along points (rad) that lie close together."""
-    north, east = metres_per_radian(0.5 * (latitude[1:] + latitude[:-1]))
-    steps = np.hypot(north * np.diff(latitude), east * np.diff(np.unwrap(longitude)))
-    return np.r_[0.0, np.cumsum(steps)].astype(np.float64)
-
-
 def position_information(
-    field_map: FieldMap, latitude: Array, longitude: Array, errors: Errors, stretch: float = 5000.0
+    field_map: ScalarMap,
+    latitude: Array,
+    longitude: Array,
+    errors: Errors,
+    stretch: float = 5000.0,
 ) -> Stretches:
     """Return what readings at points of a track tell about its position, stretch by stretch.
 
     Parameters
     ----------
-    field_map : FieldMap
+    field_map : FieldMap or TiledMap
         The map. A gravity disturbance is measured as gravity less normal gravity where the
         navigator believes to be, so that the change of normal gravity to the north counts as
         signal.

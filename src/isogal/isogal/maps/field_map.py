@@ -2,7 +2,8 @@
 its errors."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +13,13 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
+from isogal.maps.axes import (
+    EmptyWindowError,
+    Window,
+    latitude_slice,
+    longitude_slices,
+    regular_axis,
+)
 from isogal.maps.interpolation import (
     Grid,
     Values,
@@ -21,7 +28,6 @@ from isogal.maps.interpolation import (
     values_and_gradients,
     values_at,
 )
-from isogal.maps.sparse import Spans, pack, unpack
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +62,6 @@ class FieldMap:
     height : float or None
         Of the level that the values hold on, m above the ellipsoid; None = not said, or not a
         level, such as the ground.
-    strip : (n, 2) int or None
-        First column with a value in each row, and one after the last: the rest of a large grid
-        along a route (`isogal.maps.sparse`), which takes memory when it is read. None = there may
-        be values anywhere.
 
     Raises
     ------
@@ -79,7 +81,6 @@ class FieldMap:
     provenance: str = ""
     file_unit: str = ""
     file_factor: float = 1.0
-    strip: Spans | None = None
     height: float | None = None
 
     def __post_init__(self) -> None:
@@ -106,9 +107,8 @@ class FieldMap:
         drop = is_periodic(longitude.size - 1, step)  # the last meridian repeats the first
         if drop:
             longitude, values = longitude[:-1], np.ascontiguousarray(values[:, :-1])
-            object.__setattr__(self, "strip", None)
         if not any(np.isfinite(row).any() for row in values):
-            raise InputError(f"{where}: has no value at all (all missing)")
+            raise EmptyWindowError(f"{where}: has no value at all (all missing)")
         object.__setattr__(self, "latitude", latitude)
         object.__setattr__(self, "longitude", longitude)
         object.__setattr__(self, "values", values)
@@ -134,23 +134,10 @@ class FieldMap:
         length = self.correlation_length
         if length is not None and not (math.isfinite(length) and length > 0.0):
             raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
-        if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
-            raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
         if self.height is not None and not math.isfinite(self.height):
             raise InputError(f"{where}: height must be finite, is {self.height}")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the empty part of a strip out of what other processes are sent."""
-        state = {field.name: getattr(self, field.name) for field in fields(self)}
-        if self.strip is not None:
-            state["values"] = pack(self.values, self.strip)
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        if state["strip"] is not None:
-            size = state["latitude"].size, state["longitude"].size
-            state["values"] = unpack(state["values"], *size, state["strip"])
-        self.__dict__.update(state)
+        if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
+            raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
 
     @cached_property
     def grid(self) -> Grid:
@@ -165,6 +152,16 @@ class FieldMap:
         )
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.latitude.size, self.longitude.size
+
+    @property
+    def step(self) -> tuple[float, float]:
+        """From row to row and from column to column, rad."""
+        return self.grid.latitude_step, self.grid.longitude_step
+
+    @property
     def extent(self) -> Window:
         """South, north, west and east node, rad."""
         lat, lon = self.latitude, self.longitude
@@ -173,7 +170,7 @@ class FieldMap:
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Interpolate at points (rad, any shapes that broadcast); NaN where the map says
         nothing."""
-        lat, lon, shape = _flat(latitude, longitude)
+        lat, lon, shape = flat_points(latitude, longitude)
         return values_at(self.grid, lat, lon).reshape(shape)[()]
 
     def value_and_gradient(
@@ -183,7 +180,7 @@ class FieldMap:
 
         Any shapes that broadcast, rad. NaN where the map says nothing.
         """
-        lat, lon, shape = _flat(latitude, longitude)
+        lat, lon, shape = flat_points(latitude, longitude)
         value, by_lat, by_lon = values_and_gradients(self.grid, lat, lon)
         north, east = metres_per_radian(lat)
         return (
@@ -195,7 +192,7 @@ class FieldMap:
     def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where
         the map has none."""
-        lat, lon, shape = _flat(latitude, longitude)
+        lat, lon, shape = flat_points(latitude, longitude)
         if isinstance(self.sigma, float):
             return np.full(shape, self.sigma)[()]
         return bilinear_at(self.grid._replace(values=self.sigma), lat, lon).reshape(shape)[()]
@@ -208,7 +205,7 @@ class FieldMap:
         """Return the distance between nodes (to the north, to the east), m, at a latitude
         (rad)."""
         north, east = metres_per_radian(latitude)
-        return float(self.grid.latitude_step * north), float(self.grid.longitude_step * east)
+        return float(self.step[0] * north), float(self.step[1] * east)
 
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
@@ -226,7 +223,7 @@ class FieldMap:
         count = sum(part.stop - part.start for part in columns)
         if rows.stop - rows.start < 4 or count < 4:
             asked = Window(lat_min, lat_max, lon_min, lon_max).text()
-            raise InputError(
+            raise EmptyWindowError(
                 f"{self.provenance or self.quantity}: the map ({self.extent.text()}) has nothing"
                 f" at {asked}"
             )
@@ -240,36 +237,47 @@ class FieldMap:
             longitude=first + dlon * np.arange(count),
             values=cut(self.values),
             sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
-            strip=None,
         )
 
+    def overview(self, most: int, window: Window | None = None) -> "FieldMap":
+        """Return the map, or a window of it, thinned to at most ``most`` rows and columns."""
+        whole = self if window is None else self.window(*window[:4])
+        rows, columns = (-(-n // most) for n in whole.shape)
+        return whole.thinned(rows, columns)
+
     def thinned(self, rows: int, columns: int) -> "FieldMap":
-        """Keep every so many-th row and column only (at least four of each), without reading the
-        rest."""
+        """Keep every so many-th row and column only, at least four of each."""
         rows, columns = (
             max(1, min(step, (n - 1) // 3))
-            for step, n in zip((rows, columns), self.values.shape, strict=True)
+            for step, n in zip((rows, columns), self.shape, strict=True)
         )
-        values = self.values[::rows, ::columns]
-        if self.strip is not None:
-            strip = self.strip[::rows]
-            first, last = -(-strip[:, :1] // columns), -(-strip[:, 1:] // columns)
-            column = np.arange(values.shape[1])
-            at = np.nonzero((column >= first) & (column < last))
-            thin = np.full(values.shape, np.nan)
-            thin[at] = values[at]
-            values = thin
         return replace(
             self,
             latitude=self.latitude[::rows],
             longitude=self.longitude[::columns],
-            values=values,
+            values=self.values[::rows, ::columns],
             sigma=self.sigma if isinstance(self.sigma, float) else self.sigma[::rows, ::columns],
-            strip=None,
         )
 
+    def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
+        """Return the map around points, which for a map in memory is the map (see
+        `isogal.maps.tiled_map`)."""
+        return self
 
-def _flat(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
+    def split(
+        self, latitude: Array, longitude: Array, reach: float = 0.0
+    ) -> Iterator[tuple[Any, "FieldMap"]]:
+        """Yield which of some points (N,) there is a map for, and the map: for a map in memory all
+        and the map (see `isogal.maps.tiled_map`)."""
+        yield slice(None), self
+
+    def parts(self) -> Iterator["FieldMap"]:
+        """Yield all of the map in parts that are small enough for the memory."""
+        yield self
+
+
+def flat_points(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
+    """Return points (rad, any shapes that broadcast) as two arrays (N,), and their shape."""
     lat, lon = np.broadcast_arrays(
         np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
     )

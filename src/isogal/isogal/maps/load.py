@@ -10,17 +10,14 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.axes import Track, Window
-from isogal.maps.channels import AnyMap
+from isogal.maps.axes import Window
+from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.gdf import read_gdf
 from isogal.maps.formats.geotiff import read_geotiff
 from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.xyz import read_xyz
 from isogal.maps.ggmplus.folder import is_ggmplus, read_ggmplus
-
-CORRIDOR_MARGIN = 25_000.0
-"""m of map kept around a route by default."""
 
 
 class Reader(Protocol):
@@ -115,15 +112,7 @@ def load_map(
     return chosen[0].read(path, variable, window, quantity=quantity, unit=unit)
 
 
-def route_window(latitude: Array, longitude: Array, margin: float = CORRIDOR_MARGIN) -> Window:
-    """Return the window around route points (rad) with a margin (m); routes may cross the date
-    line."""
-    turned = np.unwrap(longitude)
-    around = Window(latitude.min(), latitude.max(), turned.min(), turned.max()).grown(margin)
-    return around._replace(track=Track(latitude, turned, margin))
-
-
-def check_coverage(field_map: AnyMap, latitude: Array, longitude: Array) -> None:
+def check_coverage(field_map: RouteMap, latitude: Array, longitude: Array) -> None:
     """Raise InputError unless the map has a value at every route point; names the first without,
     and the map's extent."""
     bare = ~field_map.covers(latitude, longitude)

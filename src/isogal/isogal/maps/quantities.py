@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.errors import InputError
+from isogal.maps.axes import EmptyWindowError
 
 UNITS: dict[str, tuple[str, float]] = {
     "m/s²": ("m/s²", 1.0),
@@ -194,7 +195,7 @@ def check_plausible(
     """
     known = check_quantity(quantity, where)
     if math.isnan(found[0]):
-        raise InputError(f"{where}: has no value at all (all missing)")
+        raise EmptyWindowError(f"{where}: has no value at all (all missing)")
     low, high = found[0] * factor, found[1] * factor
     if _possible(known, low, high):
         return

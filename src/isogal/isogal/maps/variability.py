@@ -16,8 +16,9 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.field_map import FieldMap
+from isogal.maps.field_map import flat_points
 from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.tiled_map import ScalarMap
 
 WINDOW = 2000.0
 """Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some
@@ -101,7 +102,7 @@ def _variabilities(
 
 
 def feature_variability(
-    field_map: FieldMap,
+    field_map: ScalarMap,
     latitude: ArrayLike,
     longitude: ArrayLike,
     half_width: float = WINDOW,
@@ -111,8 +112,7 @@ def feature_variability(
 
     Parameters
     ----------
-    field_map : FieldMap
-        The map.
+    field_map : FieldMap or TiledMap
     latitude, longitude : rad
         Places, any shapes that broadcast.
     half_width, points
@@ -125,17 +125,20 @@ def feature_variability(
         of its template.
     """
     north, east = template(half_width, points)
-    lat, lon = np.broadcast_arrays(
-        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
-    )
-    flat_lat, flat_lon = (
-        np.ascontiguousarray(lat).reshape(-1),
-        np.ascontiguousarray(lon).reshape(-1),
-    )
+    flat_lat, flat_lon, shape = flat_points(latitude, longitude)
     metres_north, metres_east = metres_per_radian(flat_lat)
-    return _variabilities(
-        field_map.grid, flat_lat, flat_lon, north, east, metres_north, metres_east
-    ).reshape(lat.shape)
+    out = np.full(flat_lat.size, np.nan)
+    for rows, part in field_map.split(flat_lat, flat_lon, 2.0 * half_width):
+        out[rows] = _variabilities(
+            part.grid,
+            flat_lat[rows],
+            flat_lon[rows],
+            north,
+            east,
+            metres_north[rows],
+            metres_east[rows],
+        )
+    return out.reshape(shape)
 
 
 def normalised_variability(

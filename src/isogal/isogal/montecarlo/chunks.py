@@ -13,7 +13,7 @@ import numpy as np
 
 import isogal
 from isogal.evaluation.records import FORMAT, Runs
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import AnyMap, RouteMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.montecarlo.engine import Progress, simulate
@@ -46,7 +46,7 @@ class Case:
     name: str
     scenario: Scenario
     runs: int
-    field_map: AnyMap
+    field_map: RouteMap
     aided: bool = True
     """False: no fix is ever taken; shows the inertial navigator and its filter by themselves."""
 
@@ -102,7 +102,7 @@ class Unaided:
         return declined(batch, "unaided"), None
 
 
-def compute(chunk: Chunk, field_map: AnyMap, progress: Progress | None = None) -> Runs:
+def compute(chunk: Chunk, field_map: RouteMap, progress: Progress | None = None) -> Runs:
     """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
     return simulate(
         chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress
@@ -178,31 +178,28 @@ def _python_files(path: Path) -> list[Path]:
     return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
-_DIGESTS: dict[int, tuple[AnyMap, str]] = {}
+_DIGESTS: dict[int, tuple[RouteMap, str]] = {}
 """By the id of the map. Maps do not change; they are kept here so that no other gets the same
 id."""
 
 
-def map_digest(field_map: AnyMap) -> str:
+def map_digest(field_map: RouteMap) -> str:
     """Return a hash of a map's numbers, which identifies it to workers."""
     known = _DIGESTS.get(id(field_map))
     if known is None:
         digest = hashlib.sha256()
         for channel in channels_of(field_map):
-            _digest(channel, digest)
+            for part in channel.parts():
+                _digest(part, digest)
         known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])
     return known[1]
 
 
 def _digest(field_map: FieldMap, digest: Any) -> None:
-    strip = field_map.strip
-    whole = [field_map.values] if strip is None else [strip]
-    for array in (field_map.latitude, field_map.longitude, np.asarray(field_map.sigma), *whole):
+    sigma = np.asarray(field_map.sigma)
+    for array in (field_map.latitude, field_map.longitude, sigma, field_map.values):
         digest.update(f"{array.shape} {array.dtype}".encode())
         digest.update(np.ascontiguousarray(array).data)
-    if strip is not None:  # the rest is empty, and reading it would take memory
-        for row, (first, last) in zip(field_map.values, strip.tolist(), strict=True):
-            digest.update(row[first:last].data)
     rest = (
         field_map.unit,
         field_map.quantity,

@@ -23,7 +23,7 @@ from isogal.fusion.navigator import NavigatorRun, propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_difference
 from isogal.inertial.strapdown import propagate as propagate_ins
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import Fix, Matcher
 from isogal.matching.registry import build_matcher
@@ -62,7 +62,7 @@ def simulate_unaided(
 def simulate(
     scenario: Scenario,
     runs: Sequence[int],
-    field_map: AnyMap | None = None,
+    field_map: RouteMap | None = None,
     matcher: Matcher | None = None,
     progress: Progress | None = None,
     revised: Revised | None = None,
@@ -74,7 +74,7 @@ def simulate(
     scenario : Scenario
     runs : sequence of int
         Indices of the runs; they seed the random streams.
-    field_map : FieldMap or ChannelMap, optional
+    field_map : FieldMap, TiledMap or ChannelMap, optional
         Default: the scenario's.
     matcher : Matcher, optional
         Default: the scenario's.
@@ -109,7 +109,7 @@ class _ClosedLoop:
         scenario: Scenario,
         runs: Sequence[int],
         trajectory: Trajectory,
-        field_map: AnyMap,
+        field_map: RouteMap,
         matcher: Matcher,
         revised: Revised | None,
     ) -> None:
@@ -184,7 +184,8 @@ class _ClosedLoop:
     def _match(self, run: int, batch: int) -> Fix:
         task = self.builders[run].build(self.state.batch_prior[run])
         start = clock.perf_counter()
-        fix, self.memories[run] = self.matcher.match(task, self.field_map, self.memories[run])
+        near = self.field_map.near(task.latitude, task.longitude)
+        fix, self.memories[run] = self.matcher.match(task, near, self.memories[run])
         self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
         return fix
 

@@ -6,7 +6,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.fusion.state import FilterState
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import RouteMap, channels_of
 from isogal.matching.interfaces import Candidates, Fix
 from isogal.sensors.trajectory import Trajectory
 
@@ -70,7 +70,7 @@ class Recorder:
             variability = fix.diagnostics.get("feature_variability", np.nan)
             self._variability[end - 1] = variability
 
-    def record(self, unaided_error: Array, field_map: AnyMap) -> Runs:
+    def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
         return Runs(
             time=self.time,
@@ -89,7 +89,7 @@ class Recorder:
             detail=self._detail(field_map),
         )
 
-    def _detail(self, field_map: AnyMap) -> RunDetail:
+    def _detail(self, field_map: RouteMap) -> RunDetail:
         shown = channels_of(field_map)[0]
         return RunDetail(
             scan_time=self.time[1:],

@@ -6,7 +6,9 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.fields.source_map import source_map
+from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.load import check_coverage
 from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
@@ -161,8 +163,12 @@ def _map_of(source: str, quantity: str, speed: float, duration: float) -> FieldM
             "map": {"source": source},
         }
     )
+    trajectory = build_trajectory(scenario)
+    route = trajectory.latitude, trajectory.longitude
     try:
-        return source_map(scenario, build_trajectory(scenario))
+        field_map = source_map(scenario, corridor_of(*route).window)
+        check_coverage(field_map, *route)
+        return field_map
     except InputError as error:
         raise InputError(f"--map: {error}" if source != "synthetic" else str(error)) from None
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.axes import Window
-from isogal.tracks.track import Track, track_window
+from isogal.maps.corridor import Corridor, corridor_of
+from isogal.tracks.track import Track
 
 REQUIRED = ("time", "latitude", "longitude", "value")
 OPTIONAL = ("sigma", "offset")
@@ -32,9 +32,9 @@ class CsvTrack:
     sigma: Array | None
     offset: Array | None
 
-    def window(self, margin: float) -> Window:
-        """Return the part of a map within a margin (m) of the track."""
-        return track_window(np.radians(self.latitude), np.radians(self.longitude), margin)
+    def corridor(self, margin: float) -> Corridor:
+        """Return the part of the Earth within a margin (m) of the track."""
+        return corridor_of(np.radians(self.latitude), np.radians(self.longitude), margin)
 
     def track(self, factor: float, sensor_sigma: float | None, reduction: str = "none") -> Track:
         """Return the track, with values in the map's unit inside.

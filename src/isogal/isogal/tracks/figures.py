@@ -10,8 +10,8 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.figures import style
-from isogal.maps.expected_accuracy import along_track
-from isogal.maps.field_map import FieldMap
+from isogal.maps.corridor import along_track
+from isogal.maps.tiled_map import ScalarMap
 from isogal.tracks.matching import Match
 from isogal.tracks.track import Track
 
@@ -46,7 +46,7 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
 
 
 @style.journal
-def track_map_figure(track: Track, field_map: FieldMap, matches: Sequence[Match]) -> "Figure":
+def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]) -> "Figure":
     """Draw the map, the track as recorded and as moved by the fixes, and the fixes with their
     2-sigma ellipses."""
     half = _half_widths(track, matches)
@@ -110,7 +110,7 @@ def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
 
 
 def _background(
-    panel: "Axes", field_map: FieldMap, middle: tuple[float, float], half: Array
+    panel: "Axes", field_map: ScalarMap, middle: tuple[float, float], half: Array
 ) -> None:
     scale = style.field_scale(field_map)
     rows, columns = (np.linspace(-h, h, _LATTICE) for h in half)
@@ -167,7 +167,7 @@ def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
 
 
 @style.journal
-def readings_figure(track: Track, field_map: FieldMap, matches: Sequence[Match]) -> "Figure":
+def readings_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]) -> "Figure":
     """Draw the readings (less offset) and the map's values along the track as recorded and as
     matched; below, the differences."""
     figure = style.new_figure(4.4)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.maps.field_map import FieldMap
+from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Matcher
 from isogal.tracks.figures import readings_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
@@ -17,7 +17,7 @@ from isogal.tracks.track import Track
 
 def write_match_report(
     track: Track,
-    field_map: FieldMap,
+    field_map: ScalarMap,
     settings: Matcher,
     uncertainty: Uncertainty,
     matches: Sequence[Match],
@@ -93,7 +93,7 @@ def _fixes(matches: Sequence[Match]) -> Table:
 
 
 def _assumptions(
-    track: Track, field_map: FieldMap, settings: Matcher, uncertainty: Uncertainty
+    track: Track, field_map: ScalarMap, settings: Matcher, uncertainty: Uncertainty
 ) -> Table:
     unit = field_map.file_unit or field_map.unit
     factor = field_map.file_factor

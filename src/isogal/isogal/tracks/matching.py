@@ -27,7 +27,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.fusion.fix import apply_fix
-from isogal.maps.field_map import FieldMap
+from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Information, Matcher, declined
 from isogal.matching.monitoring import Monitored
@@ -113,7 +113,7 @@ class Match:
 
 def match_track(
     track: Track,
-    field_map: FieldMap,
+    field_map: ScalarMap,
     settings: MatcherSettings,
     uncertainty: Uncertainty,
     *,
@@ -127,7 +127,7 @@ def match_track(
     ----------
     track : Track
         Readings in the map's unit (`fit_to_map`).
-    field_map : FieldMap
+    field_map : ScalarMap
     settings : scenario.Matcher
     uncertainty : Uncertainty
     chained : bool
@@ -158,8 +158,9 @@ def match_track(
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
         rows = slice(max(0, previous - earlier), end)
         batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
-        batch = without_map_edge(batch, field_map)
-        fix, memory = matching.match(batch, field_map, memory)
+        near = field_map.near(batch.latitude, batch.longitude)
+        batch = without_map_edge(batch, near)
+        fix, memory = matching.match(batch, near, memory)
         fix = _unless_empty(fix, batch)
         known = _TrackError(batch, error, covariance)
         apply_fix(fix, known)

@@ -12,8 +12,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.axes import Window
-from isogal.tracks.track import Track, track_window
+from isogal.maps.corridor import Corridor, corridor_of
+from isogal.tracks.track import Track
 
 FIX_TOPIC = "nav/fix"
 _POSITION = "sensor_msgs/msg/NavSatFix"
@@ -80,9 +80,9 @@ class Recording:
     readings: Mapping[str, Array]
     """By quantity: (N, 3) stamp s, value and variance, units inside."""
 
-    def window(self, margin: float) -> Window:
-        """Return the part of a map within a margin (m) of the track."""
-        return track_window(self.latitude, self.longitude, margin)
+    def corridor(self, margin: float) -> Corridor:
+        """Return the part of the Earth within a margin (m) of the track."""
+        return corridor_of(self.latitude, self.longitude, margin)
 
     def track(self, quantity: str, sensor_sigma: float | None) -> Track:
         """Return the readings of a quantity with the navigator's positions at their stamps,

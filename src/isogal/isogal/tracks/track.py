@@ -9,11 +9,9 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
-from isogal.maps.axes import Track as RouteLine
-from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
-from isogal.maps.load import route_window
+from isogal.maps.corridor import corridor_of
 from isogal.maps.quantities import QUANTITIES, UNITS
+from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.magnetometer import MagneticReduction, MainField
@@ -172,13 +170,7 @@ class Track:
         return float(np.abs(normal_gravity_gradient_north(self.latitude)).max())
 
 
-def track_window(latitude: Array, longitude: Array, margin: float) -> Window:
-    """Return the part of a map within a margin (m) of points (rad)."""
-    line = RouteLine(latitude, np.unwrap(longitude), margin)
-    return route_window(latitude, longitude, margin)._replace(track=line)
-
-
-def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
+def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     """Return a track with NaN in place of the readings where the map has no value, and (N,) where
     that is.
 
@@ -191,7 +183,7 @@ def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
     on_map = np.isfinite(at_track)
     usable = on_map & np.isfinite(track.value)
     if usable.sum() < FEWEST:
-        extent = route_window(track.latitude, track.longitude, 0.0).text()
+        extent = corridor_of(track.latitude, track.longitude, 0.0).window.text()
         raise InputError(
             f"{track.where}: the track ({extent}) is off the map {field_map.provenance}"
             f" ({field_map.extent.text()}): {int(usable.sum())} of {len(track)} readings lie where"
@@ -201,7 +193,7 @@ def fit_to_map(track: Track, field_map: FieldMap) -> tuple[Track, Booleans]:
     return replace(track, value=np.where(on_map, track.value, np.nan)), ~on_map
 
 
-def _check_unit(level: Array, at_track: Array, field_map: FieldMap, track: Track) -> None:
+def _check_unit(level: Array, at_track: Array, field_map: ScalarMap, track: Track) -> None:
     """Raise InputError for readings (less offset) that the quantity cannot have, or whose spread
     another unit explains."""
     known = QUANTITIES[field_map.quantity]

@@ -9,8 +9,8 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
-from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import RouteMap, channels_of
+from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.interfaces import Candidates
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
@@ -21,7 +21,7 @@ from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_seconds
 
 
-def record_of(collector: Collector, field_map: AnyMap) -> Runs | None:
+def record_of(collector: Collector, field_map: RouteMap) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
     covered by both."""
     truth, last_nav = collector.truth, collector.last_nav
@@ -89,7 +89,7 @@ def _fix_record(collector: Collector, ends: list[int]) -> dict[str, Any]:
 
 
 def _detail(
-    collector: Collector, scans: list[int], ends: list[int], field_map: FieldMap
+    collector: Collector, scans: list[int], ends: list[int], field_map: ScalarMap
 ) -> RunDetail:
     adapter = adapter_of(collector.scenario)
     truth, seen = _positions(collector.truth, scans), _positions(collector.first_nav, scans)

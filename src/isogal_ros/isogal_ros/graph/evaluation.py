@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
 from isogal_ros.bags.collect import Collector
@@ -14,7 +14,7 @@ def evaluate(
     collector: Collector,
     scenario: Scenario,
     trajectory: Trajectory,
-    field_map: AnyMap,
+    field_map: RouteMap,
     out: Path,
     wall_seconds: float,
 ) -> dict[str, Any] | None:

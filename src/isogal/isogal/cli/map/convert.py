@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.checks import finite, positive
-from isogal.cli.map.part import PartChoice
+from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import require_netcdf_name, say_written
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
@@ -87,7 +87,7 @@ def convert(map_: MapChoice, target: Target, where: PartChoice, json: Json = Fal
     target.check()
     route = where.build_if_asked()
     part = where.part(route)
-    whole = part._replace(track=None) if part else None  # not only what lies along the route
+    whole = whole_window(part) if part is not None else None
     field_map = target.with_error(map_.load(whole, route.measured if route else "gravity"))
     target.write(field_map, map_.variable)
     say_written(describe_map(field_map), target.out, json)

@@ -7,23 +7,25 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.maps.expected_accuracy import Stretches
-from isogal.maps.field_map import FieldMap
+from isogal.maps.tiled_map import ScalarMap
 
 
-def describe_map(field_map: FieldMap) -> dict[str, Any]:
+def describe_map(field_map: ScalarMap) -> dict[str, Any]:
     """Return what a map is of, its extent and nodes, and the statistics of its values."""
-    extent, grid = field_map.extent, field_map.grid
-    count, total, squares, low, high = 0, 0.0, 0.0, math.inf, -math.inf
-    middle = float(
-        next(row[~np.isnan(row)][0] for row in field_map.values if not np.isnan(row).all())
-    )
-    for row in field_map.values:  # row by row: a copy of the whole map may not fit into memory
+    extent, step = field_map.extent, field_map.step
+    size, count, total, squares, low, high = 0, 0, 0.0, 0.0, math.inf, -math.inf
+    middle: float | None = None
+    # part by part and row by row: the whole map, or a copy of it, may not fit into memory
+    for row in (row for part in field_map.parts() for row in part.values):
         known = row[~np.isnan(row)].astype(np.float64)
+        size += row.size
         if known.size:
+            middle = float(known[0]) if middle is None else middle
             count += known.size
             total += float((known - middle).sum())
             squares += float(((known - middle) ** 2).sum())
             low, high = min(low, float(known.min())), max(high, float(known.max()))
+    assert middle is not None  # a map has values
     mean = total / count
     sigma = (
         field_map.sigma
@@ -39,14 +41,14 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
         "north": math.degrees(extent.north),
         "west": math.degrees(extent.west),
         "east": math.degrees(extent.east),
-        "nodes": list(field_map.values.shape),
-        "step_deg": [math.degrees(grid.latitude_step), math.degrees(grid.longitude_step)],
+        "nodes": list(field_map.shape),
+        "step_deg": [math.degrees(width) for width in step],
         "cell_m": list(field_map.cell_size_m(0.5 * (extent.south + extent.north))),
         "minimum": low,
         "maximum": high,
         "mean": middle + mean,
         "standard_deviation": math.sqrt(max(squares / count - mean**2, 0.0)),
-        "missing": 1.0 - count / field_map.values.size,
+        "missing": 1.0 - count / size,
         "sigma": sigma,
         "correlation_length": field_map.correlation_length,
         "quantisation": field_map.quantisation,
@@ -54,14 +56,14 @@ def describe_map(field_map: FieldMap) -> dict[str, Any]:
 
 
 def describe_route(
-    field_map: FieldMap, track: tuple[Array, Array], stretches: Stretches
+    field_map: ScalarMap, track: tuple[Array, Array], stretches: Stretches
 ) -> dict[str, Any]:
     """Return values, gradient and expected accuracy along a track, stretch by stretch; infinite
     and missing numbers become None.
 
     Parameters
     ----------
-    field_map : FieldMap
+    field_map : ScalarMap
     track : (K,), (K,) rad
         Latitude and longitude of the readings.
     stretches : Stretches

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from isogal.maps.expected_accuracy import Stretches
     from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 _ACCURACY = 2.1
 """in, height of the panel of accuracies."""
@@ -24,7 +25,7 @@ _FINEST = 330
 """Nodes of a map drawn along each side: the figure has no more pixels for them."""
 
 
-def slope_label(field_map: "FieldMap") -> tuple[float, str]:
+def slope_label(field_map: "ScalarMap") -> tuple[float, str]:
     """Return (factor from unit per m, unit) in which gradients are written."""
     if field_map.unit == "m/s²":
         return 1e8, "$10^{-5}$ m/s² per km"
@@ -33,7 +34,7 @@ def slope_label(field_map: "FieldMap") -> tuple[float, str]:
 
 @style.journal
 def map_figure(
-    field_map: "FieldMap",
+    field_map: "ScalarMap",
     track: tuple[Array, Array] | None = None,
     stretches: "Stretches | None" = None,
 ) -> "Figure":
@@ -41,18 +42,17 @@ def map_figure(
 
     Parameters
     ----------
-    field_map : FieldMap
-        The map.
+    field_map : FieldMap or TiledMap
     track : (K,), (K,) rad, optional
         Latitude and longitude.
     stretches : Stretches, optional
         Of the track.
     """
-    step = max(1, -(-max(field_map.values.shape) // _FINEST))
-    latitude, longitude = field_map.latitude[::step], field_map.longitude[::step]
     scale = style.field_scale(field_map)
     factor, unit = slope_label(field_map)
-    steep = factor * _steepness(field_map, step)
+    shown, steep = _shown(field_map)
+    steep *= factor
+    latitude, longitude = shown.latitude, shown.longitude
     metres_north, metres_east = metres_per_radian(float(latitude.mean()))
     shape = float(np.ptp(latitude) * metres_north / (np.ptp(longitude) * metres_east))
     frame = _frame(shape)
@@ -72,7 +72,7 @@ def map_figure(
     _field(
         panels[0],
         (latitude, longitude),
-        scale(field_map.values[::step, ::step]),
+        scale(shown.values),
         scale.label,
         None,
     )
@@ -80,7 +80,7 @@ def map_figure(
     for axes in panels:
         axes.set_aspect(float(metres_north / metres_east))
         if track is not None:
-            _track(axes, track, field_map, stretches)
+            _track(axes, track, shown, stretches)
     if stretches is not None and bottom is not None:
         _accuracy(bottom.subplots(), stretches)
     return figure
@@ -120,6 +120,23 @@ def _frame(shape: float) -> _Frame:
 def _width(axes: "Axes") -> float:
     """Return the width of a panel, in."""
     return float(axes.get_position().width) * style.WIDTH
+
+
+def _shown(field_map: "ScalarMap") -> "tuple[FieldMap, Array]":
+    """Return the map as it is drawn, and the magnitude of the gradient at its nodes."""
+    from isogal.maps.tiled_map import TiledMap
+
+    if isinstance(field_map, TiledMap):
+        shown = field_map.overview(_FINEST)
+        steep = np.full(shown.values.shape, np.nan)
+        known = np.nonzero(np.isfinite(shown.values))
+        _, north, east = field_map.value_and_gradient(
+            shown.latitude[known[0]], shown.longitude[known[1]]
+        )
+        steep[known] = np.hypot(north, east)
+        return shown, steep
+    step = max(1, -(-max(field_map.shape) // _FINEST))
+    return field_map.thinned(step, step), _steepness(field_map, step)
 
 
 def _steepness(field_map: "FieldMap", step: int) -> Array:
@@ -250,7 +267,7 @@ def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
 
 @style.journal
 def variability_figure(
-    field_map: "FieldMap", distance: Array, value: Array, variability: Array, normalised: Array
+    field_map: "ScalarMap", distance: Array, value: Array, variability: Array, normalised: Array
 ) -> "Figure":
     """Draw the map's values along a track, and below them the map feature variability (paper fig.
     60).

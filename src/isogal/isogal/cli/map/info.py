@@ -17,7 +17,7 @@ from isogal.errors import InputError
 if TYPE_CHECKING:
     from isogal.arrays import Array
     from isogal.maps.expected_accuracy import Stretches
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 ASSUMED = "What is assumed"
 
@@ -77,7 +77,7 @@ class Assumptions:
     ] = 0.0
 
     def stretches(
-        self, field_map: "FieldMap", route: Route, track: "tuple[Array, Array]"
+        self, field_map: "ScalarMap", route: Route, track: "tuple[Array, Array]"
     ) -> "Stretches":
         """Return what readings along a track (latitude, longitude, rad) tell, stretch by stretch;
         raises InputError."""
@@ -114,7 +114,7 @@ def info(
 
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
-    field_map = map_.load(where.part(route), route.measured if route else "gravity")
+    field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
     found = describe_map(field_map)
     track = stretches = None
     if route is not None:

@@ -14,7 +14,8 @@ from isogal.errors import InputError
 if TYPE_CHECKING:
     from isogal.arrays import Array
     from isogal.maps.axes import Window
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.corridor import Corridor
+    from isogal.maps.tiled_map import ScalarMap
     from isogal.scenario import Scenario
     from isogal.sensors.trajectory import Trajectory
 
@@ -37,13 +38,13 @@ class Route(NamedTuple):
 
         return measured_field(self.settings).source
 
-    def around(self, margin: float) -> "Window":
+    def around(self, margin: float) -> "Corridor":
         """Return the part of the Earth within a margin (km) of the route."""
-        from isogal.maps.load import route_window
+        from isogal.maps.corridor import corridor_of
 
-        return route_window(self.trajectory.latitude, self.trajectory.longitude, 1e3 * margin)
+        return corridor_of(self.trajectory.latitude, self.trajectory.longitude, 1e3 * margin)
 
-    def readings_on(self, field_map: "FieldMap") -> "tuple[Array, Array]":
+    def readings_on(self, field_map: "ScalarMap") -> "tuple[Array, Array]":
         """Return latitude and longitude (rad) of the readings along the route.
 
         Raises
@@ -135,20 +136,27 @@ class PartChoice(RouteChoice):
         ),
     ] = None
 
-    def part(self, route: Route | None) -> "Window | None":
+    def part(self, route: Route | None) -> "Window | Corridor | None":
         """Return the window, else what lies about a route; None = the whole map. Raises
         InputError."""
         if self.window is not None:
             return _window(*self.window)
         return None if route is None else route.around(self.margin)
 
-    def part_needed(self) -> "Window":
+    def part_needed(self) -> "Window | Corridor":
         """Return the window, else what lies about the route, by default that of the default
         scenario; raises InputError."""
         if self.window is None:
             return self.build().around(self.margin)
         self.build_if_asked()  # a wrong scenario is refused, although the window counts
         return _window(*self.window)
+
+
+def whole_window(part: "Window | Corridor") -> "Window":
+    """Return a part of the Earth as one window, with all that lies between the ends of a route."""
+    from isogal.maps.corridor import Corridor
+
+    return part.window if isinstance(part, Corridor) else part
 
 
 def _waypoints(route: str) -> str:

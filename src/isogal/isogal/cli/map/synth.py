@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.map.part import PartChoice
+from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import require_netcdf_name, say_written
 from isogal.cli.map_choice import MAP, make_synthetic
 from isogal.cli.option_groups import with_groups
@@ -31,6 +31,6 @@ def synth(
     from isogal.maps.formats.netcdf import write_netcdf
 
     require_netcdf_name(out)
-    field_map = make_synthetic(quantity, where.part_needed()._replace(track=None))
+    field_map = make_synthetic(quantity, whole_window(where.part_needed()))
     write_netcdf(field_map, out)
     say_written(describe_map(field_map), out, json)

@@ -16,7 +16,7 @@ from isogal.cli.options import Json
 
 if TYPE_CHECKING:
     from isogal.arrays import Array
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 
 class _Along(NamedTuple):
@@ -67,9 +67,9 @@ class Template:
         ),
     ] = 100
 
-    def along(self, field_map: "FieldMap", track: "tuple[Array, Array]") -> _Along:
+    def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
         """Return the variability along a track (latitude, longitude, rad); raises InputError."""
-        from isogal.maps.expected_accuracy import along_track
+        from isogal.maps.corridor import along_track
         from isogal.maps.variability import feature_variability, normalised_variability
 
         variability = feature_variability(field_map, *track, self.half_width, self.points)
@@ -87,7 +87,7 @@ def variability(
 ) -> None:
     """Compute the map feature variability (paper eq. CV) at each reading along a route."""
     route = where.build()
-    field_map = map_.load(route.around(where.margin), route.measured)
+    field_map = map_.load_along(route.around(where.margin), route.measured)
     found = template.along(field_map, route.readings_on(field_map))
     if figure is not None:
         from isogal.cli.map.figures import variability_figure
@@ -101,7 +101,7 @@ def variability(
         _print(field_map, found, figure)
 
 
-def _as_json(field_map: "FieldMap", template: Template, found: _Along) -> dict[str, Any]:
+def _as_json(field_map: "ScalarMap", template: Template, found: _Along) -> dict[str, Any]:
     import numpy as np
 
     from isogal.cli.map.description import finite_or_none
@@ -126,7 +126,7 @@ def _as_json(field_map: "FieldMap", template: Template, found: _Along) -> dict[s
     }
 
 
-def _print(field_map: "FieldMap", found: _Along, figure: Path | None) -> None:
+def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
     import numpy as np
     from rich.box import SIMPLE_HEAD
     from rich.console import Console

@@ -12,6 +12,7 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
     from isogal.tracks.csv_file import CsvTrack
     from isogal.tracks.recording import Recording
     from isogal.tracks.track import Track
@@ -30,7 +31,7 @@ class Inputs:
 
     track: "Track"
     """NaN where the map has no value."""
-    field_map: "FieldMap"
+    field_map: "ScalarMap"
     unit: str
     """Of the track's values, and of the sigmas on the command line."""
     factor: float
@@ -49,11 +50,15 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> I
     from isogal.tracks.track import fit_to_map
 
     source = _source(chosen)
-    field_map = map_.load(source.window(_MARGIN + 5.0 * assumed.prior_sigma))
+    corridor = source.corridor(_MARGIN + 5.0 * assumed.prior_sigma)
+    # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
+    references = assumed.reference or []
+    learnt = map_.load(corridor.window) if references else None
+    field_map = learnt or map_.load_along(corridor)
     unit, factor = _unit(chosen.track_unit, field_map)
     track = _track(source, field_map, factor, assumed.sensor_sigma, chosen.reduction)
-    if assumed.reference:
-        field_map = _with_learnt_error(field_map, assumed.reference, factor)
+    if learnt is not None:
+        field_map = _with_learnt_error(learnt, references, factor)
     track, off_map = fit_to_map(track, field_map)
     if off_map.any():
         note(
@@ -74,7 +79,7 @@ def _source(chosen: TrackChoice) -> "Recording | CsvTrack":
     return read_csv_track(chosen.track)
 
 
-def _unit(track_unit: str | None, field_map: "FieldMap") -> tuple[str, float]:
+def _unit(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
     """Return the unit of the track's values, and the number of units inside in one of it."""
     from isogal.maps.quantities import unit_factor
 
@@ -91,7 +96,7 @@ def _unit(track_unit: str | None, field_map: "FieldMap") -> tuple[str, float]:
 
 def _track(
     source: "Recording | CsvTrack",
-    field_map: "FieldMap",
+    field_map: "ScalarMap",
     factor: float,
     sensor_sigma: float | None,
     reduction: str | None,

@@ -9,7 +9,7 @@ from isogal.cli.match.inputs import Inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice
 
 if TYPE_CHECKING:
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
     from isogal.scenario import Matcher
 
 _LENGTH = "matcher.map_correlation_length"
@@ -46,7 +46,7 @@ def matcher_settings(
     return settings
 
 
-def _knows_error(field_map: "FieldMap") -> bool:
+def _knows_error(field_map: "ScalarMap") -> bool:
     import numpy as np
 
     return bool(np.any(np.nan_to_num(field_map.sigma) > 0.0))

@@ -14,7 +14,7 @@ from isogal.evaluation.records import Runs
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 
 _LATTICE = 90
@@ -85,7 +85,7 @@ class BatchEnd:
         return north, east
 
 
-def close_up(panel: "Axes", end: BatchEnd, field_map: "FieldMap", letter: str) -> None:
+def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) -> None:
     """Draw one batch end."""
     runs, batch = end.runs, end.batch
     candidates, weights = end.candidates()
@@ -136,7 +136,7 @@ def image_edges(nodes: Array) -> tuple[float, float]:
     return float(nodes[0]) - half, float(nodes[-1]) + half
 
 
-def _background(panel: "Axes", end: BatchEnd, field_map: "FieldMap", half: float) -> None:
+def _background(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", half: float) -> None:
     """Draw the map within `half` metres, and its contours."""
     lattice = np.linspace(-half, half, _LATTICE)
     north, east = np.meshgrid(lattice, lattice, indexing="ij")

@@ -10,11 +10,11 @@ from isogal.evaluation.records import Runs
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 
 @style.journal
-def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float) -> "Figure":
+def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
     """Measured values against the map's at the true and at the navigated position, and their
     differences below.
 
@@ -22,7 +22,7 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float) -> "Figure":
     ----------
     runs : Runs
         With a detail.
-    field_map : FieldMap
+    field_map : ScalarMap
         Gives unit and name of the field.
     sigma : float
         1-sigma of a reading's white noise, drawn as a band.
@@ -77,7 +77,7 @@ def signal_figure(runs: Runs, field_map: "FieldMap", sigma: float) -> "Figure":
 
 
 @style.journal
-def variability_figure(runs: Runs, field_map: "FieldMap") -> "Figure":
+def variability_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     """Noiseless signal and map feature variability along the true track (paper fig-60;
     docs/mathematics.md, section 12.5), with the batches of the first run that gave no fix."""
     from isogal.maps.variability import feature_variability

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -182,11 +182,11 @@ class FieldScale:
 
 
 _MEDIAN_OF = 500
-"""Rows and columns, about, that the median of a map's values is taken from."""
+"""Rows and columns, at most, that the median of a map's values is taken from."""
 _NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity disturbance"}
 
 
-def field_scale(field_map: "FieldMap") -> FieldScale:
+def field_scale(field_map: "ScalarMap") -> FieldScale:
     """Scale of a map's values: gravity in 1e-5 m/s² above a round number near its middle,
     gradients in Eötvös, others as they are."""
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
@@ -194,10 +194,7 @@ def field_scale(field_map: "FieldMap") -> FieldScale:
         return FieldScale(0.0, 1e-9, f"{name} (E)")
     if field_map.unit != "m/s²":
         return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
-    rows, columns = (1 + size // _MEDIAN_OF for size in field_map.values.shape)
-    # thinned: a large map is neither read nor copied as a whole for a round number
-    some = field_map.thinned(rows, columns).values
-    middle = float(np.nanmedian(some if np.isfinite(some).any() else field_map.values))
+    middle = float(np.nanmedian(field_map.overview(_MEDIAN_OF).values))
     if abs(middle) < 0.1:
         return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
     offset = round(middle, 2)

@@ -10,12 +10,14 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.close_up import BatchEnd, close_up, image_edges
 from isogal.evaluation.records import Runs
+from isogal.maps.axes import Window
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from isogal.maps.field_map import FieldMap
+    from isogal.maps.tiled_map import ScalarMap
 
 
 CLOSE_UPS = 3
@@ -28,7 +30,7 @@ _DOTS = 700
 
 
 @style.journal
-def track_figure(runs: Runs, field_map: "FieldMap") -> "Figure":
+def track_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     """The first run on the map: above the whole route, below close-ups of batches early, half-way
     and at the end."""
     count = runs.fix_time.size
@@ -87,23 +89,12 @@ def _frame(runs: Runs) -> _Frame:
     )
 
 
-def _drawn(field_map: "FieldMap", frame: _Frame) -> "FieldMap":
-    """Cut out the part of a map in the frame, no finer than the picture's dots."""
-    edges = frame.south, frame.north, frame.west, frame.east
-    if field_map.strip is None:
-        part = field_map.window(*edges)
-        return part.thinned(*(-(-size // _DOTS) for size in part.values.shape))
-    # the window of a strip would be filled with its empty part, so that is thinned first
-    lat_step, lon_step = field_map.grid.latitude_step, field_map.grid.longitude_step
-    rows, columns = (frame.north - frame.south) / lat_step, (frame.east - frame.west) / lon_step
-    return field_map.thinned(math.ceil(rows / _DOTS), math.ceil(columns / _DOTS)).window(*edges)
-
-
 def _overview(
-    panel: "Axes", runs: Runs, field_map: "FieldMap", frame: _Frame, chosen: list[int]
+    panel: "Axes", runs: Runs, field_map: "ScalarMap", frame: _Frame, chosen: list[int]
 ) -> None:
     """Draw the route, the unaided navigator, the fixes, and the letters of the close-ups."""
-    _background(panel, _drawn(field_map, frame), frame)
+    window = Window(frame.south, frame.north, frame.west, frame.east)
+    _background(panel, field_map.overview(_DOTS, window), frame)
     latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
     # a white edge keeps lines visible on dark and on light ground
     panel.plot(longitude, latitude, color="white", linewidth=3.2)

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import Window, latitude_slice, longitude_slices
+from isogal.maps.axes import (
+    EmptyWindowError,
+    Window,
+    latitude_slice,
+    longitude_slices,
+)
 from isogal.maps.field_map import FieldMap
 from isogal.maps.quantities import quantity_of
 
@@ -185,10 +190,10 @@ def _assemble(
     count = sum(part.stop - part.start for part in parts)
     if up.stop - up.start < 4 or count < 4:
         extent = Window(south, south + dlat * (rows - 1), west, west + dlon * (columns - 1)).text()
-        raise InputError(
+        raise EmptyWindowError(
             f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}"
         )
-    check_size((up.stop - up.start) * count, where)
+    check_size((up.stop - up.start) * count, where, window)
     blocks = []
     for part in parts:
         where_in_file = rasterio.windows.Window.from_slices(

@@ -14,7 +14,13 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import atomic_path
 from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import Window, latitude_slice, longitude_slices, regular_axis
+from isogal.maps.axes import (
+    EmptyWindowError,
+    Window,
+    latitude_slice,
+    longitude_slices,
+    regular_axis,
+)
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_classic import check_classic
 from isogal.maps.quantities import quantity_of, unit_factor
@@ -108,10 +114,10 @@ def _read(
     count = sum(part.stop - part.start for part in columns)
     if rows.stop - rows.start < 4 or count < 4:
         extent = Window(lat[0], lat[-1], lon[0], lon[-1]).text()
-        raise InputError(
+        raise EmptyWindowError(
             f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}"
         )
-    check_size((rows.stop - rows.start) * count, where)
+    check_size((rows.stop - rows.start) * count, where, window)
 
     def cut(source: Any) -> Any:
         parts = [

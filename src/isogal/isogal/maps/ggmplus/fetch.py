@@ -17,6 +17,7 @@ from isogal.errors import InputError
 from isogal.files import atomic_path
 from isogal.maps.axes import Window
 from isogal.maps.cache import locked
+from isogal.maps.corridor import Corridor
 from isogal.maps.ggmplus.download import AbsentError, Patience, check_base_url, download, sha256
 from isogal.maps.ggmplus.folder import CELLS, KINDS, tile_name, tiles_of
 
@@ -47,13 +48,15 @@ class Fetched:
         return asdict(self)
 
 
-def tiles_for(window: Window, extensions: Iterable[str]) -> list[str]:
-    """Return the names of the tiles that a window, or the track in it, needs."""
-    names = []
+def tiles_for(where: Window | Corridor, extensions: Iterable[str]) -> list[str]:
+    """Return the names of the tiles that a window, or a route and its margin, needs."""
+    windows = where.windows() if isinstance(where, Corridor) else [where]
+    corners = sorted({corner for window in windows for corner in tiles_of(window)})
+    names: list[str] = []
     for extension in extensions:
         if extension not in KINDS:
             raise InputError(f"--variable {extension}: GGMplus has {', '.join(KINDS)}")
-        names += [tile_name(*corner, extension) for corner in tiles_of(window)]
+        names += [tile_name(*corner, extension) for corner in corners]
     return names
 
 

@@ -17,19 +17,15 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import atomic_path
 from isogal.maps.assemble import check_size
-from isogal.maps.axes import MARGIN, TWO_PI, Window
+from isogal.maps.axes import MARGIN, TWO_PI, EmptyWindowError, Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.quantities import QUANTITIES, check_plausible
-from isogal.maps.sparse import Spans, row_spans, strip_grid, thinned
 
 STEP_DEG = 0.002
 CELLS = 2500
 SIZE_DEG = 5
 _ACROSS, _UP = 360 * 500, 180 * 500
-_METRES = 6.37e6  # in a radian of latitude
 _BLOCK = 50  # columns of a tile mapped at once: 0.5 MB
-DENSE_BYTES = 24_000_000
-"""A window that takes more than this is kept for the strip along the route only."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +58,8 @@ def tile_name(south: int, west: int, extension: str) -> str:
 
 
 def tiles_of(window: Window) -> list[tuple[int, int]]:
-    """Return the south-west corners (deg) of all tiles that a window, or the track in it, touches;
-    west may exceed 180."""
-    if window.track is not None:
-        track = window.track
-        points = thinned(track, _METRES)
-        around = [Window(lat, lat, lon, lon).grown(1.1 * track.margin) for lat, lon in points]
-        return sorted({corner for part in around for corner in tiles_of(part)})
+    """Return the south-west corners (deg) of all tiles that a window touches; west may exceed
+    180."""
     rows, columns = _cells(window)
     return [
         (tile_row * SIZE_DEG - 90, tile_column * SIZE_DEG)
@@ -102,7 +93,7 @@ def read_ggmplus(
         ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the
         folder.
     window : Window, optional
-        None = all tiles there. With a track, a large window is read along the track only.
+        None = all tiles there.
     quantity : str, optional
         Must be that of the variable.
     unit : str, optional
@@ -146,21 +137,16 @@ def read_ggmplus(
         if not (path / name).is_file()
     ]
     if len(missing) == len(corners):
-        raise InputError(f"{path}: has none of the tiles needed: {', '.join(missing)}")
+        raise EmptyWindowError(f"{path}: has none of the tiles needed: {', '.join(missing)}")
     latitude = np.radians(-90.0 + STEP_DEG * (np.arange(rows.start, rows.stop) + 0.5))
     longitude = np.radians(STEP_DEG * (np.arange(columns.start, columns.stop) + 0.5))
-    spans: Spans | None = None
-    if window.track is not None and latitude.size * longitude.size * 8 > DENSE_BYTES:
-        spans = row_spans(window.track, latitude, longitude)
-        values = strip_grid(latitude.size, longitude.size, spans)
-    else:
-        check_size(latitude.size * longitude.size, str(path))
-        values = np.full((latitude.size, longitude.size), np.nan)
+    check_size(latitude.size * longitude.size, str(path), window)
+    values = np.full((latitude.size, longitude.size), np.nan)
     for south, west in corners:
         name = tile_name(south, west, extension)
         if name not in missing:
             place = ((south + 90) * 500 - rows.start, west * 500 - columns.start)
-            _read_tile(path / name, kind, place, values, spans)
+            _read_tile(path / name, kind, place, values)
     note = f"; no tile {', '.join(missing)}" if missing else ""
     return FieldMap(
         latitude,
@@ -171,7 +157,6 @@ def read_ggmplus(
         quantisation=kind.step,
         provenance=f"GGMplus {path}:{extension}{note}",
         file_unit=QUANTITIES[kind.quantity].unit,
-        strip=spans,
     )
 
 
@@ -242,9 +227,7 @@ def _extent(names: list[str]) -> Window:
     )
 
 
-def _read_tile(
-    path: Path, kind: Kind, place: tuple[int, int], values: Array, spans: Spans | None
-) -> None:
+def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) -> None:
     """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
     ``place``."""
     dtype = np.dtype(kind.dtype)
@@ -257,10 +240,8 @@ def _read_tile(
                 " short?"
             )
         low, high = math.inf, -math.inf
+        rows = slice(max(-place[0], 0), min(values.shape[0] - place[0], CELLS))
         for first, last in _blocks(place[1], values.shape[1]):
-            rows = _rows_needed(place, (first, last), values.shape[0], spans)
-            if rows.stop <= rows.start:
-                continue
             raw = np.memmap(
                 path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS)
             )[:, rows].T
@@ -268,7 +249,9 @@ def _read_tile(
             block[raw == kind.no_data] = np.nan
             if not np.isnan(block).all():
                 low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
-            _put(block, (rows.start + place[0], first + place[1]), values, spans)
+            values[
+                place[0] + rows.start : place[0] + rows.stop, place[1] + first : place[1] + last
+            ] = block
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if low <= high:
@@ -281,36 +264,6 @@ def _blocks(left: int, columns: int) -> Iterator[tuple[int, int]]:
     start, stop = max(-left, 0), min(columns - left, CELLS)
     for first in range(start, stop, _BLOCK):
         yield first, min(first + _BLOCK, stop)
-
-
-def _rows_needed(
-    place: tuple[int, int], columns: tuple[int, int], rows: int, spans: Spans | None
-) -> slice:
-    """Return the tile's rows that these of its columns are needed for."""
-    low, high = max(place[0], 0), min(place[0] + CELLS, rows)
-    if spans is not None:
-        part = spans[low:high]
-        meets = np.flatnonzero(
-            (part[:, 0] < columns[1] + place[1]) & (part[:, 1] > columns[0] + place[1])
-        )
-        if not meets.size:
-            return slice(0, 0)
-        low, high = low + int(meets[0]), low + int(meets[-1]) + 1
-    return slice(low - place[0], high - place[0])
-
-
-def _put(block: Array, at: tuple[int, int], values: Array, spans: Spans | None) -> None:
-    """Copy a block to row, column ``at``, within the spans only."""
-    if spans is None:
-        values[at[0] : at[0] + block.shape[0], at[1] : at[1] + block.shape[1]] = block
-        return
-    for row, line in enumerate(block, start=at[0]):
-        first, last = (
-            max(int(spans[row, 0]), at[1]),
-            min(int(spans[row, 1]), at[1] + block.shape[1]),
-        )
-        if first < last:
-            values[row, first:last] = line[first - at[1] : last - at[1]]
 
 
 def write_ggmplus(

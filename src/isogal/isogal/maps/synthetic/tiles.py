@@ -1,158 +1,49 @@
-"""A synthetic map like GGMplus: fractal terrain, the gravity of that terrain, and long waves like
-a geopotential model.
+"""Tiles of the synthetic map: made once, in a process of their own, and kept in the user's cache
+folder."""
 
-Every number is a function of the place alone, wherever and whenever it is asked for:
-
-terrain     h = h0 + s·b + s·Σ octaves: noise from 120 km down to 1.1 km lattice spacing, amplitude ~ spacing^0.55, times a
-            slowly varying relief s (log-normal), so that there are plains and mountains; mountains
-            stand high (b).
-gravity     2πGρ·Σ w_o·octaves - c at 2670 kg/m³. w_o = 1 - exp(-k_o D) compensates long waves isostatically (Airy, depth D; Watts
-            2001, Isostasy and Flexure of the Lithosphere, sec. 5.3). c is the terrain correction,
-            half Gρ times the integral of (h - h_P)²/r³ (Forsberg 1985, Bull. Geod. 59:342-360; the
-            first order of Parker's series at the ground), by FFT.
-long waves  noise from 1200 to 20 km lattice spacing, not correlated with the terrain.
-
-disturbance ``dg`` = gravity of the terrain + long waves; gravity ``ga`` = normal gravity at the
-ground + dg. Cells of 0.002°, at the centres of GGMplus, rounded to 0.1 mGal as GGMplus is. Tiles
-of 1° are made once and kept in the cache folder.
-
-Along the default route, beside the real terrain of SE Australia with modelled gravity (SCIENCE 5):
-
-                                     this map        SE Australia
-disturbance, RMS                     36.9 mGal       28.6 mGal
-its gradient, RMS (median)           14.4 (4.5)      14.5 (6.5) mGal/km
-gradient of gravity, RMS (median)    26.1 (8.0)      27.9 (11.4) mGal/km
-"""
-
-import math
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.gravity import normal_gravity
-from isogal.errors import InputError
-from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import MARGIN, Window
+from isogal.arrays import Integers
 from isogal.maps.cache import cache_folder, read_or_make, read_part
-from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid, values_at
-from isogal.maps.synthetic.lattice_noise import sum_of_octaves
+from isogal.maps.synthetic.terrain import CELLS, QUANTA, make_tile
 
 VERSION = 1
-"""Part of the cache's folder name: raise it whenever a number below changes."""
-STEP_DEG = 0.002
-CELLS = 500
-"""Cells along a side of a tile."""
-ACROSS = 360 * CELLS
-"""Cells round the Earth."""
-QUANTA = {"disturbance": 1e-6, "gravity": 1e-6, "height": 1e-3}
-"""Steps of the numbers kept: 0.1 mGal and 1 mm."""
-
-_SEED = 84
-_EARTH = 6.371e6
-_PLATE = 2.0 * math.pi * 6.67430e-11 * 2670.0  # 2 pi G rho, 1/s²: 0.112 mGal per metre
-_TERRAIN: Array = 120e3 / 1.8 ** np.arange(9.0)
-_TERRAIN_RMS: Array = 210.0 * (_TERRAIN / _TERRAIN[0]) ** 0.55
-_WAVELENGTH = 1.6  # of gradient noise, in lattice spacings
-_COMPENSATION_DEPTH = 30e3
-_BASE, _BASE_HEIGHT, _BASE_COMPENSATION = 50.0, 2.0, 0.2
-_RELIEF = np.array([400e3, 200e3, 100e3])
-_RELIEF_RMS = 0.85 * np.array([0.70, 0.55, 0.45])
-_LONG = np.array([1200e3, 600e3, 300e3, 150e3, 80e3, 40e3, 20e3])
-_LONG_RMS = 0.75e-5 * np.array([14.0, 14.0, 12.0, 8.0, 5.0, 3.0, 1.5])
-_SMOOTH, _STRIDE = 20e3, 10  # octaves from this spacing (m) on are computed on every so many cells
-_REACH = 10e3  # of the terrain correction, m
-_MOST_COLUMNS = 600  # its reach near the poles, where meridians are close
+"""Part of the cache's folder name: raise it whenever a number of `terrain` changes."""
+Tile = tuple[int, int]
+"""South-west corner, deg."""
+Makers = dict[Path, Callable[[], Sequence[bytes]]]
+Progress = Callable[[int, int], None]
+"""Called with (tiles ready, tiles needed)."""
 
 
-def synthetic_map(
-    quantity: str, window: Window, progress: Callable[[int, int], None] | None = None
-) -> FieldMap:
-    """Return the synthetic map of a window.
-
-    Parameters
-    ----------
-    quantity : str
-        ``gravity``, ``disturbance`` or ``height`` (of the terrain).
-    window : Window
-        Part of the Earth, between 89° south and north.
-    progress : callable, optional
-        Called with (tiles ready, tiles needed).
-
-    Returns
-    -------
-    FieldMap
-        Exact (sigma 0) but for its steps (`quantisation`).
-
-    Raises
-    ------
-    InputError
-        Another quantity, or a window too large or too near a pole.
-    """
-    if quantity not in QUANTA:
-        raise InputError(f"map: the synthetic map has {', '.join(QUANTA)}, not {quantity}")
-    south, north = math.degrees(window.south), math.degrees(window.north)
-    west = math.degrees(window.west)
-    east = west + math.degrees(window.east - window.west) % 360.0
-    low, high = _cell(south + 90.0) - MARGIN, _cell(north + 90.0) + MARGIN + 1
-    left, right = (
-        _cell(west) - MARGIN,
-        min(_cell(east) + MARGIN + 1, _cell(west) - MARGIN + ACROSS),
-    )
-    if low < CELLS or high > 179 * CELLS:
-        raise InputError(
-            f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}"
-        )
-    check_size((high - low) * (right - left), "synthetic map")
-    values = np.empty((high - low, right - left))
-    makers: dict[Path, Callable[[], Sequence[bytes]]] = {}
+def read_tiles(
+    quantity: str, tiles: Iterable[Tile], progress: Progress | None = None
+) -> Iterator[tuple[Tile, Integers]]:
+    """Give the numbers (500, 500) of tiles, in the quantity's `QUANTA`, in any order; make those
+    that are not there."""
+    makers: Makers = {_path(tile): partial(make_tile, *tile) for tile in tiles}
     index = list(QUANTA).index(quantity)
-    places: dict[Path, list[tuple[int, int]]] = {}
-    for row in range(low // CELLS, -(-high // CELLS)):
-        for column in range(left // CELLS, -(-right // CELLS)):
-            name = (row - 90, (column + 180) % 360 - 180)
-            path = _tile_path(*name)
-            makers[path] = partial(make_tile, *name)
-            places.setdefault(path, []).append((row * CELLS - low, column * CELLS - left))
     absent = [path for path in makers if read_part(path, index) is None]
     for done in _made_in_child(absent):
         if progress is not None:
             progress(len(makers) - len(absent) + done, len(makers))
     for path, body in read_or_make(makers, index):
-        tile = np.frombuffer(body, dtype="<i4").reshape(CELLS, CELLS)
-        for top, side in places.pop(path):
-            rows, columns = (
-                slice(max(-top, 0), high - low - top),
-                slice(max(-side, 0), right - left - side),
-            )
-            values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = tile[rows, columns]
-    return assemble(
-        np.radians(-90.0 + STEP_DEG * (np.arange(low, high) + 0.5)),
-        np.radians(STEP_DEG * (np.arange(left, right) + 0.5)),
-        np.multiply(values, QUANTA[quantity], out=values),
-        unit="m" if quantity == "height" else "m/s²",
-        quantity=quantity,
-        where=f"synthetic map {VERSION}",
-        quantisation=QUANTA[quantity],
-    )
+        yield _corner(path.name), np.frombuffer(body, dtype="<i4").reshape(CELLS, CELLS)
 
 
-def _cell(degrees: float) -> int:
-    return math.floor(degrees / STEP_DEG)
+def _path(tile: Tile) -> Path:
+    south, west = tile
+    name = f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}"
+    return cache_folder() / f"synthetic-{VERSION}" / f"{name}.tile"
 
 
-def _tile_path(south: int, west: int) -> Path:
-    name = f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}.tile"
-    return cache_folder() / f"synthetic-{VERSION}" / name
-
-
-def _corner(name: str) -> tuple[int, int]:
+def _corner(name: str) -> Tile:
     """Return south and west (deg) of a tile's file name."""
     return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (
         -1 if name[3] == "W" else 1
@@ -183,105 +74,9 @@ def _made_in_child(paths: list[Path]) -> Iterator[int]:
 
 def _make_here(names: list[str]) -> None:
     """Make tiles; print the name of each when it is there."""
-    makers: dict[Path, Callable[[], Sequence[bytes]]] = {
-        _tile_path(*_corner(name)): partial(make_tile, *_corner(name)) for name in names
-    }
+    makers: Makers = {_path(_corner(name)): partial(make_tile, *_corner(name)) for name in names}
     for path, _ in read_or_make(makers, 0):
         print(path.name, flush=True)
-
-
-def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
-    """Compute the tile with this south-west corner (deg): disturbance, gravity, height as
-    little-endian int32, in `QUANTA`."""
-    height, attraction = terrain(south, west)
-    long_waves = _octaves((south, west), (0, 0), _LONG, _LONG_RMS[None], _SEED + 2000)[0]
-    disturbance = np.rint((attraction + long_waves) / QUANTA["disturbance"])
-    ground = (
-        normal_gravity(_axis(south, 0, CELLS)[:, None], height)
-        + disturbance * QUANTA["disturbance"]
-    )
-    numbers = (
-        disturbance,
-        np.rint(ground / QUANTA["gravity"]),
-        np.rint(height / QUANTA["height"]),
-    )
-    return tuple(number.astype("<i4").tobytes() for number in numbers)  # type: ignore[return-value]
-
-
-def terrain(south: int, west: int) -> tuple[Array, Array]:
-    """Return height (m) and the attraction of the terrain (m/s²) on the cells of a tile, (500,
-    500) each."""
-    metres_north, metres_east = (
-        STEP_DEG * math.radians(1.0) * m for m in metres_per_radian(math.radians(south + 0.5))
-    )
-    rows, columns = (
-        math.ceil(_REACH / metres_north),
-        min(math.ceil(_REACH / metres_east), _MOST_COLUMNS),
-    )
-    compensation = 1.0 - np.exp(-2.0 * math.pi / (_WAVELENGTH * _TERRAIN) * _COMPENSATION_DEPTH)
-    weights = np.stack([_TERRAIN_RMS, _TERRAIN_RMS * compensation * _PLATE])
-    rough, plate = _octaves((south, west), (rows, columns), _TERRAIN, weights, _SEED)
-    scale = _octaves((south, west), (rows, columns), _RELIEF, _RELIEF_RMS[None], _SEED + 1000)[0]
-    relief: Array = np.exp(scale - 0.5 * np.sum(_RELIEF_RMS**2))
-    usual = _BASE_HEIGHT * math.sqrt(np.sum(_TERRAIN_RMS**2))
-    base = usual * relief
-    height = _BASE + base + relief * rough
-    inner = np.s_[rows : rows + CELLS, columns : columns + CELLS]
-    attraction = (relief * plate + _BASE_COMPENSATION * _PLATE * (base - usual))[inner]
-    return height[inner], attraction - _terrain_correction(
-        height, (rows, columns), (float(metres_north), float(metres_east))
-    )
-
-
-def _axis(corner: int, low: int, high: int, stride: int = 1) -> Array:
-    """Return every ``stride``-th cell centre, rad, from cell ``low`` to before ``high`` of the
-    tile at ``corner`` deg."""
-    return np.radians(corner + STEP_DEG * (np.arange(low, high, stride) + 0.5))
-
-
-def _octaves(
-    corner: tuple[int, int], margin: tuple[int, int], spacing: Array, rms: Array, seed: int
-) -> Array:
-    """Return sums of octaves (P, rows, columns) on a tile (south, west deg) with a margin of so
-    many cells.
-
-    Octaves of more than `_SMOOTH` are computed on every `_STRIDE`-th cell, counted from the tile's
-    corner so that tiles agree where they meet, and interpolated."""
-    fine = [_axis(c, -m, CELLS + m) for c, m in zip(corner, margin, strict=True)]
-    smooth = spacing >= _SMOOTH
-    low = [-_STRIDE * (m // _STRIDE + 3) for m in margin]
-    coarse = [
-        _axis(c, start, CELLS - start, _STRIDE) for c, start in zip(corner, low, strict=True)
-    ]
-    nodes = np.empty((rms.shape[0], coarse[0].size, coarse[1].size))
-    out = np.empty((rms.shape[0], fine[0].size, fine[1].size))
-    sum_of_octaves(*coarse, spacing[smooth] / _EARTH, rms[:, smooth], seed, nodes)
-    sum_of_octaves(*fine, spacing[~smooth] / _EARTH, rms[:, ~smooth], seed + 500, out)
-    latitude, longitude = (axis.reshape(-1) for axis in np.meshgrid(*fine, indexing="ij"))
-    step = math.radians(STEP_DEG * _STRIDE)
-    for index, part in enumerate(nodes):
-        grid = Grid(part, part.shape[0], coarse[0][0], step, coarse[1][0], step)
-        out[index] += values_at(grid, latitude, longitude).reshape(out.shape[1:])
-    return out
-
-
-def _terrain_correction(height: Array, reach: tuple[int, int], cell: tuple[float, float]) -> Array:
-    """Return G rho / 2 times the integral of (h - h_P)² / r³ (m/s²) over ``reach`` cells of size
-    ``cell`` (m) around each P.
-
-    The square multiplies out to two convolutions with 1/r³ and a constant, so that FFTs do it.
-    """
-    from scipy.signal import oaconvolve
-
-    north, east = (size * np.arange(-n, n + 1) for n, size in zip(reach, cell, strict=True))
-    distance = np.hypot(north[:, None], east[None, :])
-    near = (distance > 0.0) & (distance <= _REACH)
-    kernel = np.divide(1.0, distance**3, out=np.zeros_like(distance), where=near)
-    level = height - height.mean()  # keeps the differences below small against rounding
-    here = level[reach[0] : -reach[0], reach[1] : -reach[1]]
-    first, second = (oaconvolve(power, kernel, mode="valid") for power in (level, level**2))
-    integral = second - 2.0 * here * first + here**2 * kernel.sum()
-    return _PLATE / (4.0 * math.pi) * cell[0] * cell[1] * integral
 
 
 if __name__ == "__main__":

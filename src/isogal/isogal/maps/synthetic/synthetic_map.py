@@ -1,0 +1,114 @@
+"""The synthetic map of a window, or along a route."""
+
+import math
+from functools import partial
+
+import numpy as np
+
+from isogal.errors import InputError
+from isogal.maps.assemble import assemble, check_size
+from isogal.maps.axes import MARGIN, TooManyCellsError, Window
+from isogal.maps.corridor import Corridor
+from isogal.maps.field_map import FieldMap
+from isogal.maps.synthetic.terrain import CELLS, QUANTA, STEP_DEG
+from isogal.maps.synthetic.tiles import VERSION, Progress, Tile, read_tiles
+from isogal.maps.tiled_map import WHOLE_CELLS, ScalarMap, TiledMap
+
+_ACROSS = 360 * CELLS
+_NAME = f"synthetic map {VERSION}"
+
+
+def synthetic_map(quantity: str, window: Window, progress: Progress | None = None) -> FieldMap:
+    """Return the synthetic map of a window.
+
+    Parameters
+    ----------
+    quantity : str
+        ``gravity``, ``disturbance`` or ``height`` (of the terrain).
+    window : Window
+        Part of the Earth, between 89° south and north.
+    progress : callable, optional
+        Called with (tiles ready, tiles needed).
+
+    Returns
+    -------
+    FieldMap
+        Exact (sigma 0) but for its steps (`quantisation`).
+
+    Raises
+    ------
+    InputError
+        Another quantity, or a window too large or too near a pole.
+    """
+    if quantity not in QUANTA:
+        raise InputError(f"map: the synthetic map has {', '.join(QUANTA)}, not {quantity}")
+    rows, columns = _cells(window)
+    check_size(len(rows) * len(columns), _NAME, window)
+    values = np.empty((len(rows), len(columns)))
+    places = _places(rows, columns)
+    for tile, numbers in read_tiles(quantity, places, progress):
+        for top, side in places[tile]:
+            part = numbers[
+                max(-top, 0) : len(rows) - top,
+                max(-side, 0) : len(columns) - side,
+            ]
+            values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = part
+    return assemble(
+        np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
+        np.radians(STEP_DEG * (np.array(columns) + 0.5)),
+        np.multiply(values, QUANTA[quantity], out=values),
+        unit="m" if quantity == "height" else "m/s²",
+        quantity=quantity,
+        where=_NAME,
+        quantisation=QUANTA[quantity],
+    )
+
+
+def synthetic_map_along(
+    quantity: str, corridor: Corridor, progress: Progress | None = None
+) -> ScalarMap:
+    """Return the synthetic map along a route, tiled if it is large; its tiles are made at once.
+
+    Parameters and errors are those of `synthetic_map`."""
+    try:
+        return synthetic_map(quantity, corridor.window._replace(most_cells=WHOLE_CELLS), progress)
+    except TooManyCellsError:
+        tiled = TiledMap(partial(synthetic_map, quantity), corridor)
+        needed = {tile for window in tiled.windows() for tile in _places(*_cells(window))}
+        for _ in read_tiles(quantity, sorted(needed), progress):
+            pass
+        return tiled
+
+
+def _cells(window: Window) -> tuple[range, range]:
+    """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
+    its margin."""
+    south, north = math.degrees(window.south), math.degrees(window.north)
+    west = math.degrees(window.west)
+    east = west + math.degrees(window.east - window.west) % 360.0
+    low, high = _cell(south + 90.0) - MARGIN, _cell(north + 90.0) + MARGIN + 1
+    left, right = (
+        _cell(west) - MARGIN,
+        min(_cell(east) + MARGIN + 1, _cell(west) - MARGIN + _ACROSS),
+    )
+    if low < CELLS or high > 179 * CELLS:
+        raise InputError(
+            f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}"
+        )
+    return range(low, high), range(left, right)
+
+
+def _cell(degrees: float) -> int:
+    return math.floor(degrees / STEP_DEG)
+
+
+def _places(rows: range, columns: range) -> dict[Tile, list[tuple[int, int]]]:
+    """Return the tiles that some cells lie in, and at which of these rows and columns each has its
+    first cell (at several, where the columns go round the Earth)."""
+    places: dict[Tile, list[tuple[int, int]]] = {}
+    for row in range(rows.start // CELLS, -(-rows.stop // CELLS)):
+        for column in range(columns.start // CELLS, -(-columns.stop // CELLS)):
+            tile = row - 90, (column + 180) % 360 - 180
+            place = row * CELLS - rows.start, column * CELLS - columns.start
+            places.setdefault(tile, []).append(place)
+    return places

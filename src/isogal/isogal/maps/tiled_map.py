@@ -1,0 +1,348 @@
+"""A map that is too large to be in memory: parts of it are read as the vehicle goes.
+
+The Earth is divided into tiles of a fixed number of the map's cells, always at the same places.
+Values at many points are looked up tile by tile. A batch is matched against a map in memory of all
+tiles that lie within the corridor's margin of the batch, so that what it is matched against
+depends on where the batch lies and on nothing else: not on which batches came before it, nor on
+the runs that are computed beside it. What was read last is kept, as long as it is small."""
+
+import itertools
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.errors import InputError
+from isogal.maps.axes import (
+    FEWEST_NODES,
+    TWO_PI,
+    EmptyWindowError,
+    TooManyCellsError,
+    Window,
+)
+from isogal.maps.corridor import Corridor, joined
+from isogal.maps.field_map import FieldMap, flat_points
+
+WHOLE_CELLS = 6_000_000
+"""A map along a route that has at most so many cells is read as a whole (48 MB)."""
+TILE_CELLS = 250
+"""Cells along a side of a tile."""
+_BATCH = 100_000.0  # m that a batch is long, as far as is provided for
+_KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
+
+
+class Load(Protocol):
+    """How a part of a map is read. Has to be a function that can be pickled where the map is sent
+    to other processes."""
+
+    def __call__(self, *, window: Window) -> FieldMap:
+        """Read what the map has in a window, with the nodes around it that interpolation needs.
+
+        Raises
+        ------
+        EmptyWindowError
+            There is nothing.
+        TooManyCellsError
+            There is more than the window allows.
+        InputError
+            The map cannot be read.
+        """
+        ...
+
+
+class TiledMap:
+    """A scalar field along a route, read when it is needed. For those who look up values it is
+    like a `FieldMap`.
+
+    Parameters
+    ----------
+    load : Load
+        Reads a part.
+    corridor : Corridor
+        The route, and how far around it the map is needed.
+    start : FieldMap, optional
+        The part at the start of the route, which says what the map is; read if it is not given.
+
+    Raises
+    ------
+    InputError
+        The part at the start of the route cannot be read.
+    """
+
+    def __init__(self, load: Load, corridor: Corridor, start: FieldMap | None = None) -> None:
+        self.corridor = corridor
+        self._load = load
+        if start is None:
+            lat, lon = float(corridor.latitude[0]), float(corridor.longitude[0])
+            start = load(window=Window(lat, lat, lon, lon).grown(corridor.margin))
+        self._start = start
+        grid = start.grid
+        self._side = TILE_CELLS * grid.latitude_step, TILE_CELLS * grid.longitude_step
+        self._read: OrderedDict[Window, FieldMap | None] = OrderedDict()
+
+    def __reduce__(self) -> tuple[type["TiledMap"], tuple[Load, Corridor, FieldMap]]:
+        """Leave out of what other processes are sent what was read."""
+        return TiledMap, (self._load, self.corridor, self._start)
+
+    @property
+    def unit(self) -> str:
+        """See `FieldMap`."""
+        return self._start.unit
+
+    @property
+    def quantity(self) -> str:
+        """See `FieldMap`."""
+        return self._start.quantity
+
+    @property
+    def sigma(self) -> float | Array:
+        """See `FieldMap`; where it differs from place to place, at the start of the route."""
+        return self._start.sigma
+
+    @property
+    def correlation_length(self) -> float | None:
+        """See `FieldMap`."""
+        return self._start.correlation_length
+
+    @property
+    def quantisation(self) -> float:
+        """See `FieldMap`."""
+        return self._start.quantisation
+
+    @property
+    def height(self) -> float | None:
+        """See `FieldMap`."""
+        return self._start.height
+
+    @property
+    def provenance(self) -> str:
+        """See `FieldMap`."""
+        return self._start.provenance
+
+    @property
+    def file_unit(self) -> str:
+        """See `FieldMap`."""
+        return self._start.file_unit
+
+    @property
+    def file_factor(self) -> float:
+        """See `FieldMap`."""
+        return self._start.file_factor
+
+    @property
+    def step(self) -> tuple[float, float]:
+        """See `FieldMap`."""
+        return self._start.step
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the window around the corridor."""
+        (south, north, west, east), (height, width) = self.extent[:4], self.step
+        return round((north - south) / height) + 1, round((east - west) / width) + 1
+
+    @property
+    def extent(self) -> Window:
+        """The window around the corridor."""
+        return self.corridor.window
+
+    def cell_size_m(self, latitude: float) -> tuple[float, float]:
+        """See `FieldMap`."""
+        return self._start.cell_size_m(latitude)
+
+    def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """See `FieldMap`."""
+        return self._look_up(FieldMap.value, 1, latitude, longitude)[0]
+
+    def value_and_gradient(
+        self, latitude: ArrayLike, longitude: ArrayLike
+    ) -> tuple[Array, Array, Array]:
+        """See `FieldMap`."""
+        value, north, east = self._look_up(FieldMap.value_and_gradient, 3, latitude, longitude)
+        return value, north, east
+
+    def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """See `FieldMap`."""
+        return self._look_up(FieldMap.sigma_at, 1, latitude, longitude)[0]
+
+    def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
+        """See `FieldMap`."""
+        return np.isfinite(self.value(latitude, longitude))
+
+    def near(self, latitude: ArrayLike, longitude: ArrayLike) -> FieldMap:
+        """Return the map within the corridor's margin of all of some points (rad), in memory.
+
+        Where the map has nothing at all there, the part at the start of the route, which has
+        nothing there either.
+
+        Raises
+        ------
+        InputError
+            The points lie so far apart that it would be too large, or the map cannot be read.
+        """
+        lat, lon, _ = flat_points(latitude, longitude)
+        lon = np.unwrap(lon)
+        lon += self._turned(lon[:1]) - lon[0]
+        around = Window(lat.min(), lat.max(), lon.min(), lon.max()).grown(self.corridor.margin)
+        south, north, west, east = self._span(around)
+        try:
+            return self._part(self._window((south, north), (west, east))) or self._start
+        except TooManyCellsError:
+            raise InputError(
+                f"matcher.batch_length: a batch from {around.text()} needs more of the map"
+                " than fits into memory; make it shorter"
+            ) from None
+
+    def split(
+        self, latitude: Array, longitude: Array, reach: float = 0.0
+    ) -> Iterator[tuple[Integers, FieldMap]]:
+        """Yield for some of the points (N,) after others their indices, and a map in memory that
+        reaches ``reach`` m around them; nothing for points where the map has nothing."""
+        known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
+        places = np.stack([latitude[known], self._turned(longitude[known])], axis=1)
+        tiles, owner = np.unique(np.floor(places / self._side), axis=0, return_inverse=True)
+        for index, (row, column) in enumerate(tiles.astype(np.int64).tolist()):
+            tile = self._window((row, row + 1), (column, column + 1))
+            part = self._part(tile.grown(reach) if reach > 0.0 else tile)
+            if part is not None:
+                yield known[owner.reshape(-1) == index], part
+
+    def parts(self) -> Iterator[FieldMap]:
+        """Yield the tiles that lie in the corridor, each without its margin."""
+        for tile in self._tiles():
+            part = self._part(tile)
+            if part is not None:
+                try:
+                    yield _without_margin(part, tile)
+                except EmptyWindowError:  # all it has lies in the margin
+                    continue
+
+    def overview(self, most: int, window: Window | None = None) -> FieldMap:
+        """Return at most ``most`` rows and columns of the map in the corridor, or in a window;
+        nothing (NaN) off the corridor."""
+        south, north, west, east = (window or self.extent)[:4]
+        rows, columns = (
+            min(most, max(4, int(width / step)))
+            for width, step in zip((north - south, east - west), self.step, strict=True)
+        )
+        latitude, longitude = np.linspace(south, north, rows), np.linspace(west, east, columns)
+        turn = TWO_PI * np.round((longitude.mean() - self.corridor.longitude.mean()) / TWO_PI)
+        shown = np.zeros((rows, columns), dtype=np.bool_)
+        for part in self.corridor.windows():
+            near = [
+                slice(*np.searchsorted(axis, edges))
+                for axis, edges in ((latitude, part[:2]), (longitude - turn, part[2:4]))
+            ]
+            shown[near[0], near[1]] = True
+        values = np.full((rows, columns), np.nan)
+        places = np.nonzero(shown)
+        values[places] = self.value(latitude[places[0]], longitude[places[1]])
+        return FieldMap(
+            latitude, longitude, values, self.unit, self.quantity, provenance=self.provenance
+        )
+
+    def _look_up(
+        self, what: Callable[..., Any], count: int, latitude: ArrayLike, longitude: ArrayLike
+    ) -> list[Array]:
+        lat, lon, shape = flat_points(latitude, longitude)
+        found = np.full((count, lat.size), np.nan)
+        for rows, part in self.split(lat, lon):
+            found[:, rows] = what(part, lat[rows], lon[rows])
+        return [one.reshape(shape)[()] for one in found]
+
+    def windows(self) -> list[Window]:
+        """Return all windows that `near` reads for batches along the route, if these are not very
+        long."""
+        pieces = self.corridor.windows()
+        count = max(1, round(_BATCH * len(pieces) / max(self.corridor.length, 1.0)))
+        ends = [pieces[min(k + count, len(pieces) - 1)] for k in range(len(pieces))]
+        spans = dict.fromkeys(
+            self._span(joined(piece, end)) for piece, end in zip(pieces, ends, strict=True)
+        )
+        return [self._window(span[:2], span[2:]) for span in spans]
+
+    def _part(self, window: Window) -> FieldMap | None:
+        """Read the map in a window unless it was read lately; None where there is nothing."""
+        if window in self._read:
+            self._read.move_to_end(window)
+        else:
+            try:
+                self._read[window] = self._load(window=window)
+            except EmptyWindowError:
+                self._read[window] = None
+            while len(self._read) > 1 and self._cells_kept() > _KEPT_CELLS:
+                self._read.popitem(last=False)
+        return self._read[window]
+
+    def _cells_kept(self) -> int:
+        return sum(part.values.size for part in self._read.values() if part is not None)
+
+    def _turned(self, longitude: Array) -> Array:
+        """Return longitudes turned by whole circles to where the corridor has its own."""
+        middle = self.corridor.longitude.mean()
+        return longitude - TWO_PI * np.round((longitude - middle) / TWO_PI)
+
+    def _span(self, window: Window) -> tuple[int, int, int, int]:
+        """Return the first row and the one after the last, and the columns likewise, of the tiles
+        that a window touches."""
+        (height, width), (south, north, west, east) = self._side, window[:4]
+        return (
+            math.floor(south / height),
+            math.floor(north / height) + 1,
+            math.floor(west / width),
+            math.floor(east / width) + 1,
+        )
+
+    def _window(self, rows: tuple[int, int], columns: tuple[int, int]) -> Window:
+        """Return the window of some tiles."""
+        height, width = self._side
+        return Window(rows[0] * height, rows[1] * height, columns[0] * width, columns[1] * width)
+
+    def _tiles(self) -> list[Window]:
+        """Return the tiles that lie in the corridor."""
+        found = set()
+        for window in self.corridor.windows():
+            south, north, west, east = self._span(window)
+            found |= set(itertools.product(range(south, north), range(west, east)))
+        return [
+            self._window((row, row + 1), (column, column + 1)) for row, column in sorted(found)
+        ]
+
+
+ScalarMap = FieldMap | TiledMap
+"""A map of one quantity, in memory or read when it is needed."""
+
+
+def map_along(load: Load, corridor: Corridor) -> ScalarMap:
+    """Return the map along a route: in memory if it is small enough (`WHOLE_CELLS`), else tiled.
+
+    Raises
+    ------
+    InputError
+        The map cannot be read.
+    """
+    try:
+        return load(window=corridor.window._replace(most_cells=WHOLE_CELLS))
+    except TooManyCellsError:
+        return TiledMap(load, corridor)
+
+
+def _without_margin(part: FieldMap, tile: Window) -> FieldMap:
+    """Return the nodes of a part that lie in its tile; raises EmptyWindowError where none has a
+    value."""
+    longitude = part.longitude + TWO_PI * np.round((tile.west - part.longitude[0]) / TWO_PI)
+    rows = slice(*np.searchsorted(part.latitude, tile[:2]))
+    columns = slice(*np.searchsorted(longitude, tile[2:4]))
+    if rows.stop - rows.start < FEWEST_NODES or columns.stop - columns.start < FEWEST_NODES:
+        raise EmptyWindowError(f"{part.provenance}: ends at the edge of a tile")
+    return replace(
+        part,
+        latitude=part.latitude[rows],
+        longitude=longitude[columns],
+        values=part.values[rows, columns],
+        sigma=part.sigma if isinstance(part.sigma, float) else part.sigma[rows, columns],
+    )

@@ -1,0 +1,243 @@
+"""A map read in parts: the same values as of the map in memory, whatever was read before."""
+
+import pickle
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps import tiled_map
+from isogal.maps.axes import TWO_PI, EmptyWindowError, TooManyCellsError
+from isogal.maps.corridor import corridor_of
+from isogal.maps.field_map import FieldMap
+from isogal.maps.tiled_map import TiledMap, map_along
+from isogal.maps.variability import feature_variability
+from isogal.montecarlo.chunks import map_digest
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import load_scenario
+
+MARGIN = 5_000.0
+CORNERS = [[-36.75, 146.7], [-36.25, 147.3]]
+
+
+def part_of(whole, *, window):
+    """Read a map that is in memory as a reader does."""
+    part = whole.window(*window[:4])
+    if part.values.size > window.most_cells:
+        raise TooManyCellsError("too many cells")
+    return part
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Nodes of 500 m, 160 x 160, with a hole, and an error that differs from place to place."""
+    made = field_map_of(wavy, step=500.0)
+    made.values[100:120, 60:90] = np.nan
+    sigma = 1e-5 + 1e-6 * np.arange(made.values.size).reshape(made.values.shape) % 7e-6
+    return replace(made, sigma=sigma, correlation_length=3000.0, quantisation=1e-7)
+
+
+@pytest.fixture
+def tiled(whole, monkeypatch):
+    """The same in tiles of 16 x 16 nodes, along the diagonal."""
+    monkeypatch.setattr(tiled_map, "TILE_CELLS", 16)
+    (south, west), (north, east) = np.radians(CORNERS)
+    latitude, longitude = np.linspace(south, north, 400), np.linspace(west, east, 400)
+    return TiledMap(partial(part_of, whole), corridor_of(latitude, longitude, MARGIN))
+
+
+@pytest.fixture(scope="module")
+def places():
+    """Places all over the map, beyond its edge, and some that are none."""
+    rng = np.random.default_rng(1)
+    metres = rng.uniform(-45e3, 45e3, (2, 500))
+    latitude, longitude = (
+        origin + m / scale
+        for origin, m, scale in zip(ORIGIN, metres, metres_per_radian(ORIGIN[0]), strict=True)
+    )
+    latitude[7], longitude[11] = np.nan, np.nan
+    return latitude, longitude
+
+
+def test_values_are_those_of_the_map_in_memory(whole, tiled, places):
+    np.testing.assert_allclose(tiled.value(*places), whole.value(*places), atol=1e-15)
+    for one, other in zip(
+        tiled.value_and_gradient(*places), whole.value_and_gradient(*places), strict=True
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+    np.testing.assert_allclose(tiled.sigma_at(*places), whole.sigma_at(*places), atol=1e-15)
+    np.testing.assert_array_equal(tiled.covers(*places), whole.covers(*places))
+    assert 50 < np.isnan(tiled.value(*places)).sum() < 250
+
+
+def test_shapes_and_whole_circles(whole, tiled):
+    latitude, longitude = ORIGIN[0] + 1e-4 * np.arange(3)[:, None], ORIGIN[1] + 1e-4 * np.arange(2)
+    there = tiled.value(latitude, longitude - TWO_PI)
+    assert there.shape == (3, 2) and np.ndim(tiled.value(*ORIGIN)) == 0
+    np.testing.assert_allclose(there, whole.value(latitude, longitude), rtol=1e-9)
+    assert tiled.near(*ORIGIN) is tiled.near(ORIGIN[0], ORIGIN[1] - TWO_PI)
+
+
+def test_it_says_what_the_map_says(whole, tiled):
+    for name in ("unit", "quantity", "correlation_length", "quantisation", "provenance"):
+        assert getattr(tiled, name) == getattr(whole, name)
+    assert tiled.step == pytest.approx(whole.step)
+    assert tiled.cell_size_m(-0.6) == pytest.approx(whole.cell_size_m(-0.6))
+    assert tiled.extent == tiled.corridor.window
+    assert tiled.shape == pytest.approx(tiled.overview(1000).values.shape, abs=2)
+
+
+def test_around_a_batch_there_is_map_as_far_as_the_margin(whole, tiled):
+    latitude, longitude = ORIGIN[0] - 2e-4 * np.arange(4), ORIGIN[1] - 3e-4 * np.arange(4)
+    near = tiled.near(latitude, longitude)
+    assert isinstance(near, FieldMap) and near.values.size < 0.3 * whole.values.size
+    angle = np.linspace(0.0, TWO_PI, 9)[:, None]
+    north, east = metres_per_radian(latitude)
+    around = latitude + MARGIN * np.cos(angle) / north, longitude + MARGIN * np.sin(angle) / east
+    np.testing.assert_allclose(near.value(*around), whole.value(*around), atol=1e-15)
+    assert np.isfinite(near.value(*around)).all()
+
+
+def test_what_a_batch_gets_does_not_depend_on_what_was_read_before(tiled, whole, places):
+    here = ORIGIN[0] + 1e-4 * np.arange(5), ORIGIN[1] + 1e-4 * np.arange(5)
+    fresh = TiledMap(partial(part_of, whole), tiled.corridor)
+    tiled.value(*places)
+    for shift in (-3e-3, 2e-3, 4e-3):
+        tiled.near(here[0] + shift, here[1])
+    near, other = tiled.near(*here), fresh.near(*here)
+    assert near is tiled.near(*here)  # kept
+    np.testing.assert_array_equal(near.values, other.values)
+    assert near.grid[1:] == other.grid[1:]
+
+
+def test_where_there_is_no_map_a_batch_gets_one_without_values_there(tiled):
+    away = ORIGIN[0] + 0.1 + 1e-4 * np.arange(5), ORIGIN[1] + 1e-4 * np.arange(5)
+    assert not tiled.near(*away).covers(*away).any()
+
+
+def test_a_batch_that_needs_too_much_is_refused(tiled):
+    def load(*, window):
+        raise TooManyCellsError("too many")
+
+    endless = TiledMap(load, tiled.corridor, tiled.near(*ORIGIN))
+    with pytest.raises(InputError, match=r"^matcher.batch_length: .* shorter$"):
+        endless.near(*ORIGIN)
+
+
+def test_only_so_much_is_kept(tiled, whole, monkeypatch):
+    monkeypatch.setattr(tiled_map, "_KEPT_CELLS", 2000)
+    tiled.value(whole.latitude[:, None], whole.longitude)
+    assert 0 < sum(part.values.size for part in tiled._read.values() if part is not None) <= 2000
+
+
+def test_a_map_that_cannot_be_read_is_no_empty_map(tiled):
+    def load(*, window):
+        raise InputError("map.nc: damaged")
+
+    with pytest.raises(InputError, match="damaged"):
+        TiledMap(load, tiled.corridor)
+    with pytest.raises(InputError, match="damaged"):
+        TiledMap(load, tiled.corridor, tiled.near(*ORIGIN)).value(*ORIGIN)
+
+
+def test_the_parts_are_the_nodes_of_the_corridor_each_once(whole, tiled):
+    found = np.zeros(whole.values.shape, dtype=int)
+    for part in tiled.parts():
+        rows, columns = (
+            np.rint((axis - first[0]) / step).astype(int)
+            for axis, first, step in zip(
+                (part.latitude, part.longitude),
+                (whole.latitude, whole.longitude),
+                whole.step,
+                strict=True,
+            )
+        )
+        found[np.ix_(rows, columns)] += 1
+        np.testing.assert_array_equal(part.values, whole.values[np.ix_(rows, columns)])
+    assert set(np.unique(found)) == {0, 1}
+    along = np.stack([tiled.corridor.latitude, tiled.corridor.longitude], axis=1)
+    nodes = np.rint((along - (whole.latitude[0], whole.longitude[0])) / whole.step).astype(int)
+    assert (found[tuple(nodes.T)] == 1).all()
+    assert 0.1 < found.mean() < 0.7
+
+
+def test_digest_is_of_the_numbers_in_the_corridor(whole, tiled):
+    again = TiledMap(partial(part_of, whole), tiled.corridor)
+    assert map_digest(again) == map_digest(tiled)
+    changed = replace(whole, values=whole.values.copy())
+    changed.values[80, 80] += 1e-5
+    assert map_digest(TiledMap(partial(part_of, changed), tiled.corridor)) != map_digest(tiled)
+
+
+def test_sent_to_another_process_without_what_was_read(whole, tiled, places):
+    tiled.value(*places)
+    sent = pickle.dumps(TiledMap(partial(part_of, None), tiled.corridor, tiled.near(*ORIGIN)))
+    assert len(sent) < 0.5 * whole.values.nbytes
+    got = pickle.loads(pickle.dumps(tiled))
+    assert not got._read
+    np.testing.assert_array_equal(got.value(*places), tiled.value(*places))
+
+
+def test_overview_is_empty_off_the_corridor(whole, tiled):
+    shown = tiled.overview(60)
+    assert shown.values.shape == (60, 60)
+    known = np.isfinite(shown.values)
+    assert 0.1 < known.mean() < 0.7
+    latitude, longitude = np.meshgrid(shown.latitude, shown.longitude, indexing="ij")
+    np.testing.assert_allclose(
+        shown.values[known], whole.value(latitude, longitude)[known], atol=1e-15
+    )
+    framed = tiled.overview(30, tiled.corridor.window.grown(30e3))
+    assert framed.values.shape == (30, 30) and 0.02 < np.isfinite(framed.values).mean() < 0.2
+
+
+def test_feature_variability_reaches_across_tiles(whole, tiled, places):
+    np.testing.assert_allclose(
+        feature_variability(tiled, *places), feature_variability(whole, *places), rtol=1e-6
+    )
+
+
+def test_a_small_map_is_read_as_a_whole(whole, tiled, monkeypatch):
+    asked = []
+
+    def load(*, window):
+        asked.append(window)
+        return part_of(whole, window=window)
+
+    assert isinstance(map_along(load, tiled.corridor), FieldMap)
+    assert [window[:4] for window in asked] == [tiled.corridor.window[:4]]
+    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5_000)
+    assert isinstance(map_along(load, tiled.corridor), TiledMap)
+
+
+def test_a_route_that_starts_off_the_map_is_refused(whole):
+    away = corridor_of(np.radians([10.0, 11.0]), np.radians([20.0, 21.0]))
+    with pytest.raises(EmptyWindowError, match="has nothing at"):
+        TiledMap(partial(part_of, whole), away)
+
+
+def test_a_run_over_a_tiled_map_is_that_over_the_map_in_memory(monkeypatch):
+    """Oblique, 70 km, ten batches; the tiles change in between."""
+    monkeypatch.setattr(tiled_map, "TILE_CELLS", 16)
+    whole = field_map_of(wavy, step=500.0)
+    scenario = load_scenario(
+        None,
+        [
+            f"route.start={CORNERS[0]}",
+            f"route.end={CORNERS[1]}",
+            "route.duration=3000",
+            "gravimeter.quantity=disturbance",
+        ],
+    )
+    (south, west), (north, east) = np.radians(CORNERS)
+    line = np.linspace(south, north, 300), np.linspace(west, east, 300)
+    tiled = TiledMap(partial(part_of, whole), corridor_of(*line, MARGIN))
+    one, other = (simulate(scenario, [0, 1], field_map) for field_map in (whole, tiled))
+    assert np.isfinite(one.fix_error).all()
+    np.testing.assert_allclose(other.error, one.error, atol=1e-5)
+    np.testing.assert_allclose(other.fix_error, one.fix_error, atol=1e-5)
+    np.testing.assert_allclose(other.detail.map_value, one.detail.map_value, atol=1e-12)
