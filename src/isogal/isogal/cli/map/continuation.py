@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.checks import finite, not_negative, positive
-from isogal.cli.map.part import PartChoice
+from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import say_written
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
@@ -119,7 +119,7 @@ def continue_(
     if out.suffix.casefold() not in (".nc", ".nc4"):
         raise InputError(f"{out}: must end in .nc")
     part = where.part(where.build_if_asked())
-    whole = part._replace(track=None) if part else None  # not only what lies along the route
+    whole = None if part is None else whole_window(part)
     field_map = heights.continued(map_.load(whole, "disturbance"), whole)
     write_netcdf(field_map, out)
-    say_written(describe_map(field_map) | {"height": field_map.height}, out, json)
+    say_written(describe_map(field_map), out, json)

@@ -52,6 +52,7 @@ def describe_map(field_map: ScalarMap) -> dict[str, Any]:
         "sigma": sigma,
         "correlation_length": field_map.correlation_length,
         "quantisation": field_map.quantisation,
+        "height": field_map.height,
     }
 
 
@@ -135,6 +136,7 @@ def print_map(found: dict[str, Any]) -> None:
         ("missing", f"{100 * found['missing']:.2g} %"),
         ("1-sigma error", show(found["sigma"]) if found["sigma"] else "not said"),
         ("step of the values", show(found["quantisation"]) if found["quantisation"] else "none"),
+        ("level", "not said" if found["height"] is None else f"{found['height']:g} m"),
     ]
     for name, text in rows:
         table.add_row(name, text)
