@@ -58,7 +58,7 @@ def test_gradient_is_the_derivative_of_the_value(y, x):
     grid = grid_of(noise_grid(), 0.0, 1.0, 0.0, 0.01)
     step = 1e-5
     if any(abs(q - round(q)) < 2 * step for q in (y, x)):
-        return  # the second derivative jumps at nodes, so central differences are less accurate there
+        return  # the second derivative jumps at nodes: central differences are less accurate
     _, by_lat, by_lon = value_and_gradient(grid, y, 0.01 * x)
     up, down = (value_and_gradient(grid, y + s, 0.01 * x)[0] for s in (step, -step))
     right, left = (value_and_gradient(grid, y, 0.01 * (x + s))[0] for s in (step, -step))

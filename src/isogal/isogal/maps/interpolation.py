@@ -140,7 +140,8 @@ def value_and_gradient(
 
 @kernel(error_model="numpy")
 def values_and_gradients(grid: Grid, lat: Array, lon: Array) -> tuple[Array, Array, Array]:
-    """Interpolate a single map at many points: ``value_and_gradient`` over ``lat`` (N,) and ``lon`` (N,)."""
+    """Interpolate a single map at many points: ``value_and_gradient`` over ``lat`` and ``lon``,
+    both (N,)."""
     count = lat.shape[0]
     value = np.empty(count)
     by_lat = np.empty(count)

@@ -4,6 +4,7 @@
 anew after a change of the scenario model."""
 
 import sys
+import textwrap
 from collections.abc import Iterator
 
 import yaml
@@ -13,6 +14,8 @@ from isogal.scenario import Scenario
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
 
+WIDTH = 99
+"""Columns of the file."""
 HEAD = """\
 # Parameters of all nodes of the graph: the keys of a scenario (the same as in a scenario file of
 # `isogal run`), with their defaults. Made by `python -m isogal_ros.parameters.bringup_file`.
@@ -33,7 +36,14 @@ def lines() -> Iterator[str]:
             yield f"    {parent}:"
         indent = " " * (6 if parent else 4)
         value = yaml.safe_dump(spec.default, default_flow_style=True).splitlines()[0]
-        yield f"{indent}{key}: {value}  # {comment(spec)}"
+        line = f"{indent}{key}: {value}  # {comment(spec)}"
+        if len(line) <= WIDTH:
+            yield line
+        else:
+            yield from textwrap.wrap(
+                comment(spec), WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
+            )
+            yield f"{indent}{key}: {value}"
 
 
 def comment(spec: ParameterSpec) -> str:

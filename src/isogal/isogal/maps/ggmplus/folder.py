@@ -54,7 +54,8 @@ _NAME = re.compile(r"([NS])(\d\d)([EW])(\d\d\d)\.(ga|dg|xi|eta|ha)")
 def tile_name(south: int, west: int, extension: str) -> str:
     """Return the file name of the tile with this south-west corner (deg, multiples of 5)."""
     west = (west + 180) % 360 - 180
-    return f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}.{extension}"
+    latitude = f"{'S' if south < 0 else 'N'}{abs(south):02d}"
+    return f"{latitude}{'W' if west < 0 else 'E'}{abs(west):03d}.{extension}"
 
 
 def tiles_of(window: Window) -> list[tuple[int, int]]:
