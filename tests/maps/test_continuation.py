@@ -35,8 +35,8 @@ def test_upwards_in_two_steps_is_upwards_in_one():
 
 
 def test_the_rim(rough_map):
-    """Part of a map, less its rim, against the same part of the whole map: within 21 % of the field
-    at the rim (mirrored without the slope: 23 %), and within 2 % five heights from it."""
+    """Part of a map against the same part of the whole map: within 21 % of the field at the rim
+    (mirrored without the slope: 23 %), and within 2 % five heights from it."""
     inner = slice(60, -60)
     part = replace(
         rough_map,
