@@ -67,17 +67,9 @@ def to_level(
     kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
     values, offset = filled(field_map, missing)
     factors = _Factors(rise, cutoff)
-    result = spectral.transformed(
-        field_map,
-        values,
-        [factors.whole] if cutoff is None else [factors.whole, factors.left_out],
-        TAPER,
-        antisymmetric=True,
-    )
-    left_out = 0.0
-    if cutoff is not None:
-        short_waves = float(np.sqrt(np.mean(result[1][kept] ** 2)))
-        left_out = short_waves * math.exp(-2.0 * math.pi * rise / cutoff)
+    operators = [factors.whole] if cutoff is None else [factors.whole, factors.left_out]
+    result = spectral.transformed(field_map, values, operators, TAPER, antisymmetric=True)
+    left_out = factors.growth * float(np.sqrt(np.mean(result[1:, kept] ** 2))) if cutoff else 0.0
     sigma, length = _error(field_map, factors, left_out)
     result[0] += offset
     result[0][~kept] = np.nan
@@ -114,6 +106,11 @@ class _Factors:
     def whole(self, waves: Waves) -> Array:
         """Return the factor of the continuation at the wavenumbers of a map."""
         return self.by_wavenumber(waves.size)
+
+    @property
+    def growth(self) -> float:
+        """Factor of the continuation at the cut-off."""
+        return 1.0 if self.cutoff is None else math.exp(-2.0 * math.pi * self.rise / self.cutoff)
 
     def left_out(self, waves: Waves) -> Array:
         """Return the share of each wave of the map that is not kept."""
