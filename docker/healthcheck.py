@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Exit with 0 when every node named reports on /diagnostics and none of them an error; say what is wrong otherwise."""
+"""Exit with 0 when every node named reports on /diagnostics and none of them an error; say what is
+wrong otherwise."""
 
 import argparse
 import sys
@@ -15,8 +16,16 @@ NODES = ("ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node")
 def main() -> int:
     """Listen until every node has reported or the time is up."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("nodes", metavar="NODE", nargs="*", default=NODES, help="default: the four nodes of the graph")
-    parser.add_argument("--timeout", type=float, default=10.0, help="s; every node reports at least once a second")
+    parser.add_argument(
+        "nodes",
+        metavar="NODE",
+        nargs="*",
+        default=NODES,
+        help="default: the four nodes of the graph",
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=10.0, help="s; every node reports at least once a second"
+    )
     options = parser.parse_args()
     wanted = set(options.nodes)
     silent = set(wanted)
@@ -32,9 +41,13 @@ def main() -> int:
 
     rclpy.init()
     node = rclpy.create_node("isogal_healthcheck")
-    # Best effort: a check must never hold up the nodes, whose publishers wait for reliable readers.
+    # Best effort: a check must never hold up the nodes, whose publishers wait for reliable
+    # readers.
     node.create_subscription(
-        DiagnosticArray, "/diagnostics", hear, QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+        DiagnosticArray,
+        "/diagnostics",
+        hear,
+        QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT),
     )
     end = time.monotonic() + options.timeout
     while silent and time.monotonic() < end:

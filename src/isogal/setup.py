@@ -31,5 +31,19 @@ setup(
             "point-mass = isogal.matching.baselines.point_mass:PointMass",
             "viterbi = isogal.matching.baselines.viterbi:Viterbi",
         ],
+        "isogal.map_formats": [
+            "netcdf = isogal.maps.formats.netcdf:FORMAT",
+            "ggmplus = isogal.maps.formats.ggmplus:FORMAT",
+            "geotiff = isogal.maps.formats.geotiff:FORMAT",
+            "gdf = isogal.maps.formats.gdf:FORMAT",
+            "xyz = isogal.maps.formats.xyz:FORMAT",
+        ],
+        "isogal.fields": [
+            "gravity = isogal.fields.measured:GRAVITY",
+            "disturbance = isogal.fields.measured:DISTURBANCE",
+            "magnetic = isogal.fields.measured:MAGNETIC",
+            "terrain = isogal.fields.measured:TERRAIN",
+            "gradient = isogal.fields.measured:GRADIENT",
+        ],
     },
 )

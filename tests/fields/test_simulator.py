@@ -125,7 +125,7 @@ def test_a_run_reads_the_same_alone_and_among_others():
     ({"route": Route(start=(-30.0, 147.0), end=(-30.0, 148.0), duration=100.0)},
      r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg "
      r"\(10 s after the start\)"),
-    ({}, "a gravimeter does not feel magnetic_anomaly; give gravity or disturbance"),
+    ({}, "a gravimeter does not feel magnetic_anomaly; give disturbance or gravity"),
 ])  # fmt: skip
 def test_maps_that_cannot_be_used(change, message):
     field_map = field_map_of(wavy, half=30e3, step=1000.0, provenance="test.nc")

@@ -69,7 +69,7 @@ def test_missing_and_unknown_files(tmp_path):
     (tmp_path / "map.docx").write_text("?")
     with pytest.raises(InputError, match="not a known map format"):
         load_map(tmp_path / "map.docx")
-    with pytest.raises(InputError, match="unknown format 'nix'"):
+    with pytest.raises(InputError, match="unknown map format 'nix'"):
         load_map(tmp_path / "map.docx", format_name="nix")
     with pytest.raises(InputError, match=r"map\.path: must name"):
         map_for_scenario(load_scenario(overrides=["map.source=netcdf"]))

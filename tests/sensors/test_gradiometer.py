@@ -11,7 +11,7 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
-from isogal.fields.measured import FIELDS, measured_field, reading_sigma
+from isogal.fields.measured import GRADIENT, measured_field, reading_sigma
 from isogal.fields.simulator import ReadingSimulator, draw_map_error
 from isogal.maps.gradients import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
@@ -95,7 +95,7 @@ def test_readings_are_the_maps_channels():
     assert simulator.felt.shape == (20, 60, 2)
     i = simulator.index
     at = State(trajectory.latitude[i], trajectory.longitude[i], 100.0, 0.0, 0.0)
-    noise = FIELDS["gradient"].reduction(it).reduce(simulator.felt, at) - TENSOR.value(
+    noise = GRADIENT.reduction(it).reduce(simulator.felt, at) - TENSOR.value(
         at.latitude, at.longitude
     )
     low, high = chi2.ppf([0.0005, 0.9995], noise.size)

@@ -6,9 +6,8 @@ import pytest
 
 from isogal import plugins
 from isogal.errors import InputError
-from isogal.fields.measured import FIELDS, MeasuredField
+from isogal.fields.measured import fields
 from isogal.scenario import load_scenario
-from isogal.sensors.gravimeter import GravityReduction
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.messages.adapter import adapter_of, all_topics
@@ -19,6 +18,8 @@ VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": -123.4, "terrain": 456
 RAW = {"gravity": 9.797, "disturbance": 9.797, "magnetic": 50123.4, "terrain": 543.25}
 SOIL = """
 from std_msgs.msg import Header
+from isogal.fields.measured import MeasuredField
+from isogal.sensors.gravimeter import GravityReduction
 from isogal_ros.topics import Topic
 
 class Adapter:
@@ -26,6 +27,10 @@ class Adapter:
     reduced = Topic("probe/moisture", Header)
     def __init__(self, scenario):
         self.seed = scenario.seed
+
+SOIL = MeasuredField(
+    "soil", "probe", "gravity", "m/s²", 0.0, 1.0, lambda scenario: GravityReduction()
+)
 """
 
 
@@ -36,22 +41,20 @@ def soil(tmp_path, monkeypatch):
     metadata = tmp_path / "soil-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: soil\n")
-    (metadata / "entry_points.txt").write_text("[isogal.message_adapters]\nsoil = soil:Adapter\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    moisture = MeasuredField(
-        "soil", "probe", "gravity", "m/s²", 0.0, 1.0, lambda scenario: GravityReduction()
+    (metadata / "entry_points.txt").write_text(
+        "[isogal.fields]\nsoil = soil:SOIL\n[isogal.message_adapters]\nsoil = soil:Adapter\n"
     )
-    monkeypatch.setitem(FIELDS, "soil", moisture)
+    monkeypatch.syspath_prepend(tmp_path)
     plugins._installed.cache_clear()
     plugins._registered.cache_clear()
-    yield load_scenario(None, ["seed=3"]).model_copy(update={"field": "soil"})
+    yield load_scenario(None, ["seed=3", "field=soil"])
     plugins._installed.cache_clear()
     plugins._registered.cache_clear()
 
 
 def test_every_field_has_its_messages() -> None:
-    assert set(plugins.names(plugins.MESSAGE_ADAPTERS)) == set(FIELDS)
-    for name, field in FIELDS.items():
+    assert set(plugins.names(plugins.MESSAGE_ADAPTERS)) == set(fields())
+    for name, field in fields().items():
         adapter = adapter_of(load_scenario(), name)
         assert (adapter.raw is topics.FELT) == (field.instrument == "gravimeter")
 

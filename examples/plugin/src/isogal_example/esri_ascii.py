@@ -13,8 +13,8 @@ from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.formats.points import drop_gaps
-from isogal.maps.load import Format
 
 _KEYS = {
     *("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter"),
@@ -108,4 +108,4 @@ def _first_node(header: dict[str, float], where: str, axis: str, step: float) ->
     return _number(header, where, f"{axis}llcorner") + 0.5 * step
 
 
-FORMAT = Format("esri-ascii", lambda path: path.suffix.casefold() == ".asc", read_esri_ascii)
+FORMAT = Format("esri-ascii", by_suffix(".asc"), read_esri_ascii)

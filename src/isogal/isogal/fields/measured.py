@@ -1,11 +1,12 @@
-"""The fields that can be measured and matched. To add one: a `Reduction`, an entry here, and a
-message adapter in isogal_ros."""
+"""The fields that can be measured and matched, found by name (`isogal.plugins`). To add one: a
+`Reduction`, a `MeasuredField` with its entry point, and a message adapter for the nodes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from isogal import plugins
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
@@ -98,29 +99,62 @@ _GRADIENT = Channels(
     _tensor_maps,
 )
 
-FIELDS = {
-    field.name: field
-    for field in (
-        MeasuredField(
-            "gravity", "gravimeter", "gravity", "m/s²", 0.0, 1.0,
-            lambda scenario: GravityReduction(),
-        ),
-        MeasuredField(
-            "disturbance", "gravimeter", "disturbance", "m/s²", 0.0, 1.0,
-            lambda scenario: DisturbanceReduction(),
-        ),
-        MeasuredField("magnetic", "magnetometer", "magnetic_anomaly", "nT", 1e-4, 1.0, _magnetic),
-        MeasuredField(
-            "terrain", "altimeter", "height", "m", 1e-4, -1.0,
-            lambda scenario: TerrainReduction(scenario.altimeter),
-        ),
-        MeasuredField(
-            "gradient", "gradiometer", "gradient", "1/s²", 0.0, 1.0,
-            lambda scenario: GradientReduction(scenario.gradiometer.components), _GRADIENT,
-        ),
-    )
-}  # fmt: skip
-"""By name."""
+GRAVITY = MeasuredField(
+    name="gravity",
+    instrument="gravimeter",
+    quantity="gravity",
+    unit="m/s²",
+    least_sigma=0.0,
+    sign=1.0,
+    reduction=lambda scenario: GravityReduction(),
+)
+DISTURBANCE = MeasuredField(
+    name="disturbance",
+    instrument="gravimeter",
+    quantity="disturbance",
+    unit="m/s²",
+    least_sigma=0.0,
+    sign=1.0,
+    reduction=lambda scenario: DisturbanceReduction(),
+)
+MAGNETIC = MeasuredField(
+    name="magnetic",
+    instrument="magnetometer",
+    quantity="magnetic_anomaly",
+    unit="nT",
+    least_sigma=1e-4,
+    sign=1.0,
+    reduction=_magnetic,
+)
+TERRAIN = MeasuredField(
+    name="terrain",
+    instrument="altimeter",
+    quantity="height",
+    unit="m",
+    least_sigma=1e-4,
+    sign=-1.0,
+    reduction=lambda scenario: TerrainReduction(scenario.altimeter),
+)
+GRADIENT = MeasuredField(
+    name="gradient",
+    instrument="gradiometer",
+    quantity="gradient",
+    unit="1/s²",
+    least_sigma=0.0,
+    sign=1.0,
+    reduction=lambda scenario: GradientReduction(scenario.gradiometer.components),
+    channels=_GRADIENT,
+)
+
+
+def fields() -> dict[str, MeasuredField]:
+    """Return every field that an installed package provides, by name, Isogal's own first."""
+    return {name: _field(name) for name in plugins.names(plugins.FIELDS)}
+
+
+def _field(name: str) -> MeasuredField:
+    field: MeasuredField = plugins.load(plugins.FIELDS, name)
+    return field
 
 
 def measured_field(scenario: Scenario) -> MeasuredField:
@@ -132,7 +166,7 @@ def measured_field(scenario: Scenario) -> MeasuredField:
         `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where
         they do not count.
     """
-    field, sigma = FIELDS[scenario.measured_field], scenario.gravimeter.sigma
+    field, sigma = _field(scenario.measured_field), scenario.gravimeter.sigma
     for key in ("sigma", "bias", "drift"):
         if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(
             Gravimeter(), key
@@ -152,10 +186,10 @@ def measured_field(scenario: Scenario) -> MeasuredField:
 def reading_sigma(scenario: Scenario) -> float:
     """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where
     there are several."""
-    covariance = FIELDS[scenario.measured_field].covariance(scenario)
+    covariance = _field(scenario.measured_field).covariance(scenario)
     return scenario.gravimeter.sigma if covariance is None else float(np.sqrt(covariance[0, 0]))
 
 
 def of_instrument(instrument: str) -> list[MeasuredField]:
     """Return all fields that one instrument's readings can be reduced to."""
-    return [field for field in FIELDS.values() if field.instrument == instrument]
+    return [field for field in fields().values() if field.instrument == instrument]

@@ -2,12 +2,13 @@
 
 from functools import partial
 
+from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.maps.axes import Window
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
-from isogal.maps.load import FORMATS, load_map
+from isogal.maps.load import load_map
 from isogal.maps.tiled_map import Load, ScalarMap, map_along
 from isogal.scenario import Scenario
 
@@ -53,7 +54,7 @@ def source_map(scenario: Scenario, window: Window) -> FieldMap:
 def _reader(scenario: Scenario) -> Load:
     """Return the function that reads the file or folder that a scenario names."""
     source, path = scenario.map.source, scenario.map.path
-    named = source in {f.name for f in FORMATS}
+    named = source in plugins.names(plugins.MAP_FORMATS)
     if named and path is None:
         raise InputError(
             f"map.path: must name the file or folder, since map.source is the format '{source}'"
@@ -61,7 +62,7 @@ def _reader(scenario: Scenario) -> Load:
     if not named and path is not None:
         raise InputError(
             "map.source: must be 'synthetic' or a format"
-            f" ({', '.join(f.name for f in FORMATS)}) where map.path is given"
+            f" ({', '.join(plugins.names(plugins.MAP_FORMATS))}) where map.path is given"
         )
     variable = scenario.map.variable
     return partial(

@@ -1,62 +1,31 @@
 """Which map does a source mean? The registry of formats; the part of a map round a route."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
+from isogal import plugins
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.gdf import read_gdf
+from isogal.maps.formats.format import Format
 from isogal.maps.formats.geotiff import read_geotiff
-from isogal.maps.formats.netcdf import read_netcdf
-from isogal.maps.formats.xyz import read_xyz
-from isogal.maps.ggmplus.folder import is_ggmplus, read_ggmplus
 
 
-class Reader(Protocol):
-    """How every format is read."""
+def map_formats() -> tuple[Format, ...]:
+    """Return every format that an installed package provides, Isogal's own first.
 
-    def __call__(
-        self,
-        path: Path,
-        variable: str | None,
-        window: Window | None,
-        *,
-        quantity: str | None,
-        unit: str | None,
-    ) -> FieldMap:
-        """Read a map; raises InputError."""
-        ...
-
-
-@dataclass(frozen=True)
-class Format:
-    """One map format: its name in scenarios, what it recognises, and its reader."""
-
-    name: str
-    matches: Callable[[Path], bool]
-    read: Reader
-
-
-def _suffix(*suffixes: str) -> Callable[[Path], bool]:
-    return lambda path: path.suffix.casefold() in suffixes
-
-
-FORMATS: tuple[Format, ...] = (
-    Format("netcdf", _suffix(".nc", ".nc4", ".grd", ".cdf"), read_netcdf),
-    Format("ggmplus", is_ggmplus, read_ggmplus),
-    Format("geotiff", _suffix(".tif", ".tiff", ".gtiff"), read_geotiff),
-    Format("gdf", _suffix(".gdf"), read_gdf),
-    Format("xyz", _suffix(".xyz", ".txt", ".csv", ".dat"), read_xyz),
-)
-"""Known formats; to add one, write its reader and its line here."""
+    Raises
+    ------
+    InputError
+        A format's package cannot be imported.
+    """
+    return tuple(
+        plugins.load(plugins.MAP_FORMATS, name) for name in plugins.names(plugins.MAP_FORMATS)
+    )
 
 
 def load_map(
@@ -84,7 +53,7 @@ def load_map(
     crs : str, optional
         Coordinate reference system of a GeoTIFF that does not say.
     format_name : str, optional
-        One of `FORMATS`; None = by suffix or content of the folder.
+        Name of a format; None = by suffix or content of the folder.
 
     Raises
     ------
@@ -92,24 +61,21 @@ def load_map(
         No such file, unknown format, and whatever the reader refuses.
     """
     path = Path(source).expanduser()
-    names = ", ".join(f.name for f in FORMATS)
     if format_name is not None:
-        chosen = [f for f in FORMATS if f.name == format_name]
-        if not chosen:
-            raise InputError(f"map: unknown format '{format_name}'; known: {names}")
+        chosen = plugins.load(plugins.MAP_FORMATS, format_name)
     else:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder")
-        chosen = [f for f in FORMATS if f.matches(path)]
-        if not chosen:
+        fitting = [known for known in map_formats() if known.matches(path)]
+        if not fitting:
+            names = ", ".join(plugins.names(plugins.MAP_FORMATS))
             raise InputError(f"{path}: not a known map format by its name; known: {names}")
+        chosen = fitting[0]
     if crs is not None:
-        if chosen[0].read is not read_geotiff:
-            raise InputError(
-                f"{path}: crs can only be given for geotiff, not for {chosen[0].name}"
-            )
+        if chosen.read is not read_geotiff:
+            raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen.name}")
         return read_geotiff(path, variable, window, quantity=quantity, unit=unit, crs=crs)
-    return chosen[0].read(path, variable, window, quantity=quantity, unit=unit)
+    return chosen.read(path, variable, window, quantity=quantity, unit=unit)
 
 
 def check_coverage(field_map: RouteMap, latitude: Array, longitude: Array) -> None:

@@ -44,22 +44,7 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
             f" have {readings.shape}"
         )
     scans, channels = readings.shape
-    covariance = np.asarray(covariance, dtype=np.float64)
-    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
-        raise InputError(
-            f"covariance of readings of several channels must have shape ({channels}, {channels})"
-            f" or with {scans} scans in front, has {covariance.shape}"
-        )
-    blocks = np.broadcast_to(covariance, (scans, channels, channels))
-    if not (
-        np.isfinite(blocks).all()
-        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
-    ):
-        raise InputError("covariance of readings of several channels must be positive definite")
-    by_scan = np.zeros((scans, channels, scans, channels))
-    each = np.arange(scans)
-    by_scan[each, :, each, :] = 0.5 * (blocks + blocks.swapaxes(1, 2))
-    whole = by_scan.reshape(scans * channels, scans * channels)
+    whole = _block_diagonal(np.asarray(covariance, dtype=np.float64), scans, channels)
 
     def spread(array: Array) -> Array:
         return np.repeat(array, channels, axis=0)
@@ -81,6 +66,26 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         channel=np.tile(np.arange(channels), scans),
         reading_covariance=whole,
     )
+
+
+def _block_diagonal(covariance: Array, scans: int, channels: int) -> Array:
+    """Return the covariance (T C, T C) of all readings from that of each scan, (C, C) or
+    (T, C, C); raises InputError as `channel_batch`."""
+    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
+        raise InputError(
+            f"covariance of readings of several channels must have shape ({channels}, {channels})"
+            f" or with {scans} scans in front, has {covariance.shape}"
+        )
+    blocks = np.broadcast_to(covariance, (scans, channels, channels))
+    if not (
+        np.isfinite(blocks).all()
+        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
+    ):
+        raise InputError("covariance of readings of several channels must be positive definite")
+    by_scan = np.zeros((scans, channels, scans, channels))
+    each = np.arange(scans)
+    by_scan[each, :, each, :] = 0.5 * (blocks + blocks.swapaxes(1, 2))
+    return by_scan.reshape(scans * channels, scans * channels)
 
 
 def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:

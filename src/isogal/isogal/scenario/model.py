@@ -1,9 +1,11 @@
 """The whole scenario."""
 
-from typing import Literal
+from functools import partial
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from isogal import plugins
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.matcher import Matcher
@@ -11,13 +13,17 @@ from isogal.scenario.section import Section
 from isogal.scenario.vehicle import Imu, InitialError, Route
 from isogal.scenario.world import Map, MapError
 
+FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
+
 
 class Scenario(Section):
     """A whole run."""
 
     seed: int = Field(0, ge=0, description="every random stream derives from it")
-    field: Literal["gravity", "disturbance", "magnetic", "terrain", "gradient"] | None = Field(
-        None, description="field that is measured and matched; null = gravimeter.quantity"
+    field: FieldName | None = Field(
+        None,
+        description="field that is measured and matched; null = gravimeter.quantity",
+        json_schema_extra={"plugins": plugins.FIELDS},
     )
     route: Route = Route()
     imu: Imu = Imu()
@@ -44,7 +50,7 @@ class Scenario(Section):
     @property
     def measured_field(self) -> str:
         """Name of the field that is measured and matched, one of
-        `isogal.fields.measured.FIELDS`."""
+        `isogal.fields.measured.fields`."""
         return self.field or self.gravimeter.quantity
 
     @property

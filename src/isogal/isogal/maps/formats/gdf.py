@@ -10,6 +10,7 @@ from isogal.errors import InputError
 from isogal.maps.assemble import assemble
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.formats.points import drop_gaps, grid_of_points, numbers
 from isogal.maps.quantities import quantity_of
 
@@ -142,3 +143,6 @@ def _check_limits(
                 f"{where}: points end at {found:.6g} deg, the header says {key} {limit:.6g}; cut"
                 " short, or swapped?"
             )
+
+
+FORMAT = Format("gdf", by_suffix(".gdf"), read_gdf)

@@ -16,6 +16,7 @@ from isogal.maps.axes import (
     longitude_slices,
 )
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.quantities import quantity_of
 
 SHIFT_DEG = 5e-5
@@ -224,3 +225,6 @@ def _unpacked(raw: Any, scale: float, offset: float) -> NDArray[Any]:
         values = values * scale + offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan
     return values
+
+
+FORMAT = Format("geotiff", by_suffix(".tif", ".tiff", ".gtiff"), read_geotiff)

@@ -22,6 +22,7 @@ from isogal.maps.axes import (
     regular_axis,
 )
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.formats.netcdf_classic import check_classic
 from isogal.maps.quantities import quantity_of, unit_factor
 
@@ -430,3 +431,6 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             sigma.units = unit
             sigma.long_name = f"1-sigma error of {name}"
             sigma[:] = field_map.sigma
+
+
+FORMAT = Format("netcdf", by_suffix(".nc", ".nc4", ".grd", ".cdf"), read_netcdf)

@@ -7,6 +7,7 @@ from isogal.errors import InputError
 from isogal.maps.assemble import assemble
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.formats.points import drop_gaps, grid_of_points, numbers
 from isogal.maps.quantities import quantity_of
 
@@ -105,3 +106,6 @@ def _columns(names: list[str], variable: str | None, where: str) -> tuple[int, i
             f" {', '.join(names)}; give variable= (--variable)"
         )
     return lats[0], lons[0], others[0]
+
+
+FORMAT = Format("xyz", by_suffix(".xyz", ".txt", ".csv", ".dat"), read_xyz)

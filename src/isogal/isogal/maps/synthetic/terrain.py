@@ -73,7 +73,8 @@ def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
         np.rint(ground / QUANTA["gravity"]),
         np.rint(height / QUANTA["height"]),
     )
-    return tuple(number.astype("<i4").tobytes() for number in numbers)  # type: ignore[return-value]
+    one, two, three = (number.astype("<i4").tobytes() for number in numbers)
+    return one, two, three
 
 
 def terrain(south: int, west: int) -> tuple[Array, Array]:

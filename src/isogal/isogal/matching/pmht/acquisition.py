@@ -32,16 +32,7 @@ def acquire(
     most : int
         Tiles at most, the heaviest.
     """
-    reach = CONSTANTS.search_reach_sigma * np.sqrt(np.diag(covariance)[:2])
-    size = max(
-        CONSTANTS.finest_cell_m, math.sqrt(4.0 * reach[0] * reach[1] / CONSTANTS.coarse_cells)
-    )
-    size = CONSTANTS.finest_cell_m * 3.0 ** math.ceil(
-        math.log(size / CONSTANTS.finest_cell_m, 3.0) - 1e-9
-    )
-    counts = np.ceil(reach / size).astype(int)
-    rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
-    cells = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    cells, size = _coarse_cells(covariance)
     # velocity is not searched: it goes with position as the prior has it; what is left of it bends
     # the track and offsets the reduction
     follow = np.asarray(
@@ -80,6 +71,21 @@ def acquire(
     evidence += blurred.log_normaliser - likelihood.log_normaliser
     misfit = -2.0 * float(fitting[int(np.argmax(value))])
     return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence, misfit
+
+
+def _coarse_cells(covariance: Array) -> tuple[Array, float]:
+    """Return the row and column (K, 2) of the cells of the coarsest grid, counted from its middle,
+    and their size, m: the finest size times a power of three."""
+    reach = CONSTANTS.search_reach_sigma * np.sqrt(np.diag(covariance)[:2])
+    size = max(
+        CONSTANTS.finest_cell_m, math.sqrt(4.0 * reach[0] * reach[1] / CONSTANTS.coarse_cells)
+    )
+    size = CONSTANTS.finest_cell_m * 3.0 ** math.ceil(
+        math.log(size / CONSTANTS.finest_cell_m, 3.0) - 1e-9
+    )
+    counts = np.ceil(reach / size).astype(int)
+    rows, columns = np.arange(-counts[0], counts[0] + 1), np.arange(-counts[1], counts[1] + 1)
+    return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2), size
 
 
 def _with_velocity(place: Array, follow: Array) -> Array:

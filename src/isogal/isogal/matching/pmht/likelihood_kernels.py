@@ -39,7 +39,9 @@ def slopes(grid, channel, latitude, longitude):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def log_likelihood(grid, readings, factor, projection, first_new, xi):  # type: ignore[no-untyped-def]
+def log_likelihood(  # type: ignore[no-untyped-def]
+    grid, readings, factor, projection, first_new, xi
+):
     """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
     -inf off the map. `factor`, `projection` and `first_new` as in `likelihood.BatchLikelihood`.
     """

@@ -1,0 +1,39 @@
+"""What a map format is: how it is recognised and read. Found by name (`isogal.plugins`)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from isogal.maps.axes import Window
+from isogal.maps.field_map import FieldMap
+
+
+class Reader(Protocol):
+    """How every format is read."""
+
+    def __call__(
+        self,
+        path: Path,
+        variable: str | None,
+        window: Window | None,
+        *,
+        quantity: str | None,
+        unit: str | None,
+    ) -> FieldMap:
+        """Read a map; raises InputError."""
+        ...
+
+
+@dataclass(frozen=True)
+class Format:
+    """One map format: its name in scenarios, what it recognises, and its reader."""
+
+    name: str
+    matches: Callable[[Path], bool]
+    read: Reader
+
+
+def by_suffix(*suffixes: str) -> Callable[[Path], bool]:
+    """Return what recognises files by the end of their name, in any case: ``by_suffix(".nc")``."""
+    return lambda path: path.suffix.casefold() in suffixes

@@ -1,0 +1,129 @@
+"""The example of a plugin, installed as a user would: its names are known, and work, only then."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isogal.earth.ellipsoid import metres_per_radian
+
+ROOT = Path(__file__).resolve().parents[2]
+SIGMA = 1e-5
+ERROR = (600.0, -400.0)
+"""North, east; m. What is wrong with the recorded positions."""
+
+
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory) -> Path:
+    """Folder in which the example is installed."""
+    folder = tmp_path_factory.mktemp("plugin")
+    source = shutil.copytree(ROOT / "examples" / "plugin", folder / "source")  # pip writes into it
+    options = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", *options]
+    subprocess.run(
+        [*command, "--target", folder / "installed", source], check=True, timeout=120, cwd=folder
+    )
+    return folder / "installed"
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory) -> tuple[Path, Path]:
+    """Map in the example's format, mGal, and a track over it whose positions are wrong."""
+    folder = tmp_path_factory.mktemp("inputs")
+    nodes, step, south, west = 121, 0.002, -37.1, 145.0
+
+    def field(latitude, longitude):
+        north, east = 111e3 * (latitude - south), 88e3 * (longitude - west)
+        return 10.0 * (np.sin(north / 700.0) + np.cos(east / 900.0 + north / 2000.0))
+
+    latitude, longitude = south + step * np.arange(nodes), west + step * np.arange(nodes)
+    values = field(latitude[:, None], longitude[None, :])
+    header = f"ncols {nodes}\nnrows {nodes}\nxllcenter {west}\nyllcenter {south}\ncellsize {step}"
+    np.savetxt(folder / "map.asc", values[::-1], header=header, comments="", fmt="%.5f")
+    place = np.stack([south + 0.03 + 0.0016 * np.arange(90), west + 0.03 + 0.002 * np.arange(90)])
+    noise = 1e5 * SIGMA * np.random.default_rng(1).standard_normal(90)
+    north, east = (np.degrees(1.0 / m) for m in metres_per_radian(np.radians(south)))
+    columns = (
+        10.0 * np.arange(90),
+        place[0] + ERROR[0] * north,
+        place[1] + ERROR[1] * east,
+        field(*place) + noise,
+    )
+    np.savetxt(
+        folder / "track.csv",
+        np.stack(columns, axis=1),
+        delimiter=",",
+        header="time,latitude,longitude,value",
+        comments="",
+        fmt="%.9f",
+    )
+    return folder / "map.asc", folder / "track.csv"
+
+
+def match(inputs: tuple[Path, Path], *options: str, path: Path | None = None):
+    map_, track = inputs
+    environment = dict(os.environ)
+    if path is not None:
+        environment["PYTHONPATH"] = str(path)
+    return subprocess.run(
+        [
+            *(Path(sys.executable).with_name("isogal"), "match", "--map", map_, "--track", track),
+            *("--quantity", "disturbance", "--unit", "mGal", "--prior-sigma", "500", *options),
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_matcher_and_map_format_are_known_once_installed(plugin, inputs):
+    done = match(inputs, "--matcher", "least-squares", "--json", path=plugin)
+    assert done.returncode == 0, done.stderr
+    fixes = json.loads(done.stdout)
+    assert [fix["time"] for fix in fixes] == [290.0, 590.0, 890.0]
+    track = {row[0]: row[1:] for row in np.loadtxt(inputs[1], delimiter=",", skiprows=1)}
+    for fix in fixes:
+        latitude, longitude, _ = track[fix["time"]]
+        north, east = metres_per_radian(np.radians(latitude))
+        found = (
+            np.radians(latitude - fix["latitude"]) * north,
+            np.radians(longitude - fix["longitude"]) * east,
+        )
+        np.testing.assert_allclose(found, ERROR, atol=100.0)
+
+
+def test_without_it_the_format_is_unknown(inputs):
+    done = match(inputs)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "map.asc: not a known map format by its name; known: " in done.stderr
+    done = match(inputs, "--format", "esri-ascii")
+    assert done.returncode == 2
+    assert "unknown map format 'esri-ascii'; allowed: " in done.stderr
+
+
+def test_without_it_the_matcher_is_unknown(plugin, inputs):
+    done = match(inputs, "--matcher", "least-squares")
+    assert done.returncode == 2
+    assert "matcher.name: unknown matcher 'least-squares'" in done.stderr
+    assert "pmht-paper" in done.stderr
+
+
+def test_its_own_tests_pass(plugin):
+    example = plugin.with_name("source")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"],
+        cwd=example,
+        env={**os.environ, "PYTHONPATH": str(plugin)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
