@@ -65,21 +65,23 @@ def inputs(tmp_path_factory) -> tuple[Path, Path]:
     return folder / "map.asc", folder / "track.csv"
 
 
-def match(inputs: tuple[Path, Path], *options: str, path: Path | None = None):
-    map_, track = inputs
-    environment = dict(os.environ)
-    if path is not None:
-        environment["PYTHONPATH"] = str(path)
+def isogal(*arguments: str | Path, path: Path | None = None):
+    """Run the command, with what is installed in a folder."""
     return subprocess.run(
-        [
-            *(Path(sys.executable).with_name("isogal"), "match", "--map", map_, "--track", track),
-            *("--quantity", "disturbance", "--unit", "mGal", "--prior-sigma", "500", *options),
-        ],
-        env=environment,
+        [Path(sys.executable).with_name("isogal"), *arguments],
+        env=os.environ | ({} if path is None else {"PYTHONPATH": str(path)}),
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
+    )
+
+
+def match(inputs: tuple[Path, Path], *options: str, path: Path | None = None):
+    return isogal(
+        *("match", "--map", inputs[0], "--quantity", "disturbance", "--unit", "mGal"),
+        *("--track", inputs[1], "--prior-sigma", "500", *options),
+        path=path,
     )
 
 
@@ -113,6 +115,28 @@ def test_without_it_the_matcher_is_unknown(plugin, inputs):
     assert done.returncode == 2
     assert "matcher.name: unknown matcher 'least-squares'" in done.stderr
     assert "pmht-paper" in done.stderr
+
+
+@pytest.mark.ros
+def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
+    """Its format, field, messages and matcher together."""
+    grid, out = tmp_path / "map.nc", tmp_path / "run"
+    done = isogal(
+        *("map", "convert", inputs[0], grid, "--quantity", "gravity_anomaly", "--unit", "mGal"),
+        path=plugin,
+    )
+    assert done.returncode == 0, done.stderr
+    settings = (
+        *("field=free-air", "matcher.name=least-squares", f"map.source={grid}"),
+        *("route.start=[-37.05, 145.05]", "route.end=[-36.9, 145.2]", "route.duration=320"),
+    )
+    options = [word for item in settings for word in ("--set", item)]
+    done = isogal("run", "--in-process", "--out", out, *options, path=plugin)
+    assert done.returncode == 0, done.stderr
+    fixes = json.loads((out / "summary.json").read_text())["fixes"]
+    assert fixes == {"published": 1, "declined": 0}
+    bag = (out / "bag" / "metadata.yaml").read_text()
+    assert "gravimeter/free_air_anomaly" in bag
 
 
 def test_its_own_tests_pass(plugin):

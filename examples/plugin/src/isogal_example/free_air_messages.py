@@ -1,0 +1,15 @@
+"""The ROS messages of the field `free-air`: those of a gravimeter, reduced on a topic of their
+own."""
+
+from geometry_msgs.msg import AccelWithCovarianceStamped
+
+from isogal.scenario import Scenario
+from isogal_ros.messages.gravimeter import GravimeterAdapter
+from isogal_ros.topics import Topic
+
+ANOMALY = Topic("gravimeter/free_air_anomaly", AccelWithCovarianceStamped)
+
+
+def free_air(scenario: Scenario) -> GravimeterAdapter:
+    """Return the adapter of the field."""
+    return GravimeterAdapter(ANOMALY)
