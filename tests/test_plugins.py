@@ -81,8 +81,17 @@ def test_an_unknown_name_gets_the_nearest_and_all_allowed():
         plugins.check(plugins.MATCHERS, "zzz")
 
 
-@pytest.mark.parametrize("group", [plugins.MATCHERS])
+@pytest.mark.parametrize(
+    "group",
+    [
+        plugins.MATCHERS,
+        plugins.MAP_FORMATS,
+        plugins.FIELDS,
+        pytest.param(plugins.MESSAGE_ADAPTERS, marks=pytest.mark.ros),
+    ],
+)
 def test_everything_that_isogal_registers_can_be_loaded(group):
+    assert plugins.names(group)
     for name in plugins.names(group):
         plugins.load(group, name)
 

@@ -162,6 +162,10 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
             "matcher.name=pmth",
             "matcher.name: unknown matcher 'pmth' (did you mean 'pmht'?); allowed: iccp, ",
         ),
+        (
+            "field=magnetik",
+            "field: unknown field 'magnetik' (did you mean 'magnetic'?); allowed: disturbance, ",
+        ),
         ("matcher.name=5", "matcher.name: input should be a valid string, not 5"),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
         ("matcher.stride=0", "matcher.stride: input should be greater than or equal to 1, not 0"),

@@ -41,12 +41,16 @@ def functions() -> Iterator[tuple[str, Function]]:
                     yield name, node
 
 
+def is_decorated(function: Function, name: str) -> bool:
+    return any(name in ast.unparse(decorator) for decorator in function.decorator_list)
+
+
 def is_kernel(function: Function) -> bool:
-    return any("kernel" in ast.unparse(decorator) for decorator in function.decorator_list)
+    return is_decorated(function, "kernel")
 
 
 def is_command(function: Function) -> bool:
-    return "typer." in ast.unparse(function.args)
+    return is_decorated(function, "with_groups") or "typer." in ast.unparse(function.args)
 
 
 def parameters(function: Function) -> int:
@@ -131,6 +135,7 @@ def test_exceptions_are_still_needed() -> None:
         ("class C:\n    def f(self, a):\n        return a\n", 1, FUNCTION_LINES),
         ("@kernel\ndef f(a):\n    return a\n", 1, KERNEL_LINES),
         ("def f(a: Annotated[int, typer.Option()]):\n    return a\n", 1, COMMAND_LINES),
+        ("@with_groups\ndef f(a: Options):\n    return a\n", 1, COMMAND_LINES),
     ],
 )
 def test_what_is_counted(source: str, count: int, most: int) -> None:
