@@ -26,7 +26,7 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.channels import channels_of
 from isogal.maps.corridor import corridor_of
 from isogal.maps.ggmplus.fetch import tiles_for
-from isogal.maps.ggmplus.folder import CELLS, KINDS, STEP_DEG
+from isogal.maps.ggmplus.tiles import CELLS, KINDS, STEP_DEG
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory

@@ -33,17 +33,17 @@ setup(
         ],
         "isogal.map_formats": [
             "netcdf = isogal.maps.formats.netcdf:FORMAT",
-            "ggmplus = isogal.maps.formats.ggmplus:FORMAT",
+            "ggmplus = isogal.maps.ggmplus.reading:FORMAT",
             "geotiff = isogal.maps.formats.geotiff:FORMAT",
             "gdf = isogal.maps.formats.gdf:FORMAT",
             "xyz = isogal.maps.formats.xyz:FORMAT",
         ],
         "isogal.fields": [
-            "gravity = isogal.fields.measured:GRAVITY",
-            "disturbance = isogal.fields.measured:DISTURBANCE",
-            "magnetic = isogal.fields.measured:MAGNETIC",
-            "terrain = isogal.fields.measured:TERRAIN",
-            "gradient = isogal.fields.measured:GRADIENT",
+            "gravity = isogal.fields.gravity:GRAVITY",
+            "disturbance = isogal.fields.gravity:DISTURBANCE",
+            "magnetic = isogal.fields.magnetic:MAGNETIC",
+            "terrain = isogal.fields.terrain:TERRAIN",
+            "gradient = isogal.fields.gradient:GRADIENT",
         ],
     },
 )

@@ -6,7 +6,7 @@ from helpers.command_line import refusal
 from isogal.cli.map_choice import MapChoice, MapOption
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def file(small_map, tmp_path):
     [
         ("none.nc", (), "none.nc: no such file or folder"),
         ("map.nc", ("--variable", "nix"), "no variable 'nix'"),
-        ("map.nc", ("--format", "nix"), "unknown format 'nix'"),
+        ("map.nc", ("--format", "nix"), "unknown map format 'nix'"),
         ("map.nc", ("--format", "xyz"), "map.nc"),
         ("map.nc", ("--crs", "EPSG:4326"), "crs can only be given for geotiff"),
         ("map.grid", (), "not a known map format by its name"),

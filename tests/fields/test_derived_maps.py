@@ -11,7 +11,7 @@ from isogal.fields import derived_maps as derived
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.source_map import source_map
 from isogal.maps.corridor import corridor_of
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.gradients import tensor_maps
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario

@@ -151,7 +151,7 @@ def _graph(*changes: str, synthetic: bool = False) -> Results:
     from helpers.recordings import record
 
     with tempfile.TemporaryDirectory() as folder:
-        from isogal.maps.formats.netcdf import write_netcdf
+        from isogal.maps.formats.netcdf_writing import write_netcdf
 
         source = Path(folder) / "wavy.nc"
         write_netcdf(field_map_of(wavy, step=500.0), source)

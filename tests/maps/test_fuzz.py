@@ -10,9 +10,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from isogal.errors import InputError
+from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf import write_netcdf
-from isogal.maps.ggmplus import folder as ggmplus
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.ggmplus.reading import read_ggmplus
+from isogal.maps.ggmplus.tiles import CELLS
 from isogal.maps.load import load_map
 
 FUZZ = settings(
@@ -80,7 +82,7 @@ def xyz(small_map, path):
 
 
 def tile(small_map, path):
-    raw = np.zeros((ggmplus.CELLS, ggmplus.CELLS), ">i2")
+    raw = np.zeros((CELLS, CELLS), ">i2")
     raw[:60, :60] = 321
     raw.tofile(path)
 
@@ -152,7 +154,7 @@ def test_damaged_tiles(small_map, tmp_path):
     path = tmp_path / "S40E140.dg"
     tile(small_map, path)
     good = np.fromfile(path, ">i2")
-    window = ggmplus.Window(*np.radians([-39.95, -39.9, 140.05, 140.1]))
+    window = Window(*np.radians([-39.95, -39.9, 140.05, 140.1]))
 
     @settings(FUZZ, max_examples=20)
     @given(
@@ -167,7 +169,7 @@ def test_damaged_tiles(small_map, tmp_path):
             spoilt.tobytes()[: longer or None] if longer < 0 else spoilt.tobytes() + b"x" * longer
         )
         try:
-            assert ggmplus.read_ggmplus(tmp_path, "dg", window).quantity == "disturbance"
+            assert read_ggmplus(tmp_path, "dg", window).quantity == "disturbance"
         except InputError as error:
             assert "\n" not in str(error)
 

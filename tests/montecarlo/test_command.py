@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from montecarlo.conftest import wavy_map
 
 ISOGAL = Path(sys.executable).with_name("isogal")

@@ -14,7 +14,7 @@ from helpers.node_bench import run_here
 from isogal.fields import scenario_map
 from isogal.fields.derived_maps import derived_maps
 from isogal.maps.channels import ChannelMap
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.graph.domain import DOMAIN, claim_domain
 

@@ -11,7 +11,8 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
-from isogal.fields.measured import GRADIENT, measured_field, reading_sigma
+from isogal.fields.gradient import GRADIENT
+from isogal.fields.measured import measured_field, reading_sigma
 from isogal.fields.simulator import ReadingSimulator, draw_map_error
 from isogal.maps.gradients import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario

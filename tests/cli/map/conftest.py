@@ -2,7 +2,7 @@
 
 import pytest
 
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @pytest.fixture(scope="package", autouse=True)

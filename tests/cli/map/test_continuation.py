@@ -8,7 +8,8 @@ import pytest
 
 from helpers.batches import field_map_of
 from helpers.command_line import answer, refusal
-from isogal.maps.formats.netcdf import read_netcdf, write_netcdf
+from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @pytest.fixture(scope="module")

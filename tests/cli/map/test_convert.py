@@ -7,7 +7,7 @@ import pytest
 
 from helpers.command_line import answer, refusal
 from isogal.maps.formats.netcdf import read_netcdf
-from isogal.maps.ggmplus.folder import is_ggmplus
+from isogal.maps.ggmplus.reading import is_ggmplus
 
 
 def test_to_tiles_and_back(tmp_path):

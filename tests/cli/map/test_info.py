@@ -90,7 +90,7 @@ def test_bad_options_end_in_one_line(file, words, message):
 def test_the_sensor_of_another_field_must_be_said(tmp_path, small_map):
     from dataclasses import replace
 
-    from isogal.maps.formats.netcdf import write_netcdf
+    from isogal.maps.formats.netcdf_writing import write_netcdf
 
     values = 1e5 * small_map.values
     magnetic = replace(small_map, values=values, unit="nT", quantity="magnetic_anomaly")

@@ -3,7 +3,7 @@
 import pytest
 
 from helpers.tracks import FIELDS, field_of, made_track, write_csv
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @pytest.fixture(scope="package")

@@ -13,7 +13,7 @@ from helpers.bags import FIX, READING, position, reading, write_bag
 from helpers.command_line import answer, call, refusal
 from helpers.tracks import field_of, made_track, squared_distance, write_csv
 from isogal.earth.gravity import normal_gravity
-from isogal.maps.formats.netcdf import write_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 LIMIT = 13.8
 """99.9 % of chi-square with 2 degrees of freedom."""

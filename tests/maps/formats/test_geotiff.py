@@ -1,5 +1,7 @@
 """GeoTIFF: any coordinate reference system, packing, and what is refused."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import rasterio
@@ -13,40 +15,40 @@ from isogal.maps.formats.geotiff import read_geotiff
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # inside rasterio
 
 
-def write(
-    path,
-    values,
-    transform,
-    crs="EPSG:4326",
-    *,
-    unit="mGal",
-    name="gravity disturbance",
-    nodata=None,
-    scale=None,
-    dtype="float64",
-    bands=1,
-):
+PROPERTIES = {
+    "unit": "mGal",
+    "name": "gravity disturbance",
+    "nodata": None,
+    "scale": None,
+    "dtype": "float64",
+    "bands": 1,
+}
+
+
+def write(path, values, transform, crs="EPSG:4326", **changes):
     """Write rows from the north, as GeoTIFFs are."""
+    how = SimpleNamespace(**PROPERTIES | changes)
     with rasterio.open(
         path,
         "w",
         driver="GTiff",
         height=values.shape[0],
         width=values.shape[1],
-        count=bands,
-        dtype=dtype,
+        count=how.bands,
+        dtype=how.dtype,
         crs=crs,
         transform=transform,
-        nodata=nodata,
+        nodata=how.nodata,
     ) as out:
-        for band in range(1, bands + 1):
-            out.write(values.astype(dtype), band)
-        if unit:
-            out.units = (unit,) * bands
-        if name:
-            out.descriptions = tuple(f"{name} {b}" if b > 1 else name for b in range(1, bands + 1))
-        if scale:
-            out.scales, out.offsets = (scale[0],) * bands, (scale[1],) * bands
+        bands = range(1, how.bands + 1)
+        for band in bands:
+            out.write(values.astype(how.dtype), band)
+        if how.unit:
+            out.units = (how.unit,) * how.bands
+        if how.name:
+            out.descriptions = tuple(f"{how.name} {b}" if b > 1 else how.name for b in bands)
+        if how.scale:
+            out.scales, out.offsets = (how.scale[0],) * how.bands, (how.scale[1],) * how.bands
     return path
 
 

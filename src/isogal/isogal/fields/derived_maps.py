@@ -1,15 +1,14 @@
 """Maps of a field with several channels, computed from the scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
-gives back. Nodes shall stay small, so another process does it and leaves the result, float32 and
-no larger than the route needs, in a file."""
+gives back. So that nodes stay small, another process computes the maps and leaves them in files:
+the values as float32, no larger than the route needs, and what is known about them as JSON."""
 
 import json
-import pickle
 import subprocess
 import sys
 import tempfile
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,11 @@ from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
+_ARRAYS = ("latitude", "longitude", "values")
+_ABOUT = (
+    *("unit", "quantity", "sigma", "correlation_length", "quantisation"),
+    *("provenance", "file_unit", "file_factor", "height"),
+)
 
 
 def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
@@ -34,7 +38,7 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
     Parameters
     ----------
     scenario : Scenario
-        Of a field that has a `sensors.fields.Channels`.
+        Of a field that has a `isogal.fields.measured.Channels`.
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -58,13 +62,7 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
             raise InputError(child.stdout.decode())
         if child.returncode:
             return compute(scenario, margin)  # and fail here, if it must fail
-        about: list[dict[str, Any]] = pickle.loads(child.stdout)
-        # mapped, so that of the maps only what is looked at takes memory; the file lives on
-        # without its name as long as the mapping
-        values = np.asarray(np.load(Path(folder) / "values.npy", mmap_mode="c"))
-    return ChannelMap(
-        [FieldMap(values=part, **rest) for part, rest in zip(values, about, strict=True)], values
-    )
+        return _read(Path(folder), json.loads(child.stdout))
 
 
 def compute(scenario: Scenario, margin: float) -> ChannelMap:
@@ -85,6 +83,30 @@ def compute(scenario: Scenario, margin: float) -> ChannelMap:
     )
 
 
+def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
+    """Return maps that `_write` has left."""
+    # mapped, so that of the values only what is looked at takes memory; their file lives on
+    # without its name as long as the mapping
+    latitude, longitude, values = (
+        np.asarray(np.load(folder / f"{name}.npy", mmap_mode="c")) for name in _ARRAYS
+    )
+    return ChannelMap(
+        [
+            FieldMap(latitude, longitude, part, **rest)
+            for part, rest in zip(values, about, strict=True)
+        ],
+        values,
+    )
+
+
+def _write(folder: Path, maps: ChannelMap) -> list[dict[str, Any]]:
+    """Leave the arrays of maps in a folder, and return the rest."""
+    first = maps.channels[0]
+    for name, array in zip(_ARRAYS, (first.latitude, first.longitude, maps.values), strict=True):
+        np.save(folder / f"{name}.npy", array)
+    return [{name: getattr(channel, name) for name in _ABOUT} for channel in maps.channels]
+
+
 def _main(folder: Path) -> int:
     task = json.load(sys.stdin)
     try:
@@ -92,10 +114,7 @@ def _main(folder: Path) -> int:
     except InputError as error:
         sys.stdout.buffer.write(str(error).encode())
         return _REFUSED
-    np.save(folder / "values.npy", maps.values)
-    names = [field.name for field in fields(FieldMap) if field.name != "values"]
-    about = [{name: getattr(channel, name) for name in names} for channel in maps.channels]
-    sys.stdout.buffer.write(pickle.dumps(about))
+    sys.stdout.write(json.dumps(_write(folder, maps)))
     return 0
 
 

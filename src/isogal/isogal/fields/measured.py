@@ -1,5 +1,7 @@
-"""The fields that can be measured and matched, found by name (`isogal.plugins`). To add one: a
-`Reduction`, a `MeasuredField` with its entry point, and a message adapter for the nodes."""
+"""What a field is that can be measured and matched, and fields by name.
+
+A field is known by an entry point of the group `isogal.fields` that names a `MeasuredField`. It
+needs a `isogal.sensors.reduction.Reduction`, and for the nodes a message adapter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,12 +14,7 @@ from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario
-from isogal.sensors.altimeter import TerrainReduction
-from isogal.sensors.gradiometer import GradientReduction, draw_noise, noise_covariance
-from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
-from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.reduction import Reduction
-from isogal.sensors.trajectory import build_trajectory
 
 
 @dataclass(frozen=True)
@@ -68,93 +65,19 @@ class MeasuredField:
         return None if self.channels is None else self.channels.covariance(scenario)
 
 
-def _magnetic(scenario: Scenario) -> MagneticReduction:
-    route = build_trajectory(scenario)
-    height, epoch = scenario.route.height, scenario.magnetometer.epoch
-    return MagneticReduction(MainField(route.latitude, route.longitude, height, epoch))
-
-
-def _tensor_maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.gradients import tensor_maps  # SciPy's transforms, for those who need them
-
-    if scenario.route.height < 0.0:
+def field_named(name: str) -> MeasuredField:
+    """Return a field; raises InputError where there is none of this name."""
+    found = plugins.load(plugins.FIELDS, name)
+    if not isinstance(found, MeasuredField):
         raise InputError(
-            f"route.height: must be >= 0 m where field is gradient, is {scenario.route.height:g}:"
-            " a map cannot be continued down towards the masses"
+            f"field '{name}': its package gives no isogal.fields.measured.MeasuredField"
         )
-    return tensor_maps(
-        disturbance,
-        scenario.gradiometer.components,
-        height=scenario.route.height,
-        edge=_GRADIENT_REACH,
-    )
-
-
-_GRADIENT_REACH = 20_000.0
-_GRADIENT = Channels(
-    lambda scenario: noise_covariance(scenario.gradiometer),
-    draw_noise,
-    "disturbance",
-    _GRADIENT_REACH,
-    _tensor_maps,
-)
-
-GRAVITY = MeasuredField(
-    name="gravity",
-    instrument="gravimeter",
-    quantity="gravity",
-    unit="m/s²",
-    least_sigma=0.0,
-    sign=1.0,
-    reduction=lambda scenario: GravityReduction(),
-)
-DISTURBANCE = MeasuredField(
-    name="disturbance",
-    instrument="gravimeter",
-    quantity="disturbance",
-    unit="m/s²",
-    least_sigma=0.0,
-    sign=1.0,
-    reduction=lambda scenario: DisturbanceReduction(),
-)
-MAGNETIC = MeasuredField(
-    name="magnetic",
-    instrument="magnetometer",
-    quantity="magnetic_anomaly",
-    unit="nT",
-    least_sigma=1e-4,
-    sign=1.0,
-    reduction=_magnetic,
-)
-TERRAIN = MeasuredField(
-    name="terrain",
-    instrument="altimeter",
-    quantity="height",
-    unit="m",
-    least_sigma=1e-4,
-    sign=-1.0,
-    reduction=lambda scenario: TerrainReduction(scenario.altimeter),
-)
-GRADIENT = MeasuredField(
-    name="gradient",
-    instrument="gradiometer",
-    quantity="gradient",
-    unit="1/s²",
-    least_sigma=0.0,
-    sign=1.0,
-    reduction=lambda scenario: GradientReduction(scenario.gradiometer.components),
-    channels=_GRADIENT,
-)
+    return found
 
 
 def fields() -> dict[str, MeasuredField]:
     """Return every field that an installed package provides, by name, Isogal's own first."""
-    return {name: _field(name) for name in plugins.names(plugins.FIELDS)}
-
-
-def _field(name: str) -> MeasuredField:
-    field: MeasuredField = plugins.load(plugins.FIELDS, name)
-    return field
+    return {name: field_named(name) for name in plugins.names(plugins.FIELDS)}
 
 
 def measured_field(scenario: Scenario) -> MeasuredField:
@@ -166,7 +89,7 @@ def measured_field(scenario: Scenario) -> MeasuredField:
         `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where
         they do not count.
     """
-    field, sigma = _field(scenario.measured_field), scenario.gravimeter.sigma
+    field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
     for key in ("sigma", "bias", "drift"):
         if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(
             Gravimeter(), key
@@ -186,7 +109,7 @@ def measured_field(scenario: Scenario) -> MeasuredField:
 def reading_sigma(scenario: Scenario) -> float:
     """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where
     there are several."""
-    covariance = _field(scenario.measured_field).covariance(scenario)
+    covariance = field_named(scenario.measured_field).covariance(scenario)
     return scenario.gravimeter.sigma if covariance is None else float(np.sqrt(covariance[0, 0]))
 
 

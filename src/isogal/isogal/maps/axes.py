@@ -57,6 +57,19 @@ class Window(NamedTuple):
         )
 
 
+class RegularAxis(NamedTuple):
+    """Latitudes or longitudes of a grid, rad."""
+
+    first: float
+    step: float
+    nodes: int
+
+    @property
+    def last(self) -> float:
+        """Of the last node."""
+        return self.first + self.step * (self.nodes - 1)
+
+
 def regular_axis(axis: Array, name: str, where: str) -> Array:
     """Return an increasing regular axis made exact (float64), or raise.
 
@@ -122,3 +135,51 @@ def longitude_slices(
     low = max(math.floor(x) - margin, 0)
     high = min(math.ceil(x + width / step) + margin + 1, count)
     return [slice(low, max(low, high))], first + low * step
+
+
+class Part(NamedTuple):
+    """The part of a grid that a window needs."""
+
+    rows: slice
+    columns: list[slice]
+    """To be joined in this order, see `longitude_slices`."""
+    west: float
+    """Longitude of the first column, rad, in the grid's own range."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows.stop - self.rows.start, sum(
+            part.stop - part.start for part in self.columns
+        )
+
+    def longitude(self, step: float) -> Array:
+        """Return the longitudes of the columns, rad, which are a step apart."""
+        columns: Array = np.arange(self.shape[1], dtype=np.float64)
+        return self.west + step * columns
+
+
+def part_within(
+    latitude: RegularAxis, longitude: RegularAxis, window: Window | None, where: str
+) -> Part:
+    """Return the part of a grid that a window needs; None = all of it.
+
+    Raises
+    ------
+    EmptyWindowError
+        Less of the grid lies there than interpolation needs.
+    """
+    extent = Window(latitude.first, latitude.last, longitude.first, longitude.last)
+    if window is None:
+        window = extent
+        part = Part(slice(0, latitude.nodes), [slice(0, longitude.nodes)], longitude.first)
+    else:
+        part = Part(
+            latitude_slice(*latitude, window.south, window.north),
+            *longitude_slices(*longitude, window.west, window.east),
+        )
+    if min(part.shape) < FEWEST_NODES:
+        raise EmptyWindowError(
+            f"{where}: the map ({extent.text()}) has nothing at {window.text()}"
+        )
+    return part

@@ -5,8 +5,8 @@ Linearised about the true place and for a rigid shift of a stretch of track: wit
 map's gradient at T readings and R_ij = sigma² d_ij + s_i s_j exp(-d_ij / L) + b² (white sensor
 noise and rounding, map error, unknown offset), the information is J' R^-1 J and its inverse the
 Cramér-Rao bound of the shift (Van Trees 2001, Detection, Estimation, and Modulation Theory I, sec.
-2.4.2; R: SCIENCE 3). It tells where a map is worth something. It does not know about ambiguity: a
-first fix from far away can be worse."""
+2.4.2; docs/mathematics.md, sections 5.2 and 11.2). It knows nothing of ambiguity: a first fix from
+far away can be worse."""
 
 import math
 from dataclasses import dataclass
@@ -33,6 +33,28 @@ class Errors:
     """Of that error, m."""
     bias_sigma: float = 0.0
     """1-sigma of an unknown constant offset of the readings."""
+
+    def check(self) -> None:
+        """Raise InputError unless noise and correlation length are positive."""
+        for name, value in (
+            ("sensor sigma", self.sensor_sigma),
+            ("correlation length", self.correlation_length),
+        ):
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} must be > 0, is {value}")
+
+    def covariance(self, field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
+        """Return R (K, K) of readings at some places (rad)."""
+        map_sigma = (
+            field_map.sigma_at(latitude, longitude)
+            if self.map_sigma is None
+            else np.full(latitude.size, self.map_sigma)
+        )
+        white = self.sensor_sigma**2 + field_map.quantisation**2 / 12.0
+        noise = white * np.eye(latitude.size) + self.bias_sigma**2
+        correlation = np.exp(-_distances(latitude, longitude) / self.correlation_length)
+        noise += np.outer(map_sigma, map_sigma) * correlation
+        return noise
 
 
 @dataclass(frozen=True)
@@ -94,57 +116,43 @@ def position_information(
     """
     if latitude.size < 2:
         raise InputError(f"position information needs at least two readings, has {latitude.size}")
-    for name, value in (
-        ("sensor sigma", errors.sensor_sigma),
-        ("correlation length", errors.correlation_length),
-    ):
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} must be > 0, is {value}")
+    errors.check()
     distance = along_track(latitude, longitude)
-    total = float(distance[-1])
-    edges = np.arange(0.0, total, stretch) if stretch > 0.0 else np.zeros(1)
-    if edges.size > 1 and total - edges[-1] < 0.5 * stretch:
-        edges = edges[:-1]  # a short rest joins the last stretch
+    edges = _edges(float(distance[-1]), stretch)
     owner = np.searchsorted(edges, distance, side="right") - 1
     _, north, east = field_map.value_and_gradient(latitude, longitude)
     if field_map.quantity.endswith("disturbance"):
         north = north + normal_gravity_gradient_north(latitude)
-    map_sigma = (
-        field_map.sigma_at(latitude, longitude)
-        if errors.map_sigma is None
-        else np.full(latitude.size, errors.map_sigma)
-    )
-    white = errors.sensor_sigma**2 + field_map.quantisation**2 / 12.0
+    slope = np.stack([north, east], axis=1)
     covariance = np.full((edges.size, 2, 2), np.nan)
-    gradient, middle, count = (
-        np.full(edges.size, np.nan),
-        np.zeros(edges.size, dtype=np.int64),
-        np.zeros(edges.size, dtype=np.int64),
-    )
+    gradient = np.full(edges.size, np.nan)
+    middle, count = np.zeros((2, edges.size), dtype=np.int64)
     for index in range(edges.size):
         here = np.flatnonzero(owner == index)
         count[index] = here.size
         if not here.size:
             continue
         middle[index] = here[here.size // 2]
-        slope = np.stack([north[here], east[here]], axis=1)
-        gradient[index] = math.sqrt(np.mean(np.sum(slope**2, axis=1)))
-        apart = _distances(latitude[here], longitude[here])
-        noise = white * np.eye(here.size) + errors.bias_sigma**2
-        noise += np.outer(map_sigma[here], map_sigma[here]) * np.exp(
-            -apart / errors.correlation_length
-        )
-        if np.isfinite(slope).all() and np.isfinite(noise).all():
-            covariance[index] = _inverse(slope.T @ np.linalg.solve(noise, slope))
+        gradient[index] = math.sqrt(np.mean(np.sum(slope[here] ** 2, axis=1)))
+        noise = errors.covariance(field_map, latitude[here], longitude[here])
+        if np.isfinite(slope[here]).all() and np.isfinite(noise).all():
+            covariance[index] = _inverse(slope[here].T @ np.linalg.solve(noise, slope[here]))
     return Stretches(
         edges,
-        np.r_[edges[1:], total],
+        np.r_[edges[1:], distance[-1]],
         latitude[middle],
         longitude[middle],
         count,
         gradient,
         covariance,
     )
+
+
+def _edges(total: float, stretch: float) -> Array:
+    """Return where the stretches of a track of this length begin, m."""
+    edges = np.arange(0.0, total, stretch) if stretch > 0.0 else np.zeros(1)
+    # a short rest joins the last stretch
+    return edges[:-1] if edges.size > 1 and total - edges[-1] < 0.5 * stretch else edges
 
 
 def _distances(latitude: Array, longitude: Array) -> Array:

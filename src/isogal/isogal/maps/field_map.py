@@ -15,9 +15,9 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import (
     EmptyWindowError,
+    RegularAxis,
     Window,
-    latitude_slice,
-    longitude_slices,
+    part_within,
     regular_axis,
 )
 from isogal.maps.interpolation import (
@@ -217,24 +217,21 @@ class FieldMap:
         InputError
             Nothing of the map lies there.
         """
-        _, _, lat0, dlat, lon0, dlon = self.grid
-        rows = latitude_slice(lat0, dlat, self.latitude.size, lat_min, lat_max)
-        columns, first = longitude_slices(lon0, dlon, self.longitude.size, lon_min, lon_max)
-        count = sum(part.stop - part.start for part in columns)
-        if rows.stop - rows.start < 4 or count < 4:
-            asked = Window(lat_min, lat_max, lon_min, lon_max).text()
-            raise EmptyWindowError(
-                f"{self.provenance or self.quantity}: the map ({self.extent.text()}) has nothing"
-                f" at {asked}"
-            )
+        _, rows, lat0, dlat, lon0, dlon = self.grid
+        part = part_within(
+            RegularAxis(lat0, dlat, rows),
+            RegularAxis(lon0, dlon, self.longitude.size),
+            Window(lat_min, lat_max, lon_min, lon_max),
+            self.provenance or self.quantity,
+        )
 
         def cut(array: Any) -> Any:
-            return np.concatenate([array[rows, part] for part in columns], axis=1)
+            return np.concatenate([array[part.rows, columns] for columns in part.columns], axis=1)
 
         return replace(
             self,
-            latitude=self.latitude[rows],
-            longitude=first + dlon * np.arange(count),
+            latitude=self.latitude[part.rows],
+            longitude=part.longitude(dlon),
             values=cut(self.values),
             sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
         )

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
@@ -70,49 +71,47 @@ def tensor_maps(
         Not a map of the disturbance, unknown component, negative height, too many holes, too small
         or too large a map.
     """
-    where = disturbance.provenance or "map"
-    _check(disturbance, components, height, taper, edge, where)
+    _check(disturbance, components, {"height": height, "taper": taper, "edge": edge})
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
     filled = np.where(missing, 0.0, values - np.nanmean(values))
     operators = [partial(_operator, name, height) for name in components]
     result = spectral.transformed(disturbance, filled, operators, taper)
-    sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
-    length = disturbance.correlation_length or USUAL_LENGTH
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
     kept = spectral.inside(disturbance, missing, edge)
     channels = []
     for name, component in zip(components, result, strict=True):
         component[~kept] = np.nan
-        channels.append(
-            FieldMap(
-                disturbance.latitude,
-                disturbance.longitude,
-                component,
-                unit="1/s²",
-                quantity="gradient",
-                sigma=sigma and sigma * error_gain(name, cell, height, length),
-                correlation_length=error_length(name, cell, height, length) if sigma else None,
-                quantisation=disturbance.quantisation
-                and disturbance.quantisation * error_gain(name, cell, height),
-                provenance=f"T_{name} of {where}",
-                file_unit="1/s²",
-            )
-        )
+        channels.append(_channel(disturbance, name, component, height))
     return ChannelMap(channels)
 
 
+def _channel(disturbance: FieldMap, name: str, values: Array, height: float) -> FieldMap:
+    """Return the map of one component, with what becomes of the errors of the disturbance."""
+    sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
+    step = disturbance.quantisation
+    length = disturbance.correlation_length or USUAL_LENGTH
+    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
+    return FieldMap(
+        disturbance.latitude,
+        disturbance.longitude,
+        values,
+        unit="1/s²",
+        quantity="gradient",
+        sigma=sigma and sigma * error_gain(name, cell, height, length),
+        correlation_length=error_length(name, cell, height, length) if sigma else None,
+        quantisation=step and step * error_gain(name, cell, height),
+        provenance=f"T_{name} of {disturbance.provenance or 'map'}",
+        file_unit="1/s²",
+    )
+
+
 def _check(
-    disturbance: FieldMap,
-    components: tuple[str, ...],
-    height: float,
-    taper: float,
-    edge: float,
-    where: str,
+    disturbance: FieldMap, components: tuple[str, ...], distances: dict[str, float]
 ) -> None:
     if disturbance.quantity != "disturbance":
         raise InputError(
-            f"{where}: gradients come from a map of the disturbance, not of {disturbance.quantity}"
+            f"{disturbance.provenance or 'map'}: gradients come from a map of the disturbance, not"
+            f" of {disturbance.quantity}"
         )
     unknown = [name for name in components if name not in COMPONENTS]
     if unknown or not components:
@@ -120,7 +119,7 @@ def _check(
             f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
             f" {', '.join(COMPONENTS)}"
         )
-    for name, value in (("height", height), ("taper", taper), ("edge", edge)):
+    for name, value in distances.items():
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{name} of the gradients must be >= 0 m, is {value}")
     spectral.check_plane(disturbance, "gradients")

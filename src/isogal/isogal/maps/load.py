@@ -1,7 +1,9 @@
-"""Which map does a source mean? The registry of formats; the part of a map round a route."""
+"""Which format does a file have? Maps from files and folders, and whether they cover a route."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +14,17 @@ from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.format import Format
-from isogal.maps.formats.geotiff import read_geotiff
 
 
-def map_formats() -> tuple[Format, ...]:
-    """Return every format that an installed package provides, Isogal's own first.
+def map_formats() -> Iterator[Format]:
+    """Give every format that an installed package provides, Isogal's own first.
 
     Raises
     ------
     InputError
         A format's package cannot be imported.
     """
-    return tuple(
-        plugins.load(plugins.MAP_FORMATS, name) for name in plugins.names(plugins.MAP_FORMATS)
-    )
+    return (_named(name) for name in plugins.names(plugins.MAP_FORMATS))
 
 
 def load_map(
@@ -61,21 +60,33 @@ def load_map(
         No such file, unknown format, and whatever the reader refuses.
     """
     path = Path(source).expanduser()
-    if format_name is not None:
-        chosen = plugins.load(plugins.MAP_FORMATS, format_name)
-    else:
-        if not path.exists():
-            raise InputError(f"{path}: no such file or folder")
-        fitting = [known for known in map_formats() if known.matches(path)]
-        if not fitting:
-            names = ", ".join(plugins.names(plugins.MAP_FORMATS))
-            raise InputError(f"{path}: not a known map format by its name; known: {names}")
-        chosen = fitting[0]
+    chosen = _format_of(path) if format_name is None else _named(format_name)
+    more: dict[str, Any] = {}
     if crs is not None:
-        if chosen.read is not read_geotiff:
+        if not chosen.takes_crs:
             raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen.name}")
-        return read_geotiff(path, variable, window, quantity=quantity, unit=unit, crs=crs)
-    return chosen.read(path, variable, window, quantity=quantity, unit=unit)
+        more["crs"] = crs
+    return chosen.read(path, variable, window, quantity=quantity, unit=unit, **more)
+
+
+def _format_of(path: Path) -> Format:
+    """Return the format of a file or folder; those of other packages are tried last."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    for candidate in map_formats():
+        if candidate.matches(path):
+            return candidate
+    known = ", ".join(plugins.names(plugins.MAP_FORMATS))
+    raise InputError(f"{path}: not a known map format by its name; known: {known}")
+
+
+def _named(name: str) -> Format:
+    found = plugins.load(plugins.MAP_FORMATS, name)
+    if not isinstance(found, Format):
+        raise InputError(
+            f"map format '{name}': its package gives no isogal.maps.formats.format.Format"
+        )
+    return found
 
 
 def check_coverage(field_map: RouteMap, latitude: Array, longitude: Array) -> None:

@@ -113,7 +113,7 @@ def continue_(
     From a level to a level, or with --terrain from the ground. Downwards only with
     --downward-cutoff."""
     from isogal.cli.map.description import describe_map
-    from isogal.maps.formats.netcdf import write_netcdf
+    from isogal.maps.formats.netcdf_writing import write_netcdf
 
     heights.check()
     if out.suffix.casefold() not in (".nc", ".nc4"):

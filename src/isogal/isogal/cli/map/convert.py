@@ -60,8 +60,8 @@ class Target:
 
     def write(self, field_map: "FieldMap", variable: str | None) -> None:
         """Write a map; as this variable, where it can be the name of one. Raises InputError."""
-        from isogal.maps.formats.netcdf import write_netcdf
-        from isogal.maps.ggmplus.folder import write_ggmplus
+        from isogal.maps.formats.netcdf_writing import write_netcdf
+        from isogal.maps.ggmplus.writing import write_ggmplus
 
         if self.to == "netcdf":
             named = variable is not None and variable.isidentifier()

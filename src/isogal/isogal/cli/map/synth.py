@@ -28,7 +28,7 @@ def synth(
     """Write the synthetic map of a route or window as NetCDF; it is the same everywhere and
     always."""
     from isogal.cli.map.description import describe_map
-    from isogal.maps.formats.netcdf import write_netcdf
+    from isogal.maps.formats.netcdf_writing import write_netcdf
 
     require_netcdf_name(out)
     field_map = make_synthetic(quantity, whole_window(where.part_needed()))

@@ -1,1 +1,11 @@
-"""To be written."""
+"""Map formats in single files; each reader is an entry point of the group `isogal.map_formats`.
+
+netcdf             NetCDF, CF and GMT (COARDS) conventions
+netcdf_variable    what a NetCDF variable says about itself, and its numbers
+netcdf_classic     is a file of NetCDF's classic formats complete?
+netcdf_writing     maps into NetCDF
+geotiff            GeoTIFF in any coordinate reference system
+gdf                ICGEM grids
+xyz                text tables
+points             from a list of points on a grid to the grid
+"""

@@ -1,4 +1,5 @@
-"""What a map format is: how it is recognised and read. Found by name (`isogal.plugins`)."""
+"""What a map format is: how it is recognised and read. Formats are found by name
+(`isogal.plugins`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +22,8 @@ class Reader(Protocol):
         quantity: str | None,
         unit: str | None,
     ) -> FieldMap:
-        """Read a map; raises InputError."""
+        """Read a map, or what it has in a window with the nodes around it that interpolation
+        needs; raises InputError."""
         ...
 
 
@@ -31,7 +33,10 @@ class Format:
 
     name: str
     matches: Callable[[Path], bool]
+    """Whether a file or folder has this format, by its name or by the names of its files."""
     read: Reader
+    takes_crs: bool = False
+    """Whether the reader takes the argument ``crs``."""
 
 
 def by_suffix(*suffixes: str) -> Callable[[Path], bool]:

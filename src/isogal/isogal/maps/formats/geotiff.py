@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import (
-    EmptyWindowError,
-    Window,
-    latitude_slice,
-    longitude_slices,
-)
+from isogal.maps.axes import RegularAxis, Window, part_within
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.quantities import quantity_of
@@ -179,26 +174,19 @@ def _assemble(
     import rasterio.windows
 
     quantity, unit, scale, offset = meaning
-    rows, columns = source.height, source.width
-    turn = source.transform
-    dlat, dlon = math.radians(-turn.e), math.radians(turn.a)
-    south = math.radians(turn.f + turn.e * (rows - 0.5))
-    west = math.radians(turn.c + turn.a * 0.5)
-    up, parts, first = slice(0, rows), [slice(0, columns)], west
-    if window is not None:
-        up = latitude_slice(south, dlat, rows, window.south, window.north)
-        parts, first = longitude_slices(west, dlon, columns, window.west, window.east)
-    count = sum(part.stop - part.start for part in parts)
-    if up.stop - up.start < 4 or count < 4:
-        extent = Window(south, south + dlat * (rows - 1), west, west + dlon * (columns - 1)).text()
-        raise EmptyWindowError(
-            f"{where}: the map ({extent}) has nothing at {window.text() if window else extent}"
-        )
-    check_size((up.stop - up.start) * count, where, window)
-    blocks = []
-    for part in parts:
+    rows, turn = source.height, source.transform
+    latitude = RegularAxis(
+        math.radians(turn.f + turn.e * (rows - 0.5)), math.radians(-turn.e), rows
+    )
+    longitude = RegularAxis(
+        math.radians(turn.c + turn.a * 0.5), math.radians(turn.a), source.width
+    )
+    part = part_within(latitude, longitude, window, where)
+    check_size(math.prod(part.shape), where, window)
+    up, blocks = part.rows, []
+    for columns in part.columns:
         where_in_file = rasterio.windows.Window.from_slices(
-            (rows - up.stop, rows - up.start), (part.start, part.stop)
+            (rows - up.stop, rows - up.start), (columns.start, columns.stop)
         )
         blocks.append(
             _unpacked(source.read(band, window=where_in_file, masked=True), scale, offset)
@@ -206,8 +194,8 @@ def _assemble(
     values = np.concatenate(blocks, axis=1)[::-1]
     whole = np.dtype(source.dtypes[band - 1]).kind in "iu"
     return assemble(
-        south + dlat * np.arange(up.start, up.stop),
-        first + dlon * np.arange(count),
+        latitude.first + latitude.step * np.arange(up.start, up.stop),
+        part.longitude(longitude.step),
         values,
         unit=unit,
         quantity=quantity,
@@ -227,4 +215,4 @@ def _unpacked(raw: Any, scale: float, offset: float) -> NDArray[Any]:
     return values
 
 
-FORMAT = Format("geotiff", by_suffix(".tif", ".tiff", ".gtiff"), read_geotiff)
+FORMAT = Format("geotiff", by_suffix(".tif", ".tiff", ".gtiff"), read_geotiff, takes_crs=True)

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble
 from isogal.maps.axes import Window
@@ -48,22 +49,9 @@ def read_xyz(
         not said, impossible numbers.
     """
     where = str(path)
-    try:
-        with Path(path).open(encoding="utf-8", errors="replace") as file:
-            first = file.readline(_LONGEST_LINE)
-            names = _names(first)
-            if names is None:
-                if variable is None or variable.count(",") < 2:
-                    raise InputError(
-                        f"{where}: does not name its columns; give variable= (--variable) their"
-                        " order, for example lon,lat,dg"
-                    )
-                names, variable = _split(variable), None
-                file.seek(0)
-            delimiter = next((mark for mark in ",;" if mark in first), None)
-            table = numbers(file, len(names), where, delimiter)
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
+    names, table = _table(Path(path), variable, where)
+    if variable is not None and "," in variable:
+        variable = None  # the order of all columns
     plain = [re.sub(r"[\[(].*", "", name).casefold() for name in names]
     lat, lon, value = _columns(plain, variable, where)
     latitude, longitude, values = grid_of_points(
@@ -79,6 +67,26 @@ def read_xyz(
         where=f"{where}:{plain[value]}",
     )
     return field_map if window is None else field_map.window(*window[:4])
+
+
+def _table(path: Path, variable: str | None, where: str) -> tuple[list[str], Array]:
+    """Return the names of the columns and the numbers (N, columns)."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            first = file.readline(_LONGEST_LINE)
+            names = _names(first)
+            if names is None:
+                if variable is None or variable.count(",") < 2:
+                    raise InputError(
+                        f"{where}: does not name its columns; give variable= (--variable) their"
+                        " order, for example lon,lat,dg"
+                    )
+                names = _split(variable)
+                file.seek(0)
+            delimiter = next((mark for mark in ",;" if mark in first), None)
+            return names, numbers(file, len(names), where, delimiter)
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
 
 
 def _split(line: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""GGMplus tiles from a mirror into a folder that `isogal.maps.ggmplus.folder` reads.
+"""GGMplus tiles from a mirror into a folder that `isogal.maps.ggmplus.reading` reads.
 
 The mirrors publish no checksums. So a tile is trusted when it is fetched for the first time: its
 SHA-256 goes into ``checksums.txt`` beside it, and from then on a tile that differs from it is
@@ -19,7 +19,7 @@ from isogal.maps.axes import Window
 from isogal.maps.cache import locked
 from isogal.maps.corridor import Corridor
 from isogal.maps.ggmplus.download import AbsentError, Patience, check_base_url, download, sha256
-from isogal.maps.ggmplus.folder import CELLS, KINDS, tile_name, tiles_of
+from isogal.maps.ggmplus.tiles import CELLS, KINDS, tile_name, tiles_of
 
 REGISTRY = "checksums.txt"
 _LINE = re.compile(r"(\S+)  ([0-9a-f]{64}|absent)")
@@ -27,7 +27,7 @@ MIRRORS = (
     "ddfe.curtin.edu.au/gravitymodels/GGMplus/data",
     "ddfe.blazejbucha.com/models/GGMplus/data",
 )
-"""Public mirrors (SCIENCE 2), for help texts; none is used unless the user gives it."""
+"""Public mirrors, for help texts; none is used unless the user gives it."""
 
 
 @dataclass

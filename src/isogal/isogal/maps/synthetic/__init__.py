@@ -1,1 +1,7 @@
-"""To be written."""
+"""The synthetic map: like GGMplus, made on this machine, the same everywhere and always.
+
+synthetic_map    the map of a window, or along a route
+tiles            tiles of 1°, made once and kept in the cache folder
+terrain          the numbers of a tile: terrain, its gravity, long waves
+lattice_noise    gradient noise on a sphere
+"""

@@ -1,4 +1,4 @@
-"""GGMplus tiles: layout, joints, missing tiles, no-data."""
+"""Maps from GGMplus tiles: joints, missing tiles, no-data, and what is refused."""
 
 import numpy as np
 import pytest
@@ -6,16 +6,8 @@ import pytest
 from isogal.errors import InputError
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
-from isogal.maps.ggmplus.folder import (
-    CELLS,
-    KINDS,
-    is_ggmplus,
-    read_ggmplus,
-    tile_name,
-    tiles_of,
-    write_ggmplus,
-)
+from isogal.maps.ggmplus.reading import is_ggmplus, read_ggmplus
+from isogal.maps.ggmplus.tiles import CELLS, KINDS
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
 
@@ -89,53 +81,6 @@ def test_no_data_and_missing_tiles_are_nan(folder):
     assert np.isnan(field_map.value(np.radians(-34.95), np.radians(147.0)))
     assert np.isfinite(field_map.value(np.radians(-35.5), np.radians(147.0)))
     assert "no tile S35E145.dg" in field_map.provenance
-
-
-def test_names_and_corners():
-    assert tile_name(-40, 145, "ga") == "S40E145.ga" and tile_name(0, -5, "dg") == "N00W005.dg"
-    assert tile_name(10, 180, "ga") == "N10W180.ga" and tile_name(-5, 355, "ga") == "S05W005.ga"
-    route = window(-38.0, -35.0, 144.5, 150.0).grown(25_000.0)
-    names = {tile_name(*corner, "ga") for corner in tiles_of(route)}
-    assert names == {
-        "S40E140.ga",
-        "S40E145.ga",
-        "S40E150.ga",
-        "S35E140.ga",
-        "S35E145.ga",
-        "S35E150.ga",
-    }
-    assert [tile_name(*c, "ga") for c in tiles_of(window(1.0, 2.0, 179.9, -179.9))] == [
-        "N00E175.ga",
-        "N00W180.ga",
-    ]
-
-
-@pytest.mark.parametrize("extension", sorted(KINDS))
-def test_written_tiles_come_back(tmp_path, extension):
-    kind = KINDS[extension]
-    lat, lon = (
-        np.radians(-35.05 + 0.001 + 0.002 * np.arange(40)),
-        np.radians(144.97 + 0.001 + 0.002 * np.arange(30)),
-    )
-    middle = 9.8 if extension == "ga" else 0.0
-    values = middle + kind.step * np.random.default_rng(1).integers(-300, 300, (40, 30))
-    values[3, 4] = np.nan
-    unit = {"ha": "m", "xi": "rad", "eta": "rad"}.get(extension, "m/s²")
-    paths = write_ggmplus(FieldMap(lat, lon, values, unit, kind.quantity), tmp_path / "tiles")
-    assert {p.stat().st_size for p in paths} == {CELLS * CELLS * np.dtype(kind.dtype).itemsize}
-    read = read_ggmplus(tmp_path / "tiles", extension, Window(lat[4], lat[-5], lon[4], lon[-5]))
-    inside = read.values[3:-3, 3:-3]
-    known = np.isfinite(inside)
-    rows, columns = (
-        round((a[0] - b[0]) / np.radians(0.002)) + 3
-        for a, b in ((read.latitude, lat), (read.longitude, lon))
-    )
-    np.testing.assert_allclose(
-        inside[known],
-        values[rows:, columns:][: inside.shape[0], : inside.shape[1]][known],
-        rtol=0,
-        atol=1e-3 * kind.step,
-    )
 
 
 def test_refusals(tmp_path, folder):

@@ -1,0 +1,41 @@
+"""Components of the gravity gradient tensor, felt by a gradiometer; their maps are computed from
+that of the disturbance."""
+
+from isogal.errors import InputError
+from isogal.fields.measured import Channels, MeasuredField
+from isogal.maps.channels import ChannelMap
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Scenario
+from isogal.sensors.gradiometer import GradientReduction, draw_noise, noise_covariance
+
+_REACH = 20_000.0
+
+
+def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
+    from isogal.maps.gradients import tensor_maps  # SciPy's transforms, for those who need them
+
+    height = scenario.route.height
+    if height < 0.0:
+        raise InputError(
+            f"route.height: must be >= 0 m where field is gradient, is {height:g}: a map cannot be"
+            " continued down towards the masses"
+        )
+    return tensor_maps(disturbance, scenario.gradiometer.components, height=height, edge=_REACH)
+
+
+GRADIENT = MeasuredField(
+    name="gradient",
+    instrument="gradiometer",
+    quantity="gradient",
+    unit="1/s²",
+    least_sigma=0.0,
+    sign=1.0,
+    reduction=lambda scenario: GradientReduction(scenario.gradiometer.components),
+    channels=Channels(
+        covariance=lambda scenario: noise_covariance(scenario.gradiometer),
+        noise=draw_noise,
+        source="disturbance",
+        reach=_REACH,
+        maps=_maps,
+    ),
+)

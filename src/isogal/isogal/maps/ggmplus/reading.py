@@ -1,0 +1,180 @@
+"""Maps from a folder of GGMplus tiles."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.assemble import check_size
+from isogal.maps.axes import EmptyWindowError, Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.format import Format
+from isogal.maps.ggmplus.tiles import (
+    CELLS,
+    KINDS,
+    NAME,
+    PER_DEGREE,
+    STEP_DEG,
+    Kind,
+    cells_of,
+    extent_of,
+    tile_name,
+    tiles_of,
+)
+from isogal.maps.quantities import QUANTITIES, check_plausible
+
+_BLOCK = 50  # columns of a tile mapped at once: 0.5 MB
+
+
+def is_ggmplus(path: Path) -> bool:
+    """Tell whether a path is a tile, or a folder that holds tiles."""
+    if path.is_dir():
+        return any(NAME.fullmatch(item.name) for item in path.iterdir())
+    return NAME.fullmatch(path.name) is not None
+
+
+def read_ggmplus(
+    path: str | Path,
+    variable: str | None = None,
+    window: Window | None = None,
+    *,
+    quantity: str | None = None,
+    unit: str | None = None,
+) -> FieldMap:
+    """Read a window from a folder of tiles, joined across their borders.
+
+    Parameters
+    ----------
+    path : path
+        Folder, or one tile.
+    variable : str, optional
+        ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the
+        folder.
+    window : Window, optional
+        None = all tiles there.
+    quantity : str, optional
+        Must be that of the variable.
+    unit : str, optional
+        Not allowed: the format fixes the unit.
+
+    Returns
+    -------
+    FieldMap
+        Missing tiles (open sea) are NaN, and the provenance names them.
+
+    Raises
+    ------
+    InputError
+        No such tiles, a tile of the wrong size, numbers that cannot be GGMplus.
+    """
+    path = Path(path)
+    if unit is not None:
+        raise InputError(f"{path}: GGMplus fixes the unit; unit cannot be given")
+    single = NAME.fullmatch(path.name)
+    if single and path.is_file():
+        variable = variable or single.group(5)
+        window = window or extent_of([path.name])
+        path = path.parent
+    if not path.is_dir():
+        raise InputError(f"{path}: no such folder")
+    there = [match for item in path.iterdir() if (match := NAME.fullmatch(item.name))]
+    extension = _extension(path, {match.group(5) for match in there}, variable, quantity)
+    if window is None:
+        window = extent_of(match.group() for match in there if match.group(5) == extension)
+    return _read_window(path, extension, window)
+
+
+def _extension(path: Path, there: set[str], variable: str | None, quantity: str | None) -> str:
+    """Return which kind of tiles to read, of those that are there."""
+    if variable is not None and variable not in KINDS:
+        raise InputError(
+            f"{path}: GGMplus has no variable '{variable}'; it has {', '.join(KINDS)}"
+        )
+    if variable is None:
+        fitting = [
+            extension
+            for extension in (sorted(there) if quantity is None else KINDS)
+            if quantity in (None, KINDS[extension].quantity)
+        ]
+        if len(fitting) != 1:
+            asked = f"a {quantity} map" if quantity else "the variable to use"
+            raise InputError(
+                f"{path}: cannot tell {asked}; give variable= (--variable) one of"
+                f" {', '.join(sorted(there)) or ', '.join(KINDS)}"
+            )
+        variable = fitting[0]
+    if quantity is not None and quantity != KINDS[variable].quantity:
+        raise InputError(f"{path}: {variable} is {KINDS[variable].quantity}, not {quantity}")
+    return variable
+
+
+def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
+    rows, columns = cells_of(window)
+    names = {tile_name(*corner, extension): corner for corner in tiles_of(window)}
+    missing = [name for name in names if not (folder / name).is_file()]
+    if len(missing) == len(names):
+        raise EmptyWindowError(f"{folder}: has none of the tiles needed: {', '.join(missing)}")
+    check_size(len(rows) * len(columns), str(folder), window)
+    values = np.full((len(rows), len(columns)), np.nan)
+    kind = KINDS[extension]
+    for name, (south, west) in names.items():
+        if name not in missing:
+            place = ((south + 90) * PER_DEGREE - rows.start, west * PER_DEGREE - columns.start)
+            _read_tile(folder / name, kind, place, values)
+    note = f"; no tile {', '.join(missing)}" if missing else ""
+    unit = QUANTITIES[kind.quantity].unit
+    return FieldMap(
+        np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
+        np.radians(STEP_DEG * (np.array(columns) + 0.5)),
+        values,
+        unit=unit,
+        quantity=kind.quantity,
+        quantisation=kind.step,
+        provenance=f"GGMplus {folder}:{extension}{note}",
+        file_unit=unit,
+    )
+
+
+def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) -> None:
+    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
+    ``place``."""
+    dtype = np.dtype(kind.dtype)
+    expected = CELLS * CELLS * dtype.itemsize
+    try:
+        size = path.stat().st_size
+        if size != expected:
+            raise InputError(
+                f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
+                " short?"
+            )
+        low, high = math.inf, -math.inf
+        rows = slice(max(-place[0], 0), min(values.shape[0] - place[0], CELLS))
+        for first, last in _blocks(place[1], values.shape[1]):
+            raw = np.memmap(
+                path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS)
+            )[:, rows].T
+            block = raw * kind.step
+            block[raw == kind.no_data] = np.nan
+            if not np.isnan(block).all():
+                low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
+            values[
+                place[0] + rows.start : place[0] + rows.stop, place[1] + first : place[1] + last
+            ] = block
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if low <= high:
+        check_plausible((low, high), kind.quantity, 1.0, str(path), fixed=True)
+
+
+def _blocks(left: int, columns: int) -> Iterator[tuple[int, int]]:
+    """Give runs of columns of a tile that lie in the grid when the tile's first column is the
+    grid's ``left``."""
+    start, stop = max(-left, 0), min(columns - left, CELLS)
+    for first in range(start, stop, _BLOCK):
+        yield first, min(first + _BLOCK, stop)
+
+
+FORMAT = Format("ggmplus", is_ggmplus, read_ggmplus)

@@ -1,0 +1,103 @@
+"""The layout of GGMplus (Hirt et al. 2013, doi:10.1002/grl.50838; docs/mathematics.md, section
+12.2): which tiles there are, how they are named, and what their numbers mean.
+
+Tiles of 5° x 5° with 2500 x 2500 cells are named by their south-west corner (``S40E145.ga``). They
+have no header; big-endian whole numbers, latitude running fastest (south to north), then longitude
+(west to east); cell centres at corner + 0.001 + 0.002 i degrees, GRS80."""
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from isogal.maps.axes import MARGIN, TWO_PI, Window
+
+STEP_DEG = 0.002
+CELLS = 2500
+SIZE_DEG = 5
+PER_DEGREE = CELLS // SIZE_DEG
+_ACROSS, _UP = 360 * PER_DEGREE, 180 * PER_DEGREE
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of GGMplus file."""
+
+    quantity: str
+    dtype: str
+    no_data: int
+    step: float
+    """Of the numbers, in the quantity's unit."""
+
+
+_ARCSEC = math.pi / 648000.0
+KINDS = {
+    "ga": Kind("gravity", ">i4", -(2**31), 1e-6),
+    "dg": Kind("disturbance", ">i2", -(2**15), 1e-6),
+    "xi": Kind("deflection_north", ">i2", -(2**15), 0.1 * _ARCSEC),
+    "eta": Kind("deflection_east", ">i2", -(2**15), 0.1 * _ARCSEC),
+    "ha": Kind("geoid", ">i4", -(2**31), 1e-3),
+}
+"""By file name extension; ``ha`` is the height anomaly (quasigeoid)."""
+NAME = re.compile(r"([NS])(\d\d)([EW])(\d\d\d)\.(ga|dg|xi|eta|ha)")
+"""File names of tiles; the last group is the extension."""
+
+
+def tile_name(south: int, west: int, extension: str) -> str:
+    """Return the file name of the tile with this south-west corner (deg, multiples of 5)."""
+    west = (west + 180) % 360 - 180
+    vertical, horizontal = "S" if south < 0 else "N", "W" if west < 0 else "E"
+    return f"{vertical}{abs(south):02d}{horizontal}{abs(west):03d}.{extension}"
+
+
+def corner_of(name: str) -> tuple[int, int]:
+    """Return the south-west corner (deg) of a tile by its file name."""
+    match = NAME.fullmatch(name)
+    assert match is not None
+    south, west = int(match.group(2)), int(match.group(4))
+    return (
+        -south if match.group(1) == "S" else south,
+        -west if match.group(3) == "W" else west,
+    )
+
+
+def tiles_of(window: Window) -> list[tuple[int, int]]:
+    """Return the south-west corners (deg) of all tiles that a window touches; west may exceed
+    180."""
+    rows, columns = cells_of(window)
+    return [
+        (tile_row * SIZE_DEG - 90, tile_column * SIZE_DEG)
+        for tile_row in range(rows.start // CELLS, (rows.stop - 1) // CELLS + 1)
+        for tile_column in range(columns.start // CELLS, (columns.stop - 1) // CELLS + 1)
+    ]
+
+
+def cells_of(window: Window) -> tuple[range, range]:
+    """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
+    its margin."""
+    east = (
+        window.east
+        if window.east >= window.west
+        else window.west + (window.east - window.west) % TWO_PI
+    )
+    south, north, west, east = (
+        math.degrees(x) / STEP_DEG for x in (window.south, window.north, window.west, east)
+    )
+    low, high = math.floor(south) + _UP // 2 - MARGIN, math.floor(north) + _UP // 2 + MARGIN + 1
+    left, right = (
+        math.floor(west) - MARGIN,
+        min(math.floor(east) + MARGIN + 1, math.floor(west) - MARGIN + _ACROSS),
+    )
+    return range(max(low, 0), min(high, _UP)), range(left, right)
+
+
+def extent_of(names: Iterable[str]) -> Window:
+    """Return the window of all these tiles, without a margin beyond them."""
+    lats, lons = zip(*map(corner_of, names), strict=True)
+    inside = (MARGIN + 0.5) * STEP_DEG
+    return Window(
+        math.radians(min(lats) + inside),
+        math.radians(max(lats) + SIZE_DEG - inside),
+        math.radians(min(lons) + inside),
+        math.radians(max(lons) + SIZE_DEG - inside),
+    )

@@ -1,0 +1,38 @@
+"""GGMplus tiles that were written are read back."""
+
+import numpy as np
+import pytest
+
+from isogal.maps.axes import Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.ggmplus.reading import read_ggmplus
+from isogal.maps.ggmplus.tiles import CELLS, KINDS
+from isogal.maps.ggmplus.writing import write_ggmplus
+
+
+@pytest.mark.parametrize("extension", sorted(KINDS))
+def test_written_tiles_come_back(tmp_path, extension):
+    kind = KINDS[extension]
+    lat, lon = (
+        np.radians(-35.05 + 0.001 + 0.002 * np.arange(40)),
+        np.radians(144.97 + 0.001 + 0.002 * np.arange(30)),
+    )
+    middle = 9.8 if extension == "ga" else 0.0
+    values = middle + kind.step * np.random.default_rng(1).integers(-300, 300, (40, 30))
+    values[3, 4] = np.nan
+    unit = {"ha": "m", "xi": "rad", "eta": "rad"}.get(extension, "m/s²")
+    paths = write_ggmplus(FieldMap(lat, lon, values, unit, kind.quantity), tmp_path / "tiles")
+    assert {p.stat().st_size for p in paths} == {CELLS * CELLS * np.dtype(kind.dtype).itemsize}
+    read = read_ggmplus(tmp_path / "tiles", extension, Window(lat[4], lat[-5], lon[4], lon[-5]))
+    inside = read.values[3:-3, 3:-3]
+    known = np.isfinite(inside)
+    rows, columns = (
+        round((a[0] - b[0]) / np.radians(0.002)) + 3
+        for a, b in ((read.latitude, lat), (read.longitude, lon))
+    )
+    np.testing.assert_allclose(
+        inside[known],
+        values[rows:, columns:][: inside.shape[0], : inside.shape[1]][known],
+        rtol=0,
+        atol=1e-3 * kind.step,
+    )
