@@ -62,7 +62,7 @@ class MapChoice:
         typer.Option(
             "--format",
             metavar="NAME",
-            help="netcdf, ggmplus, geotiff, gdf or xyz; default: by name.",
+            help="Such as netcdf or xyz (a wrong one lists all); default: by name.",
             rich_help_panel=MAP,
         ),
     ] = None
