@@ -57,7 +57,7 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
     assert source_map(it, window).quantity == "disturbance"
 
 
-def test_another_process_computes_what_this_one_would(disturbance, monkeypatch):
+def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkeypatch):
     it = scenario(disturbance)
     there, here = derived.derived_maps(it, 5000.0), derived.compute(it, 5000.0)
     np.testing.assert_array_equal(there.values, here.values)

@@ -1,4 +1,4 @@
-"""The registry of scalar fields: each reduction undoes what its sensor feels and tells how it
+"""The registry of scalar fields: each reduction undoes what its sensor measures and tells how it
 depends on the navigator's errors."""
 
 import numpy as np

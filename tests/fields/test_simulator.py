@@ -1,4 +1,4 @@
-"""Simulated readings: the map as truth, noise, outliers, map error, and what cannot be felt."""
+"""Simulated readings: the map as truth, noise, outliers, map error, and what is not measured."""
 
 from dataclasses import replace
 
@@ -187,7 +187,7 @@ def test_a_map_error_lifts_the_ground():
     np.testing.assert_allclose(exact - wrong, error, atol=1e-3)
 
 
-def test_beyond_its_range_the_meter_says_nothing():
+def test_beyond_its_range_an_altimeter_gives_no_reading():
     felt, ground = clearance(
         [0],
         900.0,
@@ -200,13 +200,13 @@ def test_beyond_its_range_the_meter_says_nothing():
     np.testing.assert_array_equal(np.isnan(felt[0]), out)
 
 
-def test_nobody_flies_under_the_ground():
+def test_a_route_below_the_terrain_is_refused():
     with pytest.raises(
         InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"
     ):
         clearance([0], 300.0, hills())
 
 
-def test_an_altimeter_does_not_feel_gravity():
+def test_a_map_that_the_instrument_does_not_measure_is_refused():
     with pytest.raises(InputError, match="an altimeter does not feel disturbance; give height"):
         clearance([0], 900.0, field_map_of(wavy))

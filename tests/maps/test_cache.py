@@ -39,7 +39,7 @@ def test_damage_is_found_and_repaired(tmp_path, damage):
     assert read_part(path, 2) == PARTS[2]
 
 
-def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path):
+def test_without_a_writable_folder_parts_are_made_and_not_kept(tmp_path):
     file = tmp_path / "file"
     file.write_text("not a folder")
     calls = []

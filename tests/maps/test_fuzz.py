@@ -137,7 +137,7 @@ def test_damaged_files(name, small_map):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", [*MAKERS, "S40E140.dg"])
-def test_anything_at_all(name):
+def test_files_of_random_bytes(name):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
 

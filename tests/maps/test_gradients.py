@@ -144,7 +144,7 @@ def test_a_hole_is_left_out_with_its_surroundings():
         ({}, {"edge": 50e3}, "nothing is left of the map within 50 km of its edges"),
     ],
 )
-def test_what_has_no_gradients_is_refused(changes, keys, message):
+def test_maps_without_gradients_are_refused(changes, keys, message):
     field_map = replace(field_map_of(lambda n, e: 1e-9 * n, step=1000.0), **changes)
     with pytest.raises(InputError, match=message):
         tensor_maps(field_map, **keys)

@@ -86,7 +86,7 @@ def test_source_may_name_the_format(shared_data):
     assert map_for_scenario(by_name).quantity == "gravity"
 
 
-def test_the_first_bare_point_is_named(shared_data):
+def test_the_first_route_point_without_a_value_is_named(shared_data):
     field_map = load_map(shared_data / "clear_lake_gravity_map.nc")
     latitude, longitude = np.radians([38.8, 38.8, 39.9]), np.radians([-122.7, -122.7, -122.7])
     check_coverage(field_map, latitude[:2], longitude[:2])

@@ -128,7 +128,7 @@ def test_a_batch_that_needs_too_much_is_refused(tiled):
         endless.near(*ORIGIN)
 
 
-def test_only_so_much_is_kept(tiled, whole, monkeypatch):
+def test_parts_read_last_are_kept_up_to_a_limit(tiled, whole, monkeypatch):
     monkeypatch.setattr(tiled_map, "_KEPT_CELLS", 2000)
     tiled.value(whole.latitude[:, None], whole.longitude)
     assert 0 < sum(part.values.size for part in tiled._read.values() if part is not None) <= 2000

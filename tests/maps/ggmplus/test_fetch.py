@@ -1,4 +1,4 @@
-"""Fetching tiles from a local HTTP server that misbehaves in every way a mirror can."""
+"""Fetching tiles from a local HTTP server with the faults of a mirror."""
 
 import contextlib
 import hashlib
@@ -161,7 +161,7 @@ def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, tmp_path):
     ],
     ids=str,
 )
-def test_troubles_that_pass(mirror, tmp_path, trouble):
+def test_temporary_server_errors_are_retried(mirror, tmp_path, trouble):
     mirror.trouble[NAME] = list(trouble)
     assert fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK).downloaded == [NAME]
     assert (tmp_path / NAME).read_bytes() == mirror.files[NAME] and left(tmp_path) == sorted(
@@ -199,7 +199,7 @@ def test_a_server_that_does_not_resume(mirror, tmp_path):
         ([404], "the server has none of the 1 tiles"),
     ],
 )
-def test_troubles_that_stay(mirror, tmp_path, trouble, words):
+def test_permanent_server_errors_are_reported(mirror, tmp_path, trouble, words):
     mirror.trouble[NAME] = list(trouble)
     seen = []
     with pytest.raises(InputError) as error:

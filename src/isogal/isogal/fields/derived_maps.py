@@ -56,12 +56,12 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
                 capture_output=True,
                 check=False,
             )
-        except OSError:  # no further process is to be had
+        except OSError:  # no other process can be started
             return compute(scenario, margin)
         if child.returncode == _REFUSED:
             raise InputError(child.stdout.decode())
         if child.returncode:
-            return compute(scenario, margin)  # and fail here, if it must fail
+            return compute(scenario, margin)  # which raises here what went wrong there
         return _read(Path(folder), json.loads(child.stdout))
 
 
@@ -77,7 +77,7 @@ def compute(scenario: Scenario, margin: float) -> ChannelMap:
     maps = channels.maps(scenario, source)
     check_coverage(maps, *route)
     cut = [channel.window(*window[:4]) for channel in maps.channels]
-    # the last of float32's digits is a millionth of what is measured, 1e-5 E of 100 E
+    # float32 rounds to a ten-millionth: 1e-5 E of 100 E
     return ChannelMap(
         [replace(channel, values=channel.values.astype(np.float32)) for channel in cut]
     )
@@ -85,8 +85,8 @@ def compute(scenario: Scenario, margin: float) -> ChannelMap:
 
 def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
     """Return maps that `_write` has left."""
-    # mapped, so that of the values only what is looked at takes memory; their file lives on
-    # without its name as long as the mapping
+    # mapped: only values that are looked up take memory; the deleted file stays on disk as long as
+    # it is mapped
     latitude, longitude, values = (
         np.asarray(np.load(folder / f"{name}.npy", mmap_mode="c")) for name in _ARRAYS
     )

@@ -1,5 +1,5 @@
-"""Components of the gravity gradient tensor, felt by a gradiometer; their maps are computed from
-that of the disturbance."""
+"""Components of the gravity gradient tensor, measured by a gradiometer; their maps are computed
+from that of the disturbance."""
 
 from isogal.errors import InputError
 from isogal.fields.measured import Channels, MeasuredField
@@ -12,7 +12,7 @@ _REACH = 20_000.0
 
 
 def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.gradients import tensor_maps  # SciPy's transforms, for those who need them
+    from isogal.maps.gradients import tensor_maps  # imports SciPy
 
     height = scenario.route.height
     if height < 0.0:

@@ -1,4 +1,4 @@
-"""Gravity and the gravity disturbance, felt by a gravimeter."""
+"""Gravity and the gravity disturbance, measured by a gravimeter."""
 
 from isogal.fields.measured import MeasuredField
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction

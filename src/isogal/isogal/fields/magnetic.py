@@ -1,4 +1,4 @@
-"""The magnetic anomaly, felt by a magnetometer."""
+"""The magnetic anomaly, measured by a magnetometer."""
 
 from isogal.fields.measured import MeasuredField
 from isogal.scenario import Scenario

@@ -19,18 +19,18 @@ from isogal.sensors.reduction import Reduction
 
 @dataclass(frozen=True)
 class Channels:
-    """What is to know besides of a field whose readings are C numbers, one for each channel."""
+    """What a field needs in addition if its readings are C numbers, one for each channel."""
 
     covariance: Callable[[Scenario], Array]
     """Returns the covariance (C, C) of a reading's noise, unit of the maps squared."""
     noise: Callable[[Scenario, int, int], Array]
     """Returns the noise (scans, C) of a run, given scenario, run and number of scans."""
     source: str
-    """What the map is a map of that the channels' maps are computed from."""
+    """Quantity of the map that the channels' maps are computed from."""
     reach: float
     """m of that map around a place that go into its values."""
     maps: Callable[[Scenario, FieldMap], ChannelMap]
-    """Computes the channels' maps; raises InputError where that cannot be."""
+    """Computes the channels' maps; raises InputError."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,16 @@ class MeasuredField:
     name: str
     """As the scenario's key `field` has it."""
     instrument: str
-    """What feels it; fields of one instrument are reductions of the same readings."""
+    """What measures it; fields of one instrument are reductions of the same readings."""
     quantity: str
-    """What a map of it is a map of, see `isogal.maps.quantities`."""
+    """Of its map, see `isogal.maps.quantities`."""
     unit: str
     """Of maps, readings and sigmas, inside."""
     least_sigma: float
-    """No instrument is as good; a smaller `gravimeter.sigma` is meant for another field."""
+    """Smallest 1-sigma of an instrument; a smaller `gravimeter.sigma` must be in the unit of
+    another field."""
     sign: float
-    """How the raw reading goes with the field: 1, or -1 where it falls as the field rises."""
+    """1 if the raw reading rises with the field, -1 if it falls."""
     reduction: Callable[[Scenario], Reduction]
     """Returns how readings of this field are made and reduced in a scenario; raises InputError
     where its route cannot be driven."""
@@ -56,7 +57,7 @@ class MeasuredField:
 
     @property
     def source(self) -> str:
-        """What the scenario's map is a map of."""
+        """Quantity of the scenario's map."""
         return self.quantity if self.channels is None else self.channels.source
 
     def covariance(self, scenario: Scenario) -> Array | None:

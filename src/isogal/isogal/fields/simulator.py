@@ -26,7 +26,7 @@ class ReadingSimulator:
         self.index = i = _scans(scenario, trajectory)
         """(scans,) index into the trajectory of each scan."""
         truth = true_readings(scenario, trajectory, field_map)
-        field = _felt(scenario, field_map)
+        field = _measured(scenario, field_map)
         errors = field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
         channels, time = field.channels, trajectory.time[i]
         noise = [
@@ -40,13 +40,13 @@ class ReadingSimulator:
 
 
 def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> Array:
-    """Return what a perfect instrument feels at each scan, (scans,) or (scans, C), the map being
-    the truth.
+    """Return what a perfect instrument measures at each scan, (scans,) or (scans, C), with the map
+    as the truth.
 
     Raises
     ------
     InputError
-        The map does not cover the route, its quantity cannot be felt by the instrument, or no such
+        The map does not cover the route, the instrument does not measure its quantity, or no such
         instrument can be there.
     """
     i = _scans(scenario, trajectory)
@@ -62,15 +62,15 @@ def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMa
         )
     velocity = trajectory.velocity[i]
     at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
-    return _felt(scenario, field_map).reduction(scenario).raw(value, at)
+    return _measured(scenario, field_map).reduction(scenario).raw(value, at)
 
 
 def _scans(scenario: Scenario, trajectory: Trajectory) -> Integers:
     return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
 
 
-def _felt(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
-    """Return the field that a map is of, among those that the scenario's instrument feels."""
+def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
+    """Return the field that a map is of, among those that the scenario's instrument measures."""
     instrument = measured_field(scenario).instrument
     fields = of_instrument(instrument)
     for field in fields:

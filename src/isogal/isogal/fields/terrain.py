@@ -1,4 +1,4 @@
-"""The height of the terrain, felt by an altimeter as the clearance above it."""
+"""The height of the terrain, measured by an altimeter as the clearance above it."""
 
 from isogal.fields.measured import MeasuredField
 from isogal.sensors.altimeter import TerrainReduction

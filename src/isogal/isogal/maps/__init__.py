@@ -1,2 +1,29 @@
-"""Maps: scalar fields on regular latitude/longitude grids, their readers, and what can be read off
-them."""
+"""Maps: scalar fields on regular grids of latitude and longitude.
+
+    field_map            the map in memory: value, gradient, error
+    interpolation        the grid as compiled functions take it, and interpolation on it
+    channels             several maps on one grid; types of map that functions take
+    tiled_map            a map too large for the memory, read in tiles
+    corridor             the part of the Earth along a route
+    axes                 windows, regular axes, and the part of an axis that a window needs
+    load                 which format does a file have? does a map cover a route?
+    assemble             from what a reader found to a map: units, plausibility, size
+    quantities           quantities, units, and which values are possible
+    cache                files that are made once and kept in the user's cache folder
+
+What maps are used for:
+
+    expected_accuracy    how good can a fix be here?
+    variability          map feature variability (paper eq. CV)
+    gradients            the gravity gradient tensor from the disturbance
+    gravity_vector       the horizontal components of gravity
+    spectral             Fourier transforms of a map over a plane
+    error_spectrum       what becomes of a map's errors in such a transform
+
+Where maps come from:
+
+    formats              NetCDF, GeoTIFF, ICGEM, text
+    ggmplus              folders of GGMplus tiles, and their mirrors
+    synthetic            the synthetic map
+    continuation         a map at another height
+"""

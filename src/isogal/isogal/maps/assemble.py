@@ -1,5 +1,5 @@
-"""From what a reader found in a file to a `FieldMap`: one place for units, plausibility and what
-must be asked for."""
+"""From the contents of a file to a `FieldMap`: units, plausibility, size, and what the user has to
+say because the file does not."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def check_size(cells: int, where: str, window: Window | None = None) -> None:
 
 
 def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
-    """Return quantity, unit and the factor to the unit inside, provided that both were said and
+    """Return quantity, unit and the factor to the unit inside, provided that both are given and
     fit each other.
 
     Raises
@@ -83,7 +83,7 @@ def assemble(
     values : (n, m)
         In ``unit``; NaN = missing.
     unit, quantity : str or None
-        As the file says or the user gave; None = nobody said.
+        As the file says or the user gave; None = not known.
     where : str
         File and variable, for messages and provenance.
     sigma : float or (n, m)

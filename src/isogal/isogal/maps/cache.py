@@ -1,5 +1,5 @@
-"""Files made once and kept in the user's cache folder, safe against other processes and against
-damage."""
+"""Files that are made once and kept in the user's cache folder: several processes may ask for them
+at once, and damaged ones are made again."""
 
 import contextlib
 import fcntl
@@ -107,7 +107,7 @@ def read_or_make(
 def _make(
     path: Path, maker: Callable[[], Sequence[bytes]], index: int, wait: bool
 ) -> bytes | None:
-    """Make a cache file unless another process is at it; None then, unless told to wait for it."""
+    """Make a cache file; None if another process is making it, unless told to wait for that."""
     parts: Sequence[bytes] | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -64,12 +64,12 @@ class ChannelMap:
         return len(self.channels)
 
     def __reduce__(self) -> tuple[type["ChannelMap"], tuple[tuple[FieldMap, ...]]]:
-        """Leave out of what other processes are sent what they can make themselves."""
+        """Pickle the channels alone, from which the rest is made again."""
         return ChannelMap, (self.channels,)
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where
-        a map says nothing."""
+        a map has no value."""
         return np.stack([channel.value(latitude, longitude) for channel in self.channels], axis=-1)
 
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
@@ -118,7 +118,7 @@ def channels_of(field_map: AnyMap) -> tuple[FieldMap, ...]: ...
 @overload
 def channels_of(field_map: RouteMap) -> tuple[ScalarMap, ...]: ...
 def channels_of(field_map: RouteMap) -> tuple[ScalarMap, ...]:
-    """Return the maps of a vector map, or the only one."""
+    """Return the maps of all channels, or the only map."""
     return field_map.channels if isinstance(field_map, ChannelMap) else (field_map,)
 
 

@@ -1,5 +1,5 @@
-"""The one map type: a scalar field on a regular latitude/longitude grid, with what is known about
-its errors."""
+"""A map in memory: a scalar field on a regular grid of latitude and longitude, with what is known
+about its errors."""
 
 import math
 from collections.abc import Iterator
@@ -168,8 +168,8 @@ class FieldMap:
         return Window(float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1]))
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Interpolate at points (rad, any shapes that broadcast); NaN where the map says
-        nothing."""
+        """Interpolate at points (rad, any shapes that broadcast); NaN where the map has no
+        value."""
         lat, lon, shape = flat_points(latitude, longitude)
         return values_at(self.grid, lat, lon).reshape(shape)[()]
 
@@ -178,7 +178,7 @@ class FieldMap:
     ) -> tuple[Array, Array, Array]:
         """Interpolate value, derivative to the north and to the east, per metre on the ellipsoid.
 
-        Any shapes that broadcast, rad. NaN where the map says nothing.
+        Any shapes that broadcast, rad. NaN where the map has no value.
         """
         lat, lon, shape = flat_points(latitude, longitude)
         value, by_lat, by_lon = values_and_gradients(self.grid, lat, lon)
@@ -257,19 +257,19 @@ class FieldMap:
         )
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
-        """Return the map around points, which for a map in memory is the map (see
-        `isogal.maps.tiled_map`)."""
+        """Return the map around points (see `isogal.maps.tiled_map`): of a map in memory all of
+        it."""
         return self
 
     def split(
         self, latitude: Array, longitude: Array, reach: float = 0.0
     ) -> Iterator[tuple[Any, "FieldMap"]]:
-        """Yield which of some points (N,) there is a map for, and the map: for a map in memory all
-        and the map (see `isogal.maps.tiled_map`)."""
+        """Yield groups of some points (N,), and a map for each group (see
+        `isogal.maps.tiled_map`): of a map in memory all points, and the map."""
         yield slice(None), self
 
     def parts(self) -> Iterator["FieldMap"]:
-        """Yield all of the map in parts that are small enough for the memory."""
+        """Yield the map in parts (see `isogal.maps.tiled_map`): a map in memory is one part."""
         yield self
 
 

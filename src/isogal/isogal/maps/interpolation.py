@@ -1,4 +1,4 @@
-"""Local bicubic interpolation with gradient, for kernels.
+"""Grids as compiled functions take them, and bicubic interpolation with gradient on them.
 
 Cubic convolution with a = -1/2 (Keys 1981, IEEE Trans. ASSP 29(6):1153-1160, eq. 15), separable in
 latitude and longitude: 4 x 4 nodes, passes through the nodes, continuous with its first

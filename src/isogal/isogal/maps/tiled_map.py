@@ -32,13 +32,13 @@ WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
 TILE_CELLS = 250
 """Cells along a side of a tile."""
-_BATCH = 100_000.0  # m that a batch is long, as far as is provided for
+_BATCH = 100_000.0  # m; longer batches are matched as well, but their tiles are not made ahead
 _KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
 
 
 class Load(Protocol):
-    """How a part of a map is read. Has to be a function that can be pickled where the map is sent
-    to other processes."""
+    """How a part of a map is read: a function, which can be pickled if the map is sent to other
+    processes."""
 
     def __call__(self, *, window: Window) -> FieldMap:
         """Read what the map has in a window, with the nodes around it that interpolation needs.
@@ -56,8 +56,8 @@ class Load(Protocol):
 
 
 class TiledMap:
-    """A scalar field along a route, read when it is needed. For those who look up values it is
-    like a `FieldMap`.
+    """A scalar field along a route, read when it is needed. Values are looked up as in a
+    `FieldMap`.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class TiledMap:
         self._read: OrderedDict[Window, FieldMap | None] = OrderedDict()
 
     def __reduce__(self) -> tuple[type["TiledMap"], tuple[Load, Corridor, FieldMap]]:
-        """Leave out of what other processes are sent what was read."""
+        """Pickle the map without the parts that were read."""
         return TiledMap, (self._load, self.corridor, self._start)
 
     @property
@@ -200,8 +200,8 @@ class TiledMap:
     def split(
         self, latitude: Array, longitude: Array, reach: float = 0.0
     ) -> Iterator[tuple[Integers, FieldMap]]:
-        """Yield for some of the points (N,) after others their indices, and a map in memory that
-        reaches ``reach`` m around them; nothing for points where the map has nothing."""
+        """Yield groups of some points (N,): their indices, and a map in memory that reaches
+        ``reach`` m around them. Points where the map has nothing are in no group."""
         known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
         places = np.stack([latitude[known], self._turned(longitude[known])], axis=1)
         tiles, owner = np.unique(np.floor(places / self._side), axis=0, return_inverse=True)
@@ -218,7 +218,7 @@ class TiledMap:
             if part is not None:
                 try:
                     yield _without_margin(part, tile)
-                except EmptyWindowError:  # all it has lies in the margin
+                except EmptyWindowError:  # all values lie in the margin
                     continue
 
     def overview(self, most: int, window: Window | None = None) -> FieldMap:
@@ -255,8 +255,7 @@ class TiledMap:
         return [one.reshape(shape)[()] for one in found]
 
     def windows(self) -> list[Window]:
-        """Return all windows that `near` reads for batches along the route, if these are not very
-        long."""
+        """Return all windows that `near` reads for batches of up to 100 km along the route."""
         pieces = self.corridor.windows()
         count = max(1, round(_BATCH * len(pieces) / max(self.corridor.length, 1.0)))
         ends = [pieces[min(k + count, len(pieces) - 1)] for k in range(len(pieces))]

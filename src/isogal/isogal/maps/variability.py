@@ -2,10 +2,9 @@
 
 C_i is the mean, over the n points of a fixed window template centred at place i (without i
 itself), of the squared difference between the value at i and the value at the point. The paper
-normalises it "over a fixed number of samples" and does not say how. Here: C_i divided by the mean
-of C over the last ``samples`` places (at the start over those there are), so 1 means "as usual on
-this stretch"; one could also divide by an absolute level, which ``reference`` allows. Both are
-parameters."""
+normalises it "over a fixed number of samples" and does not say how. Here C_i is divided by the
+mean of C over the last ``samples`` places (at the start over those there are), so that 1 means "as
+usual on this stretch"."""
 
 import math
 
@@ -21,8 +20,8 @@ from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.maps.tiled_map import ScalarMap
 
 WINDOW = 2000.0
-"""Half width of the template, m: the 1-sigma horizontal error of an unaided navigator after some
-hours is of this size."""
+"""Half width of the template, m: about the 1-sigma horizontal error of an unaided navigator after
+some hours."""
 POINTS = 9
 """Points of the template along each side."""
 SAMPLES = 100
@@ -141,10 +140,8 @@ def feature_variability(
     return out.reshape(shape)
 
 
-def normalised_variability(
-    variability: ArrayLike, samples: int = SAMPLES, reference: float | None = None
-) -> Array:
-    """Normalise a sequence of C along a track: 1 = as usual.
+def normalised_variability(variability: ArrayLike, samples: int = SAMPLES) -> Array:
+    """Return a sequence of C along a track divided by its mean over the last places.
 
     Parameters
     ----------
@@ -152,8 +149,6 @@ def normalised_variability(
         C at successive places; NaN places are skipped in the mean and stay NaN.
     samples : int
         How many places, up to and with the present one, the mean is taken over.
-    reference : float, optional
-        Divide by this level (unit of the map squared) instead of the moving mean.
 
     Returns
     -------
@@ -161,10 +156,6 @@ def normalised_variability(
         No unit. Where the mean is zero (a flat map) the result is zero.
     """
     c = np.asarray(variability, dtype=np.float64)
-    if reference is not None:
-        if not reference > 0.0:
-            raise InputError(f"variability reference must be > 0, is {reference}")
-        return c / reference
     if samples < 1:
         raise InputError(f"variability samples must be at least 1, is {samples}")
     known = np.isfinite(c)

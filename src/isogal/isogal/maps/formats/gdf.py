@@ -31,7 +31,7 @@ _FUNCTIONALS = {
     "topography_shm": "height",
     "etopo1_shm": "height",
 }
-"""What ICGEM's functionals are; a gravity disturbance in spherical approximation (_sa) differs by
+"""Quantities of ICGEM's functionals; a disturbance in spherical approximation (_sa) differs by
 under 0.1 %."""
 
 

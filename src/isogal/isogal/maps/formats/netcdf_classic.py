@@ -1,4 +1,4 @@
-"""A look at the header of a classic NetCDF file (CDF-1, -2, -5) before the C library reads it.
+"""Check of the header of a classic NetCDF file (CDF-1, -2, -5) before the C library reads it.
 
 The library trusts the counts in a header: a damaged one costs minutes and gigabytes, and data
 missing at the end of a file read as zeros. Layout: NetCDF Classic Format Specification (Unidata),

@@ -1,4 +1,4 @@
-"""Grids that come as a list of points: from longitude, latitude, value to a grid."""
+"""From a list of points (longitude, latitude, value) that lie on a grid to the grid."""
 
 import math
 from typing import Any

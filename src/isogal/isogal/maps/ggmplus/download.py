@@ -1,5 +1,5 @@
-"""One file by HTTP: resumed where it broke off, tried again, of the size that it must have, whole
-or absent."""
+"""Download of one file of known size by HTTP: resumed where it broke off, tried again, and visible
+only when it is complete."""
 
 import contextlib
 import hashlib
@@ -173,12 +173,12 @@ def _starts_at(answer: http.client.HTTPResponse, asked: int) -> int:
 
 
 def _refuse(url: str, part: Path, error: urllib.error.HTTPError) -> None:
-    """Turn a status into what it means."""
+    """Raise the error that a status of HTTP means."""
     with contextlib.suppress(OSError):
         error.close()
     if error.code in (404, 410):
         raise AbsentError
-    if error.code == 416:  # what is here does not belong to the server's file
+    if error.code == 416:  # what is on disk is not a part of the server's file
         part.unlink(missing_ok=True)
         raise _TryAgainError("the server cannot resume")
     if error.code in _AGAIN:

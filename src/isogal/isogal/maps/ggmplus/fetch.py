@@ -23,11 +23,6 @@ from isogal.maps.ggmplus.tiles import CELLS, KINDS, tile_name, tiles_of
 
 REGISTRY = "checksums.txt"
 _LINE = re.compile(r"(\S+)  ([0-9a-f]{64}|absent)")
-MIRRORS = (
-    "ddfe.curtin.edu.au/gravitymodels/GGMplus/data",
-    "ddfe.blazejbucha.com/models/GGMplus/data",
-)
-"""Public mirrors, for help texts; none is used unless the user gives it."""
 
 
 @dataclass
@@ -121,7 +116,7 @@ def _one(
     path, expected = folder / name, known.get(name)
     if path.is_file() and path.stat().st_size == size:
         digest = sha256(path)
-        if expected in (None, "absent", digest):  # put there by hand: trusted as well
+        if expected in (None, "absent", digest):  # not fetched by this program: trusted as well
             if expected != digest:
                 result.trusted.append(name)
                 known[name] = digest
@@ -162,7 +157,7 @@ def _one(
 
 @contextlib.contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Keep two fetches out of one folder."""
+    """Lock the folder against a second fetch."""
     try:
         with locked(folder / "fetch", wait=False) as mine:
             if not mine:
@@ -200,7 +195,7 @@ def read_registry(folder: Path) -> dict[str, str]:
 
 
 def write_registry(folder: Path, known: dict[str, str]) -> None:
-    """Write the registry; it appears whole."""
+    """Write the registry, whole or not at all."""
     head = (
         "# SHA-256 of each tile when it was first fetched (trusted then); absent = the server had"
         " none\n"

@@ -1,4 +1,4 @@
-"""The synthetic map: like GGMplus, made on this machine, the same everywhere and always.
+"""The synthetic map: fractal terrain and its gravity, on the cells of GGMplus.
 
 synthetic_map    the map of a window, or along a route
 tiles            tiles of 1°, made once and kept in the cache folder

@@ -1,6 +1,6 @@
-"""The terrain and the gravity of the synthetic map: what GGMplus could look like.
+"""The terrain and the gravity of the synthetic map.
 
-Every number is a function of the place alone, wherever and whenever it is asked for:
+Every number is a function of the place alone, so that tiles can be made one by one:
 
 terrain     h = h0 + s·b + s·Σ octaves: noise from 120 km down to 1.1 km lattice spacing,
             amplitude ~ spacing^0.55, times a slowly varying relief s (log-normal), so that there
