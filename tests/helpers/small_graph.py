@@ -8,6 +8,7 @@ from typing import Any
 
 import psutil
 
+from isogal.errors import InputError
 from isogal.scenario import load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
@@ -41,9 +42,10 @@ def small_plan(bag: Path) -> SmallPlan:
 
 def has_recorded(bag: Path) -> bool:
     """Whether more than `ENOUGH` messages have been written out."""
-    if not (bag / f"{bag.name}_0.mcap").exists():
+    try:
+        return sum(1 for _ in BagReader(bag).messages()) > ENOUGH
+    except InputError:  # not begun yet
         return False
-    return sum(1 for _ in BagReader(bag).messages()) > ENOUGH
 
 
 def nodes_of(pid: int) -> dict[str, psutil.Process]:
