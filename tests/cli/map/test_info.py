@@ -5,6 +5,7 @@ import json
 import pytest
 
 from helpers.command_line import answer, refusal
+from isogal.maps import tiled_map
 
 ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
 
@@ -97,3 +98,17 @@ def test_the_sensor_of_another_field_must_be_said(tmp_path, small_map):
     write_netcdf(magnetic, tmp_path / "m.nc")
     message = refusal("map", "info", tmp_path / "m.nc", *ROUTE)
     assert "--sensor-sigma: must be given for a map in nT" in message
+
+
+def test_a_large_map_is_described_in_tiles(file, tmp_path, monkeypatch):
+    route = (*ROUTE, "--margin", 10)
+    whole = described(file, *route)
+    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
+    monkeypatch.setattr(tiled_map, "TILE_CELLS", 8)
+    picture = tmp_path / "picture.png"
+    tiled = described(file, *route, "--figure", picture)
+    for one, other in zip(tiled["route"]["stretches"], whole["route"]["stretches"], strict=True):
+        assert one == pytest.approx(other, rel=1e-6)
+    assert tiled["mean"] == pytest.approx(whole["mean"], abs=0.2 * whole["standard_deviation"])
+    assert whole["minimum"] <= tiled["minimum"] < tiled["maximum"] <= whole["maximum"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
