@@ -40,11 +40,12 @@ def test_a_gravimeters_readings_are_reduced(scenario) -> None:
     with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
         made.reading(10.0, 9.7952, topic=topics.FELT)
         made.nav(10.0, *place, (12.0, 15.0))
-        made.wait(lambda: made.heard["gravimeter/disturbance"])
-        for name, reduce in (
-            ("gravimeter/gravity", reduce_gravity),
-            ("gravimeter/disturbance", reduce_disturbance),
-        ):
+        reductions = {
+            "gravimeter/gravity": reduce_gravity,
+            "gravimeter/disturbance": reduce_disturbance,
+        }
+        made.wait(lambda: all(made.heard[name] for name in reductions))
+        for name, reduce in reductions.items():
             value, variance = adapter_of(made.scenario).read_reduced(made.heard[name][0])
             assert value == pytest.approx(
                 float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15
