@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.studies import small_scenario
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks
 from isogal.montecarlo.chunks import MOST_RUNS, Case, consecutive, divide, fair_share, fitting
-from montecarlo.conftest import small_scenario
 
 
 @given(

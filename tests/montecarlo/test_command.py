@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers.studies import wavy_map
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from montecarlo.conftest import wavy_map
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 KEYS = [

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from helpers.studies import small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo.chunks import Case, Chunk, compute, map_digest
 from isogal.montecarlo.store import Store, take
-from montecarlo.conftest import small_scenario
 
 CASE_RUNS = 5
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.summary import canonical_json, summarise
@@ -22,7 +23,6 @@ from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Interrupted, compute_cases
 from isogal.montecarlo.workers import WorkerError
 from isogal.sensors.trajectory import build_trajectory
-from montecarlo.conftest import Watcher, small_scenario
 
 
 def results_json(case: Case, store: Store) -> str:

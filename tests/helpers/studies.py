@@ -1,0 +1,57 @@
+"""Small studies of many runs, shared by the tests of Monte Carlo."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isogal.maps.field_map import FieldMap
+from isogal.montecarlo.chunks import Chunk
+from isogal.scenario import Scenario, validate_scenario
+
+
+def wavy_map(quantity: str = "disturbance") -> FieldMap:
+    """Waves of 30 mGal and a few kilometres, everywhere about the start of the default route."""
+    latitude, longitude = (
+        np.radians(np.linspace(-38.2, -37.5, 141)),
+        np.radians(np.linspace(144.2, 145.2, 201)),
+    )
+    north, east = (
+        (latitude[:, None] - latitude[0]) * 6.4e6,
+        (longitude[None, :] - longitude[0]) * 5.0e6,
+    )
+    values = 3e-4 * np.sin(north / 2500.0) * np.cos(east / 3100.0 + north / 9000.0)
+    return FieldMap(latitude, longitude, values, "m/s²", quantity, provenance="waves")
+
+
+def small_scenario(**changes: object) -> Scenario:
+    """Ten minutes with two batches of the paper's matcher."""
+    document = {
+        "route": {"duration": 600.0},
+        "gravimeter": {"quantity": "disturbance"},
+        "matcher": {"name": "pmht-paper", "batch_length": 20},
+    }
+    return validate_scenario(document | changes)
+
+
+class Watcher:
+    """A display that remembers."""
+
+    def __init__(self) -> None:
+        self.todo: list[Chunk] = []
+        self.kept = 0
+        self.reports = 0
+        self.done: list[Chunk] = []
+        self.said: list[str] = []
+
+    def begin(self, todo: Sequence[Chunk], kept: int) -> None:
+        self.todo, self.kept = list(todo), kept
+
+    def reached(self, chunk: Chunk, seconds: float) -> None:
+        assert 0.0 <= seconds <= chunk.duration
+        self.reports += 1
+
+    def finished(self, chunk: Chunk) -> None:
+        self.done.append(chunk)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
