@@ -120,14 +120,14 @@ def test_a_gravimeters_sigma_is_refused_for_another_field(magnetic) -> None:
 def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
     short = scenario("route.duration=65.0")
     outcome = run_in_process(
-        Plan(short, tmp_path / "bag", rate=40.0), Interrupt(), lambda progress: None
+        Plan(short, tmp_path / "bag", rate=80.0), Interrupt(), lambda progress: None
     )
-    assert outcome.wall_seconds > 65.0 / 40.0 * 0.9
+    assert outcome.wall_seconds > 65.0 / 80.0 * 0.9
     same(record(tmp_path / "bag", short), simulate(short, [0]))
 
 
 def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
-    short = scenario("route.duration=400.0")
+    short = scenario("route.duration=240.0")
     plan = Plan(short, tmp_path / "bag", rate=100.0, lock_step=False)
     run_in_process(plan, Interrupt(), lambda progress: None)
     graph, library = record(tmp_path / "bag", short), simulate(short, [0])
