@@ -76,3 +76,25 @@ class Monitored(Protocol):
         covariance (4, 4) of xi.
         """
         ...
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """What every monitor says of itself: the same as the matcher that it watches."""
+
+    matcher: Monitored
+
+    @property
+    def name(self) -> str:
+        """Of the matcher that it watches."""
+        return self.matcher.name
+
+    @property
+    def context(self) -> int:
+        """Older scans that a batch brings along."""
+        return self.matcher.context
+
+    @property
+    def takes_channels(self) -> bool:
+        """As the matcher that it watches."""
+        return self.matcher.takes_channels

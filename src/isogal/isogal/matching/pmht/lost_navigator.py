@@ -25,7 +25,7 @@ from isogal.matching.batching import condition, unconditioned
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information
 from isogal.matching.matrices import positive_part, symmetric
-from isogal.matching.monitoring import Monitored
+from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 
@@ -79,25 +79,8 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class LostNavigatorMonitor:
+class LostNavigatorMonitor(Monitor):
     """A matcher that finds a lost navigator. See the module."""
-
-    matcher: Monitored
-
-    @property
-    def name(self) -> str:
-        """Of the matcher that it watches."""
-        return self.matcher.name
-
-    @property
-    def context(self) -> int:
-        """Older scans that a batch brings along."""
-        return self.matcher.context
-
-    @property
-    def takes_channels(self) -> bool:
-        """As the matcher that it watches."""
-        return self.matcher.takes_channels
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Watch | None) -> tuple[Fix, Watch]:
         """Match one batch; see `interfaces.Matcher`."""

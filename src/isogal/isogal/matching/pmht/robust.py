@@ -33,30 +33,13 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.information import posterior_of
 from isogal.matching.interfaces import Batch, Fix, Information, declined
 from isogal.matching.matrices import positive_part, symmetric
-from isogal.matching.monitoring import Monitored
+from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.constants import CONSTANTS
 
 
 @dataclass(frozen=True)
-class TrackMonitor:
+class TrackMonitor(Monitor):
     """A matcher of recorded tracks that publishes only what passes both checks."""
-
-    matcher: Monitored
-
-    @property
-    def name(self) -> str:
-        """Of the matcher that it watches."""
-        return self.matcher.name
-
-    @property
-    def context(self) -> int:
-        """Older scans that a batch brings along."""
-        return self.matcher.context
-
-    @property
-    def takes_channels(self) -> bool:
-        """As the matcher that it watches."""
-        return self.matcher.takes_channels
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch; see `interfaces.Matcher`."""
