@@ -15,27 +15,17 @@ from isogal.matching.pmht.sensor_bias import BiasEstimate
 
 BASE = NoiseModel(bias_sigma=0.0)
 BATCHES = 12
+SCANS = 60
 
 
-def estimate(
-    field_map,
-    sigma,
-    length,
-    batches=BATCHES,
-    scans=60,
-    noise=1e-5,
-    bias=0.0,
-    told=None,
-    it=None,
-    error=(80.0, -60.0, 0.02, 0.01),
-):
+def estimate(field_map, sigma, length, batches=BATCHES, bias=0.0, told=None, it=None):
     for k in range(batches):
         start = (-12e3 + 1500.0 * k, -12e3 + 1700.0 * (k % 5))
         batch, _ = make_batch(
             field_map,
-            error,
-            scans=scans,
-            sigma=noise,
+            (80.0, -60.0, 0.02, 0.01),
+            scans=SCANS,
+            sigma=1e-5,
             prior_sigma=(100.0, 0.03),
             start=start,
             velocity=(17.0, 18.0),
@@ -45,13 +35,13 @@ def estimate(
         R = residual_covariance(
             batch.latitude,
             batch.longitude,
-            np.full(scans, 1e-14),
-            np.full(scans, sigma),
+            np.full(SCANS, 1e-14),
+            np.full(SCANS, sigma),
             length,
             0.0,
         )
         planted = (
-            np.linalg.cholesky(R) @ random.standard_normal(scans) + bias * random.standard_normal()
+            np.linalg.cholesky(R) @ random.standard_normal(SCANS) + bias * random.standard_normal()
         )
         batch = replace(batch, reading=batch.reading + planted)
         it = it or MapErrorEstimate.unknown(batch, field_map)
