@@ -276,3 +276,17 @@ def test_batchwise_bound():
         > np.trace(at_once[between], axis1=1, axis2=2)
     ).all()
     assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
+
+
+def test_it_is_of_the_true_world() -> None:
+    told = scenario(imu={"grade": "precision"})
+    it = told.model_copy(
+        update={"truth": {"imu": {"grade": "quantum"}, "gravimeter": {"sigma": "3x"}}}
+    )
+    trajectory, field_map = build_trajectory(told), tilted(3e-9, 1e-9)
+    for function in (
+        lambda one: posterior_cramer_rao(one, trajectory, field_map),
+        lambda one: unaided_covariance(one, trajectory),
+    ):
+        np.testing.assert_array_equal(function(it).covariance, function(it.world).covariance)
+        assert not np.array_equal(function(it).covariance, function(told).covariance)

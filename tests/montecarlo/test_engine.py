@@ -68,6 +68,25 @@ def test_a_run_alone_equals_itself_in_a_batch_bit_for_bit(settings):
     assert (together.error[0] != together.error[1]).any()
 
 
+def test_what_is_simulated_is_the_truth_and_what_is_assumed_the_rest():
+    told = scenario(duration=300.0)
+    it = told.model_copy(
+        update={
+            "truth": {"imu": {"grade": "quantum"}, "gravimeter": "3x", "initial_error": "0.5x"}
+        }
+    )
+    one, world, blind = (
+        simulate(it, [1], MAP),
+        simulate(it.world, [1], MAP),
+        simulate(told, [1], MAP),
+    )
+    np.testing.assert_array_equal(one.unaided_error, world.unaided_error)
+    assert (one.unaided_error != blind.unaided_error).all()
+    first = slice(0, 14)  # before the first fix: the filter's own
+    np.testing.assert_allclose(one.covariance[:, first], blind.covariance[:, first], atol=1.0)
+    assert (one.covariance[:, 0] > 3.9 * world.covariance[:, 0])[:, [0, 1], [0, 1]].all()
+
+
 @pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6)])
 def test_fixes_help(name, share):
     runs = simulate(scenario(name=name), range(8), MAP)

@@ -45,7 +45,7 @@ class GravimeterNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "map_error",
+        "map", "map_error", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
@@ -75,7 +75,7 @@ class GravimeterNode(GraphNode):
         is not kept."""
         trajectory = build_trajectory(self.scenario)
         simulator = ReadingSimulator(
-            self.scenario,
+            self.scenario.world,
             trajectory,
             map_for_scenario(self.scenario, trajectory),
             [self.settings.run],

@@ -32,6 +32,7 @@ class InsSimNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher",
+        "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -30,7 +30,9 @@ class UkfFusionNode(GraphNode):
     """Advances with each IMU sample, and publishes nav/* of its newest stamp after each sample and
     each message on pmht_mm/fix."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "route", "imu", "initial_error", "fusion")
+    sections: ClassVar[Sequence[str]] = (
+        "seed", "route", "imu", "initial_error", "fusion", "truth",
+    )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
 

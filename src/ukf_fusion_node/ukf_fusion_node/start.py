@@ -14,7 +14,8 @@ from ukf_fusion_node.settings import UkfFusionSettings
 
 
 def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
-    """Return the first state: what the parameters give, and the rest as the scenario draws it.
+    """Return the first state: what the parameters give, and the rest as the scenario draws it,
+    with errors as large as they really are.
 
     Raises
     ------
@@ -32,7 +33,7 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
     # two samples of the route are enough to know its start
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.imu.rate})
     short = scenario.model_copy(update={"route": route})
-    state = draw_initial_state(scenario, build_trajectory(short), [settings.run])
+    state = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
         if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):

@@ -23,6 +23,12 @@ class Probe(GraphNode):
         self.seen.append(values)
 
 
+class Believer(Probe):
+    """One that is told what really is, as well."""
+
+    sections = ("gravimeter", "matcher", "truth")
+
+
 @pytest.fixture(scope="module")
 def context():
     with claim_domain() as domain, local_context(domain) as context:
@@ -67,6 +73,28 @@ def test_a_number_or_a_word(probe) -> None:
     assert probe(matcher__map_sigma="auto").scenario.matcher.map_sigma == "auto"
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"truth": "{gravimeter: {sigma: 3x}, initial_error: {hidden_position: 3x}}"},
+        {"truth.gravimeter.sigma": "3x", "truth.initial_error.hidden_position": "3x"},
+    ],
+    ids=["YAML", "nested keys"],
+)
+def test_what_truth_says_of_other_nodes_sections_is_left_to_them(context, values) -> None:
+    node = Believer("probe", values=values, context=context)
+    assert node.scenario.truth == {"gravimeter": {"sigma": "3x"}}
+    assert node.scenario.world.gravimeter.sigma == pytest.approx(3e-5)
+    assert "sigma: 3x" in node.get_parameter("truth").value
+    node.destroy_node()
+
+
+def test_keys_inside_a_parameter_of_yaml(probe) -> None:
+    node = probe(matcher__options__samples=64, truth__imu__grade="quantum")
+    assert node.scenario.matcher.options == {"samples": 64}
+    assert not node.has_parameter("truth")
+
+
 def test_keys_of_other_nodes_are_no_error(probe) -> None:
     assert probe(route__speed=30.0).scenario.route.speed == 22.0
 
@@ -86,6 +114,7 @@ def test_keys_of_other_nodes_are_no_error(probe) -> None:
         ({"matcher.map_sigma": "often"}, ["matcher.map_sigma"]),
         ({"matcher.options": "{a: ["}, ["matcher.options", "YAML"]),
         ({"matcher.stride": 40}, ["stride (40) must not exceed batch_length (30)"]),
+        ({"truth.imu.grade": 3, "truth": ""}, ["unknown parameter 'truth.imu.grade'"]),
         ({"recorders": -1}, ["recorders", "range"]),
     ],
 )

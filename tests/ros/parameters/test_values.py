@@ -21,6 +21,7 @@ from isogal_ros.parameters.values import (
         ("route.waypoints=[[-37, 145, 20], [-36.5, 146, 22.5], [-36, 147, 25]]",),
         ("matcher.map_sigma=auto", "matcher.options={samples: 256, names: [a, b]}"),
         ("matcher.map_sigma=3e-5", "seed=7", "matcher.mode=retrodiction"),
+        ("truth.gravimeter.sigma=3x", "truth.imu={grade: quantum}", "truth.gravimeter.bias=1e-5"),
     ],
 )
 def test_a_scenario_survives_parameters(overrides) -> None:

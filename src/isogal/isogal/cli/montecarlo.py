@@ -69,7 +69,7 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
     build_matcher(settings.matcher, measured_field(settings).channels is not None)
     trajectory = build_trajectory(settings)
     field_map = map_for_scenario(settings, trajectory)
-    true_readings(settings, trajectory, field_map)
+    true_readings(settings.world, trajectory, field_map)
     return Case("montecarlo", settings, runs, field_map)
 
 

@@ -69,8 +69,8 @@ class BoundResult:
 def posterior_cramer_rao(
     scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, *, batchwise: bool = False
 ) -> BoundResult:
-    """Return the bound of a navigator that uses every reading at once, with the scenario's noise
-    and map error.
+    """Return the bound of a navigator that uses every reading at once, with the noise and map
+    error of the scenario's true world, which it knows.
 
     A reading at which the map has no gradient (missing data, outside) tells nothing.
 
@@ -86,6 +86,7 @@ def posterior_cramer_rao(
         Return the bound of a navigator that learns what a batch's readings say only at the end of
         the batch, as any batch matcher does.
     """
+    scenario = scenario.world
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     latitude, longitude, velocity = (
         trajectory.latitude[scans],
@@ -119,7 +120,8 @@ def posterior_cramer_rao(
 
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
-    model."""
+    model, in the scenario's true world."""
+    scenario = scenario.world
     scans = len(trajectory) // scenario.steps_per_scan
     nothing = np.full((scans, 1, 4), np.nan)
     return _run(

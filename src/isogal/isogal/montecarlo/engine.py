@@ -45,7 +45,7 @@ def simulate_unaided(
     scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, imu: ImuData
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
-    scan."""
+    scan, of the world (`Scenario.world`) that the inertial data are of."""
     start = draw_initial_state(scenario, trajectory, runs)
     _, track = propagate_ins(
         start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
@@ -117,11 +117,12 @@ class _ClosedLoop:
         self.field_map, self.matcher, self.revised = field_map, matcher, revised
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
-        self.imu = simulate_imu(scenario, trajectory, runs)
-        self.unaided = simulate_unaided(scenario, runs, trajectory, self.imu)
-        self.felt = ReadingSimulator(scenario, trajectory, field_map, runs).felt
+        world = scenario.world
+        self.imu = simulate_imu(world, trajectory, runs)
+        self.unaided = simulate_unaided(world, runs, trajectory, self.imu)
+        self.felt = ReadingSimulator(world, trajectory, field_map, runs).felt
         self.model = FilterModel.from_scenario(scenario)
-        self.state = FilterState.start(draw_initial_state(scenario, trajectory, runs), self.model)
+        self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
         field = measured_field(scenario)

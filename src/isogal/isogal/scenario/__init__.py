@@ -8,6 +8,7 @@ vehicle      which keys describe the route, the inertial sensors and the initial
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
 world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
+truth        where do the true values differ from those that are assumed?
 fusion       which keys describe the navigator's filter?
 model        which sections has a scenario?
 loading      how is a file read, and how are single keys overridden?
@@ -25,6 +26,7 @@ from isogal.scenario.loading import load_scenario, validate_scenario
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.messages import describe, known_keys
 from isogal.scenario.model import Scenario
+from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import Imu, InitialError, Route
 from isogal.scenario.world import Map, MapError
 
@@ -45,5 +47,6 @@ __all__ = [
     "describe",
     "known_keys",
     "load_scenario",
+    "truth_of",
     "validate_scenario",
 ]

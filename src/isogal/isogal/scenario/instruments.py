@@ -1,6 +1,6 @@
 """Sections about what is measured on the way."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -9,6 +9,8 @@ from isogal.scenario.section import NonNegative, Positive, Section
 
 class Gravimeter(Section):
     """The scalar sensor: a gravimeter, unless the key `field` names another field."""
+
+    errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "drift")
 
     quantity: Literal["gravity", "disturbance"] = Field(
         "gravity", description="what the readings are reduced to and matched as"

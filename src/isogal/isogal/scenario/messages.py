@@ -7,14 +7,15 @@ from pydantic import BaseModel, ValidationError
 from isogal.scenario.model import Scenario
 
 
-def describe(error: ValidationError, model: type[BaseModel] = Scenario) -> str:
+def describe(error: ValidationError, model: type[BaseModel] = Scenario, prefix: str = "") -> str:
     """Turn a validation error of a model into one line: every bad key, what it was, what it may
-    be."""
+    be. The prefix, with its dot, goes before each key."""
     parts = []
     for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"] if not _is_type(str(part)))
+        inside = ".".join(str(part) for part in item["loc"] if not _is_type(str(part)))
+        key = prefix + inside if inside else prefix.removesuffix(".")
         if item["type"] == "extra_forbidden":
-            parts.append(f"unknown key '{key}'{_nearest(key, model)}")
+            parts.append(f"unknown key '{key}'{_nearest(inside, model, prefix)}")
         elif item["type"] == "value_error":
             parts.append(f"{key + ': ' if key else ''}{item['msg'].removeprefix('Value error, ')}")
         else:
@@ -38,7 +39,7 @@ def _is_type(part: str) -> bool:
     return part == "float" or part.startswith(("function-", "constrained-", "literal[", "tuple["))
 
 
-def _nearest(key: str, model: type[BaseModel]) -> str:
+def _nearest(key: str, model: type[BaseModel], prefix: str) -> str:
     """Suggest a key of the same section with a similar name, or of any section with that name, or
     list the section's keys."""
     section, _, leaf = key.rpartition(".")
@@ -49,5 +50,5 @@ def _nearest(key: str, model: type[BaseModel]) -> str:
         close = [name for name in leaves if leaf and name.startswith(f"{leaf}_")]
         close = close or difflib.get_close_matches(leaf, leaves, n=1, cutoff=cutoff)
         if close:
-            return f", did you mean '{leaves[close[0]]}'?"
-    return f"; allowed: {', '.join(siblings)}" if siblings else ""
+            return f", did you mean '{prefix}{leaves[close[0]]}'?"
+    return f"; allowed: {', '.join(prefix + name for name in siblings)}" if siblings else ""

@@ -1,7 +1,7 @@
 """The whole scenario."""
 
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -10,6 +10,8 @@ from isogal.scenario.fusion import Fusion
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.section import Section
+from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
+from isogal.scenario.truth import true_scenario
 from isogal.scenario.vehicle import Imu, InitialError, Route
 from isogal.scenario.world import Map, MapError
 
@@ -36,6 +38,13 @@ class Scenario(Section):
     map_error: MapError = MapError()
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
+    truth: dict[str, Any] = Field(
+        default_factory=dict,
+        description=(
+            "what really is, where it differs from what is assumed: keys of"
+            f" {', '.join(TRUE_SECTIONS)}; 3x = three times what is assumed"
+        ),
+    )
 
     @model_validator(mode="after")
     def _whole_scans(self) -> "Scenario":
@@ -46,6 +55,17 @@ class Scenario(Section):
                 f" samples (1/{self.imu.rate} s)"
             )
         return self
+
+    @model_validator(mode="after")
+    def _possible_world(self) -> "Scenario":
+        self.world  # noqa: B018 - raises where the truth is impossible
+        return self
+
+    @property
+    def world(self) -> "Scenario":
+        """The scenario as it really is: the section `truth` merged into the others. What is
+        simulated comes from there, what is assumed from the scenario itself."""
+        return true_scenario(self) if self.truth else self
 
     @property
     def measured_field(self) -> str:

@@ -1,6 +1,6 @@
 """Sections about the vehicle: its route, its inertial sensors, the navigator's initial errors."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -62,6 +62,8 @@ class Imu(Section):
 class InitialError(Section):
     """1-sigma per axis of the navigator's initial errors, which the paper does not state
     (docs/mathematics.md, section 3.8)."""
+
+    errors: ClassVar[tuple[str, ...]] = ("position", "velocity", "tilt", "heading")
 
     position: NonNegative = Field(50.0, description="m, north and east")
     velocity: NonNegative = Field(0.05, description="m/s, north and east")

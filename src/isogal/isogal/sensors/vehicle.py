@@ -34,7 +34,9 @@ class SimulatedVehicle:
 
 
 def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
-    """Return one run of a scenario; raises InputError where the route cannot be driven."""
+    """Return one run of a scenario, as its world really is; raises InputError where the route
+    cannot be driven."""
+    scenario = scenario.world
     trajectory = build_trajectory(scenario)
     imu = simulate_imu(scenario, trajectory, [run])
     start = draw_initial_state(scenario, trajectory, [run])

@@ -65,7 +65,7 @@ def run_session(
     trajectory = build_trajectory(scenario)
     build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
     field_map = map_for_scenario(scenario, trajectory)
-    true_readings(scenario, trajectory, field_map)  # fails where the sensor's node would
+    true_readings(scenario.world, trajectory, field_map)  # fails where the sensor's node would
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)

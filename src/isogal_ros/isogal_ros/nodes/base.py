@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
@@ -119,7 +119,10 @@ class GraphNode(Node):
         self.settings = settings_from(
             self.settings_model, {spec.name: values[spec.name] for spec in own}, name
         )
-        self.scenario = scenario_from({spec.name: values[spec.name] for spec in of_scenario}, name)
+        told = {spec.name: values[spec.name] for spec in of_scenario}
+        if "truth" in told:  # a file of parameters that all nodes share says it of all sections
+            told["truth"] = truth_of(told["truth"], self.sections)
+        self.scenario = scenario_from(told, name)
         return own + of_scenario
 
     def setup(self) -> None:

@@ -33,7 +33,7 @@ def lines() -> Iterator[str]:
         parent, _, key = spec.name.rpartition(".")
         if parent != section:
             section = parent
-            yield f"    {parent}:"
+            yield from [f"    {parent}:"] if parent else []
         indent = " " * (6 if parent else 4)
         value = yaml.safe_dump(spec.default, default_flow_style=True).splitlines()[0]
         line = f"{indent}{key}: {value}  # {comment(spec)}"

@@ -10,7 +10,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.errors import InputError
-from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.spec import ParameterSpec, yaml_line
+from isogal_ros.parameters.values import nested
 
 _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -41,6 +42,7 @@ def declare(
     }
     for name in overrides:
         node.undeclare_parameter(name)
+    overrides = _folded(overrides, {spec.name for spec in specs} | set(known))
     try:
         _require_known(overrides, {spec.name for spec in specs}, known)
         values = {spec.name: _declare(node, spec, overrides) for spec in specs}
@@ -68,6 +70,20 @@ def on_change(
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(callback)
+
+
+def _folded(overrides: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Return overrides with those inside a parameter that holds YAML (``truth.imu.grade``, as a
+    parameter file with nested keys has it) put together as its text."""
+    kept: dict[str, Any] = {}
+    parts: dict[str, dict[str, Any]] = {}
+    for name, value in overrides.items():
+        outer = next((key for key in names if name.startswith(f"{key}.")), None)
+        if outer is None or outer in overrides:
+            kept[name] = value
+        else:
+            parts.setdefault(outer, {})[name.removeprefix(f"{outer}.")] = value
+    return kept | {outer: yaml_line(nested(part)) for outer, part in parts.items()}
 
 
 def _require_known(

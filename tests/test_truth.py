@@ -1,0 +1,114 @@
+"""The section `truth` of a scenario: what really is, apart from what is assumed."""
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario, load_scenario, truth_of, validate_scenario
+from isogal.scenario.truth import SECTIONS, SHARED
+
+LARGE = ["gravimeter.bias=2e-5", "initial_error.hidden_position=1000"]
+
+
+def test_without_truth_the_world_is_the_scenario():
+    it = load_scenario(None, ["seed=3"])
+    assert it.truth == {}
+    assert it.world is it
+
+
+def test_the_true_keys_stand_in_the_world_alone():
+    it = load_scenario(
+        None, ["truth.imu.grade=quantum", "truth.gravimeter={sigma: 4e-5, bias: 1e-5}"]
+    )
+    assert (it.imu.grade, it.gravimeter.sigma, it.gravimeter.bias) == ("precision", 1e-5, 0.0)
+    world = it.world
+    assert (world.imu.grade, world.gravimeter.sigma, world.gravimeter.bias) == (
+        "quantum",
+        4e-5,
+        1e-5,
+    )
+    told = it.model_dump(exclude={"imu", "gravimeter", "truth"})
+    assert world.model_dump(exclude={"imu", "gravimeter", "truth"}) == told
+    assert world.truth == {} and world.world is world
+
+
+@given(st.floats(0.01, 100.0))
+def test_a_multiple_is_of_what_is_told(factor):
+    it = load_scenario(None, ["gravimeter.sigma=2e-5", f"truth.gravimeter.sigma={factor!r}x"])
+    assert it.world.gravimeter.sigma == pytest.approx(factor * 2e-5, rel=1e-12)
+    assert it.gravimeter.sigma == 2e-5
+
+
+@pytest.mark.parametrize("text", ["3x", "3 x", " 3.0x", "0.3e1x"])
+def test_how_a_multiple_is_written(text):
+    it = Scenario(truth={"initial_error": {"position": text}})
+    assert it.world.initial_error.position == pytest.approx(150.0)
+
+
+def test_a_whole_section_may_be_a_multiple():
+    it = load_scenario(None, [*LARGE, "truth.initial_error=3x", "truth.gravimeter=2x"])
+    before, after = it.initial_error, it.world.initial_error
+    for key in ("position", "velocity", "tilt", "heading"):
+        assert getattr(after, key) == pytest.approx(3.0 * getattr(before, key))
+    assert after.hidden_position == 1000.0  # which nobody is told of anyway
+    assert it.world.gravimeter.sigma == pytest.approx(2e-5)
+    assert it.world.gravimeter.bias == pytest.approx(4e-5)
+    assert it.world.gravimeter.drift == 0.0
+    assert it.world.gravimeter.outlier_sigma == it.gravimeter.outlier_sigma
+
+
+def test_a_file_keeps_it(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("truth:\n  gravimeter: {sigma: 3x}\n  imu: {grade: quantum}\n")
+    it = load_scenario(path, ["truth.gravimeter.bias=1e-5"])
+    assert it.world.gravimeter.sigma == pytest.approx(3e-5)
+    assert (it.world.gravimeter.bias, it.world.imu.grade) == (1e-5, "quantum")
+    document = yaml.safe_load(yaml.safe_dump(it.model_dump(mode="json")))
+    assert validate_scenario(document) == it
+    assert validate_scenario(document).world == it.world
+
+
+@pytest.mark.parametrize(("override", "message"), [
+    ("truth.gravimeter.bias=3x", "truth.gravimeter.bias: 3x of 0.0 says nothing; give a number"),
+    ("truth.imu.grade=3x", "truth.imu.grade: 3x of 'precision' is no number"),
+    ("truth.gravimeter=5", "truth.gravimeter: must be keys of gravimeter with their true values"),
+    ("truth.altimeter=3x", "truth.altimeter: 3x of the whole section says nothing; name its keys"),
+    ("truth=5", "truth: input should be a valid dictionary, not 5"),
+    ("truth.imuu.grade=quantum", "unknown key 'truth.imuu', did you mean 'truth.imu'?"),
+    ("truth.route.speed=5", "unknown key 'truth.route'; allowed: truth.imu, truth.initial_"),
+    ("truth.imu.grad=quantum", "unknown key 'truth.imu.grad', did you mean 'truth.imu.grade'?"),
+    ("truth.gravimeter.xyz=1", "unknown key 'truth.gravimeter.xyz'; allowed: truth.gravimeter."),
+    ("truth.gravimeter.sigma=-1", "truth.gravimeter.sigma: input should be greater than 0, not"),
+    ("truth.gravimeter.sigma={a: 3x}", "truth.gravimeter.sigma: input should be a valid number"),
+    ("truth.initial_error.tilt=1e5x", "truth.initial_error.tilt: input should be less than or "),
+    ("truth.imu.rate=2", "truth.imu.rate: cannot differ from imu.rate (1.0), which says what the"),
+    ("truth.gravimeter.interval=2x", "truth.gravimeter.interval: cannot differ from gravimeter."),
+    ("truth.altimeter.min_range=3e4", "truth.altimeter: min_range (30000 m) must be below max_ra"),
+])  # fmt: skip
+def test_bad_truths_are_one_clear_line(override, message):
+    with pytest.raises(InputError) as caught:
+        load_scenario(None, [override])
+    assert str(caught.value).startswith(f"scenario: {message}"), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_section_and_shared_key_is_one_of_the_scenario():
+    fields = Scenario.model_fields
+    assert set(SECTIONS) <= set(fields)
+    for name in SECTIONS:
+        section = getattr(Scenario(), name)
+        for key in section.errors:
+            value = section.resolved()
+            for part in key.split("."):
+                value = value[part]
+        assert Scenario(truth={name: {}}).world == Scenario()
+    for key in SHARED:
+        section, leaf = key.split(".")
+        assert section in SECTIONS and leaf in type(getattr(Scenario(), section)).model_fields
+
+
+def test_a_node_takes_what_it_knows_of():
+    truth = {"imu": "3x", "gravimeter": {"sigma": 1e-4}, "imuu": {}}
+    assert truth_of(truth, ("imu", "seed")) == {"imu": "3x", "imuu": {}}
