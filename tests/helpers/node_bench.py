@@ -105,6 +105,10 @@ class Bench:
 
     def publish(self, topic: Topic, message: Any) -> None:
         """Publish one message to the node."""
+        self.publisher(topic).publish(message)
+
+    def publisher(self, topic: Topic) -> Any:
+        """Return a publisher that the node listens to."""
         if topic.name not in self.publishers:
             publisher = self.publishers[topic.name] = self.probe.create_publisher(
                 topic.type, topic.name, topics.LOSSLESS
@@ -113,7 +117,7 @@ class Bench:
             self.wait(
                 lambda: publisher.get_subscription_count() >= 2, f"listeners of {topic.name}"
             )
-        self.publishers[topic.name].publish(message)
+        return self.publishers[topic.name]
 
     def imu(
         self, seconds: float, force: tuple[float, float, float] = (0.0, 0.0, -9.8), **changes: Any

@@ -9,12 +9,11 @@ content:
 
 - A reading of several channels is a PointCloud2 of one point, whose fields have names
   (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name.
-- ``nav/covariance`` and ``pmht_mm/information`` are Float64MultiArrays, which have neither stamp
-  nor names (`isogal_ros.messages.stamped_numbers`). That is the weaker choice; it stays until what
-  a fix says is one message. That message is to be a PointCloud2 of one point as well, with the
-  fields latitude, longitude, covariance, lost, vector and matrix: a fix and its information then
-  arrive together or not at all, and the filter listens to it alone. ``pmht_mm/fix`` remains for
-  all others."""
+- So is all that a fix says, on ``pmht_mm/information`` (`isogal_ros.messages.whole_fix`):
+  position, covariance and information arrive together or not at all. ``pmht_mm/fix`` is the
+  position once more, for all others; the filter takes it where nobody publishes the whole.
+- ``nav/covariance`` is a Float64MultiArray, which has neither stamp nor names
+  (`isogal_ros.messages.stamped_numbers`): the weaker choice, for a topic of every step."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -70,11 +69,8 @@ TERRAIN = Topic("altimeter/terrain", NavSatFix)
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
-INFORMATION = Topic("pmht_mm/information", Float64MultiArray, (UKF_FUSION,))
-"""Before each fix: stamp (s, ns), 1 where the matcher found the navigator lost else 0, then vector
-(7) and matrix (7 x 7) of the likelihood of the error north, east, v_north, v_east, attitude about
-north, east, down, or of its first four, or nothing more where the fix says all. Relative to
-``nav/*`` of that stamp before the fix."""
+INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,))
+"""Before each fix: all of it, as `isogal_ros.messages.whole_fix` describes."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))

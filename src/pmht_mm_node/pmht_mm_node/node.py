@@ -106,7 +106,7 @@ class PmhtMmNode(GraphNode):
         self._declined += not fix.published
         self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
         self._say(nav.ns, fix, seconds)
-        self.outputs.publish(nav.ns, batch, fix, nav.position[2])
+        self.outputs.publish(nav.ns, batch, fix, nav)
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""

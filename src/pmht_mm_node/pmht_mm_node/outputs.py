@@ -3,15 +3,17 @@
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
-from isogal.arrays import Array
-from isogal.matching.interfaces import Batch, Fix, Information
+from isogal.inertial.error_state import Estimate
+from isogal.inertial.rotations import from_matrix
+from isogal.matching.interfaces import Batch, Fix
 from isogal_ros import topics
 from isogal_ros.messages.candidates import candidates_cloud
 from isogal_ros.messages.frames import BASE
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
-from isogal_ros.messages.stamped_numbers import fill_information
 from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.nav_sample import NavSample
 
 
 class Outputs:
@@ -22,13 +24,14 @@ class Outputs:
         """Messages on pmht_mm/fix published."""
         self._retrodict = node.scenario.matcher.mode == "retrodiction"
         self._candidates, self._fix = node.advertise(topics.CANDIDATES), node.advertise(topics.FIX)
-        self._information = node.advertise(topics.INFORMATION)
-        self._m_fix, self._m_information = topics.FIX.type(), topics.INFORMATION.type()
+        self._whole = node.advertise(topics.INFORMATION)
+        self._m_fix, self._m_whole = topics.FIX.type(), topics.INFORMATION.type()
         self._m_fix.header.frame_id = BASE
 
-    def publish(self, ns: int, batch: Batch, fix: Fix, height: float) -> None:
-        """Publish what a batch has given; a fix's height is the navigator's (m)."""
+    def publish(self, ns: int, batch: Batch, fix: Fix, nav: NavSample) -> None:
+        """Publish what a batch has given with the navigator's estimate at its end."""
         self._candidates.publish(candidates_cloud(ns, fix.candidates))
+        height = nav.position[2]
         each_scan = fix.published and self._retrodict and not fix.reset
         if each_scan and fix.scan_position is not None and fix.scan_covariance is not None:
             # a fix for each scan that no earlier batch has used; the last one is that of the batch
@@ -37,28 +40,20 @@ class Outputs:
                 batch.scan_time, fix.scan_position, fix.scan_covariance, strict=True
             ):
                 if np.isfinite(covariance).all():
-                    self._send(from_seconds(stamp), (*position, height), covariance)
+                    one = Fix(float(stamp), float(position[0]), float(position[1]), covariance)
+                    self._send(from_seconds(stamp), WholeFix(one), height)
         else:
-            position = fix.latitude, fix.longitude, height
-            self._send(
-                ns, position, fix.covariance if fix.published else None, fix.information, fix.reset
-            )
+            estimate = Estimate(nav.position, nav.velocity, from_matrix(nav.attitude))
+            self._send(ns, WholeFix(fix, estimate), height)
 
-    def _send(
-        self,
-        ns: int,
-        position: tuple[float, float, float],
-        covariance: Array | None,
-        information: Information | None = None,
-        reset: bool = False,
-    ) -> None:
-        """Publish a fix, or that there is none, after what belongs to it."""
-        code, full = NavSatStatus.STATUS_NO_FIX, None
-        if covariance is not None:
+    def _send(self, ns: int, whole: WholeFix, height: float) -> None:
+        """Publish all of a fix, or that there is none, then its position for all others."""
+        code, full, fix = NavSatStatus.STATUS_NO_FIX, None, whole.fix
+        if fix.published:
             code, full = NavSatStatus.STATUS_FIX, np.diag([0.0, 0.0, NOT_MEASURED])
-            full[:2, :2] = covariance
-        fill_information(self._m_information, ns, reset, information)
-        self._information.publish(self._m_information)
-        fill_fix(self._m_fix, ns, *position, full, code)
+            full[:2, :2] = fix.covariance
+        fill_whole_fix(self._m_whole, ns, whole)
+        self._whole.publish(self._m_whole)
+        fill_fix(self._m_fix, ns, fix.latitude, fix.longitude, height, full, code)
         self._fix.publish(self._m_fix)
         self.fixes += 1

@@ -3,7 +3,7 @@
 node            subscriptions: IMU samples, fixes and the information that belongs to them
 settings        the node's own parameters
 start           the filter's first state
-fixes           fixes paired with their information by stamp
+fixes           which fixes are to be used, each stamp once
 corrections     fixes applied to the filter
 outputs         messages on nav/*
 """

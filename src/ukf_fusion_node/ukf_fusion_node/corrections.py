@@ -11,8 +11,8 @@ from isogal.matching.interfaces import Fix
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
+from isogal_ros.messages.whole_fix import WholeFix
 from isogal_ros.nodes.health import Health
-from ukf_fusion_node.fixes import Extra
 
 
 class Corrections:
@@ -28,21 +28,22 @@ class Corrections:
         self._health = health
         self._accepted = self._refused = 0
 
-    def apply(self, navigator: BufferedNavigator | None, message: Any, extra: Extra) -> None:
-        """Correct the filter (None = it has not started) with a message on pmht_mm/fix and the
-        information that belongs to it.
+    def apply(self, navigator: BufferedNavigator | None, content: Any) -> None:
+        """Correct the filter (None = it has not started) with a whole fix, or with a NavSatFix
+        that is all there is.
 
         Raises
         ------
         BadMessageError
             The fix cannot be used, or the filter refuses it.
         """
-        fix = read_fix(message, extra)
+        whole = content if isinstance(content, WholeFix) else WholeFix(read_fix(content))
+        fix = whole.fix
         if not fix.published and fix.widening is None:
             return
         if navigator is None:
             raise BadMessageError("came before the first IMU sample")
-        result = apply_fix(fix, navigator.at(fix.time))
+        result = apply_fix(fix, navigator.at(fix.time, whole.relative_to))
         if result is None:
             return
         self._accepted += result.accepted
@@ -59,22 +60,11 @@ class Corrections:
             raise BadMessageError(result.reason or "refused")
 
 
-def read_fix(message: Any, extra: Extra) -> Fix:
-    """Return the fix of a message on pmht_mm/fix and the information that belongs to it.
-
-    Position and covariance are not read where there is information, as they are not used then.
-
-    Raises
-    ------
-    BadMessageError
-        The message cannot be used.
-    """
-    lost, information = extra
+def read_fix(message: Any) -> Fix:
+    """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
     time = to_seconds(to_ns(message.header.stamp))
-    nothing = np.full((2, 2), np.nan)
     if message.status.status == NavSatStatus.STATUS_NO_FIX:
-        return Fix(time, np.nan, np.nan, nothing, reason="no fix", reset=lost)
-    if information is not None:
-        return Fix(time, np.nan, np.nan, nothing, information=information, reset=lost)
+        nothing = np.full((2, 2), np.nan)
+        return Fix(time, np.nan, np.nan, nothing, reason="no fix")
     latitude, longitude, _ = read_position(message)
-    return Fix(time, latitude, longitude, read_covariance(message)[:2, :2], reset=lost)
+    return Fix(time, latitude, longitude, read_covariance(message)[:2, :2])

@@ -1,58 +1,110 @@
-"""Messages on pmht_mm/fix, paired with those on pmht_mm/information that belong to them."""
+"""What comes on pmht_mm/information, a whole fix in one message, and on pmht_mm/fix, its position
+for all others: each stamp is used once, in whatever order the messages come."""
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
-from isogal.matching.interfaces import Information
-from isogal_ros.messages.stamps import to_ns
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.messages.whole_fix import WholeFix
 
-Extra = tuple[bool, Information | None]
-"""Content of a message on pmht_mm/information: whether the matcher found the navigator lost, and
-the fix in information form (None = position and covariance say all)."""
+KEPT = 65536
+"""Stamps kept of fixes that were used."""
+PATIENCE = 30.0
+"""s of wall time that a position waits, from its arrival on, for the whole fix of its stamp."""
 
-KEPT = 4096
-"""Messages on pmht_mm/information that are kept for fixes that are still to come."""
-PATIENCE_NS = 30_000_000_000
-"""How long a fix waits for the information that belongs to it, in the time of the stamps."""
+
+@dataclass(slots=True)
+class _Stamp:
+    """What has come of a stamp."""
+
+    content: Any = None
+    """WholeFix or NavSatFix, while it waits to be used."""
+    arrived: float = field(default_factory=time.monotonic)
+    used: bool = False
+    position_came: bool = False
 
 
 class FixQueue:
-    """Pairs the two topics by stamp; fixes leave in the order in which they came.
+    """Says which fixes are to be used now.
 
     Parameters
     ----------
     publishers : callable
-        Returns how many publishers pmht_mm/information has; without any, no fix waits.
+        Returns how many publishers pmht_mm/information has; without any, a position is all there
+        is and waits for nothing.
+    ahead_ns : int
+        How far ahead of the navigator a fix may be to wait for it, ns.
+    clock : callable
+        Wall time, s.
     """
 
-    def __init__(self, publishers: Callable[[], int]) -> None:
-        self._publishers = publishers
-        self._waiting: list[Any] = []
-        self._extras: dict[int, Extra] = {}
+    def __init__(
+        self,
+        publishers: Callable[[], int],
+        ahead_ns: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._publishers, self._ahead, self._clock = publishers, ahead_ns, clock
+        self._stamps: dict[int, _Stamp] = {}
+        self._waiting: dict[int, _Stamp] = {}
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def add_fix(self, message: Any) -> None:
-        """Take a NavSatFix."""
-        self._waiting.append(message)
+    def add_whole(self, ns: int, whole: WholeFix) -> None:
+        """Take a whole fix; raises BadMessageError where its stamp has been used."""
+        stamp = self._of(ns)
+        if stamp.used or isinstance(stamp.content, WholeFix):
+            raise BadMessageError(_repeated(ns))
+        stamp.content = whole
+        self._waiting[ns] = stamp
 
-    def add_extra(self, ns: int, extra: Extra) -> None:
-        """Take the information that belongs to the fix of a stamp."""
-        self._extras[ns] = extra
-        while len(self._extras) > KEPT:
-            del self._extras[next(iter(self._extras))]
+    def add_position(self, ns: int, message: Any) -> None:
+        """Take a NavSatFix; raises BadMessageError where its stamp has had one."""
+        stamp = self._of(ns)
+        if stamp.position_came:
+            raise BadMessageError(_repeated(ns))
+        stamp.position_came = True
+        if not stamp.used and stamp.content is None:
+            stamp.content, stamp.arrived = message, self._clock()
+            self._waiting[ns] = stamp
 
-    def complete(self, now_ns: int) -> Iterator[tuple[Any, Extra]]:
-        """Take out the fixes that need not wait any longer; the navigator is at a time (ns)."""
-        while self._waiting:
-            ns = to_ns(self._waiting[0].header.stamp)
-            if ns not in self._extras and self._may_come(ns, now_ns):
-                return
-            yield self._waiting.pop(0), self._extras.pop(ns, (False, None))
+    def due(self, now_ns: int) -> list[tuple[int, Any]]:
+        """Take out stamps and content of what need not wait any longer; the navigator is at a time
+        (ns)."""
+        if not self._waiting:
+            return []
+        alone = self._publishers() == 0
+        found = [
+            ns
+            for ns, stamp in self._waiting.items()
+            if not (0 < ns - now_ns <= self._ahead)
+            and (
+                alone
+                or isinstance(stamp.content, WholeFix)
+                or self._clock() - stamp.arrived > PATIENCE
+            )
+        ]
+        return [(ns, self._use(ns)) for ns in found]
 
-    def _may_come(self, ns: int, now_ns: int) -> bool:
-        """Whether the information of a stamp may still come: it is published in order, before the
-        fix."""
-        newest = next(reversed(self._extras), -1)
-        return self._publishers() > 0 and newest <= ns and now_ns - ns < PATIENCE_NS
+    def _use(self, ns: int) -> Any:
+        stamp = self._waiting.pop(ns)
+        content, stamp.content, stamp.used = stamp.content, None, True
+        return content
+
+    def _of(self, ns: int) -> _Stamp:
+        found = self._stamps.get(ns)
+        if found is None:
+            if len(self._stamps) >= KEPT:
+                oldest = next(iter(self._stamps))
+                del self._stamps[oldest]
+                self._waiting.pop(oldest, None)
+            found = self._stamps[ns] = _Stamp()
+        return found
+
+
+def _repeated(ns: int) -> str:
+    return f"a fix of {to_seconds(ns):.3f} s has come before"

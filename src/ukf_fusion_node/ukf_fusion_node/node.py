@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from rclpy.serialization import deserialize_message
 
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.model import FilterModel
@@ -14,8 +13,8 @@ from isogal.fusion.state import FilterState
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.imu import read_imu
-from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_information
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.whole_fix import read_whole_fix
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from isogal_ros.nodes.spin import run_node
@@ -28,7 +27,7 @@ from ukf_fusion_node.start import initial_state
 
 class UkfFusionNode(GraphNode):
     """Advances with each IMU sample, and publishes nav/* of its newest stamp after each sample and
-    each message on pmht_mm/fix."""
+    each fix."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "route", "imu", "initial_error", "fusion", "truth",
@@ -41,7 +40,7 @@ class UkfFusionNode(GraphNode):
         self.samples = 0
         """IMU samples received, those that were dropped included."""
         self.answered = 0
-        """Messages on pmht_mm/fix that were applied or dropped."""
+        """Fixes that were applied or dropped."""
         self._gaps = 0
         self._corrections = Corrections(self.health)
         self._start = initial_state(self.scenario, self.settings)
@@ -53,8 +52,9 @@ class UkfFusionNode(GraphNode):
         self._outputs = Outputs(self)
         self.listen(topics.IMU, self._take_imu)
         self.listen(topics.FIX, self._take_fix)
-        information = self.listen(topics.INFORMATION, self._take_information, raw=True)
-        self._fixes = FixQueue(information.get_publisher_count)
+        whole = self.listen(topics.INFORMATION, self._take_whole)
+        ahead = from_seconds(self.settings.max_gap)
+        self._fixes = FixQueue(whole.get_publisher_count, ahead)
 
     def _warm_up(self) -> None:
         """Compile, or load, the filter's kernels before the first sample comes."""
@@ -105,29 +105,35 @@ class UkfFusionNode(GraphNode):
             level, f"{missing} IMU samples missing before {end:.3f} s, bridged with the next one"
         )
 
-    def _take_information(self, data: bytes) -> None:
-        extra = read_information(deserialize_message(data, topics.INFORMATION.type))
-        self._fixes.add_extra(peek_numbers_ns(data), extra)
+    def _take_whole(self, message: Any) -> None:
+        self._fixes.add_whole(to_ns(message.header.stamp), read_whole_fix(message))
         self._settle()
 
     def _take_fix(self, message: Any) -> None:
-        self._fixes.add_fix(message)
+        try:
+            self._fixes.add_position(to_ns(message.header.stamp), message)
+        except BadMessageError:
+            self._answer()
+            raise
         self._settle()
 
     def _settle(self) -> None:
-        """Apply the fixes that are complete, and publish nav/* after each, even after one that is
-        dropped: a lock-step simulation waits for that."""
-        for message, extra in self._fixes.complete(self._ns):
+        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
+        for _, content in self._fixes.due(self._ns):
             try:
-                self._corrections.apply(self._navigator, message, extra)
+                self._corrections.apply(self._navigator, content)
             except BadMessageError as error:
                 self.health.drop(topics.FIX.name, str(error))
             except Exception as error:
                 self.health.drop(topics.FIX.name, f"{type(error).__name__}: {error}")
                 self.get_logger().error(f"{topics.FIX.name}: {type(error).__name__}: {error}")
-            self.answered += 1
-            if self._navigator is not None:
-                self._publish()
+            self._answer()
+
+    def _answer(self) -> None:
+        """Publish nav/* after a fix: a lock-step simulation waits for that."""
+        self.answered += 1
+        if self._navigator is not None:
+            self._publish()
 
     def _publish(self) -> None:
         assert self._navigator is not None

@@ -8,13 +8,10 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from helpers.navigators import random_covariance
-from isogal.matching.interfaces import Information
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamped_numbers import (
-    fill_information,
     fill_numbers,
     peek_numbers_ns,
-    read_information,
     read_nav_covariance,
 )
 
@@ -41,28 +38,6 @@ def test_nav_covariance(size) -> None:
     np.testing.assert_array_equal(read_nav_covariance(message), cov)
 
 
-@pytest.mark.parametrize(
-    "information",
-    [
-        None,
-        Information(np.arange(4.0), random_covariance(np.ones(4), 2)),
-        Information(np.arange(7.0), random_covariance(np.ones(7), 2)),
-    ],
-)
-@pytest.mark.parametrize("reset", [False, True])
-def test_information(information, reset) -> None:
-    message = Float64MultiArray()
-    fill_information(message, 1, reset, information)
-    got_reset, got = read_information(message)
-    assert got_reset is reset
-    assert (got is None) == (information is None)
-    if information is not None:
-        np.testing.assert_array_equal(got.vector, information.vector)
-        np.testing.assert_array_equal(got.matrix, information.matrix)
-
-
 def test_messages_that_cannot_be_used() -> None:
     with pytest.raises(BadMessageError, match="7 x 7 or 4 x 4"):
         read_nav_covariance(Float64MultiArray(data=[0.0] * 20))
-    with pytest.raises(BadMessageError, match="vector of 4"):
-        read_information(Float64MultiArray(data=[0.0] * 20))

@@ -9,11 +9,14 @@ from sensor_msgs.msg import NavSatStatus
 from helpers.node_bench import bench, stamps
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.strapdown import propagate
+from isogal.matching.interfaces import Fix
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.position import read_position
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
 
@@ -120,6 +123,44 @@ def test_bad_messages_are_dropped_and_said(filter_bench, send, topic, words) -> 
     position = read_position(filter_bench.heard["nav/fix"][-1])
     assert np.isfinite(position).all()
     assert not filter_bench.node.finished
+
+
+def test_a_fix_older_than_the_horizon_is_dropped_and_said(scenario, start) -> None:
+    with bench(topics.UKF_FUSION, scenario(), horizon=5.0) as made:
+        for k in range(1, 31):
+            made.imu(k)
+        made.wait(lambda: made.node.samples == 30)
+        made.fix(8, *start)
+        made.wait(lambda: any("older than the buffer" in words for _, words, _ in made.says()))
+        level, words, _ = next(item for item in made.says() if "older than" in item[1])
+        assert (level, words.count("pmht_mm/fix")) == (WARN, 1)
+
+
+def test_what_a_fix_says_and_its_position_are_used_once_in_either_order(scenario, start) -> None:
+    """The whole fix long after its position, as far as stamps go."""
+    whole = topics.INFORMATION.type()
+    covariance = np.diag([100.0, 100.0])
+    one = Fix(8.0, start[0] + 1e-5, start[1] - 1e-5, covariance)
+    fill_whole_fix(whole, from_seconds(8.0), WholeFix(one))
+    results = []
+    for position_first in (True, False):
+        with bench(topics.UKF_FUSION, scenario()) as made:
+            made.publisher(topics.INFORMATION)
+            for k in range(1, 61):
+                made.imu(k)
+            made.wait(lambda made=made: made.node.samples == 60)
+            for is_whole in (False, True) if position_first else (True, False):
+                if is_whole:
+                    made.publish(topics.INFORMATION, whole)
+                    made.wait(lambda made=made: made.node.answered == 1)
+                else:
+                    made.fix(8, start[0] + 2e-3, start[1])  # not to be used
+                    made.settle()
+                    assert made.node.answered == (0 if position_first else 1)
+            made.wait(lambda made=made: len(made.heard["nav/fix"]) == 62)
+            results.append(read_position(made.heard["nav/fix"][-1]))
+            assert made.node.answered == 1
+    assert results[0] == results[1]
 
 
 def test_lost_samples_are_bridged_and_counted(filter_bench) -> None:

@@ -131,9 +131,10 @@ class BufferedNavigator:
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
             self._steps.popleft()
 
-    def at(self, time: float) -> "NavigatorAt":
-        """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`."""
-        return NavigatorAt(self, time)
+    def at(self, time: float, relative_to: Estimate | None = None) -> "NavigatorAt":
+        """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`; information is
+        relative to an estimate (`update_information`)."""
+        return NavigatorAt(self, time, relative_to)
 
     def update_position(
         self, time: float, latitude: float, longitude: float, covariance: Array
@@ -148,17 +149,20 @@ class BufferedNavigator:
             lambda state: update_position(state, self.model, 0, latitude, longitude, covariance),
         )
 
-    def update_information(self, time: float, vector: Array, matrix: Array) -> UpdateResult:
+    def update_information(
+        self, time: float, vector: Array, matrix: Array, relative_to: Estimate | None = None
+    ) -> UpdateResult:
         """Apply a likelihood in information form (`isogal.fusion.navigator.update_information`)
         of any stamp within the horizon.
 
         Parameters
         ----------
         vector, matrix : (n,), (n, n) arrays
-            Relative to the navigator's estimate at the stamp, as it is now. If an older fix that
-            comes later changes that estimate, the information is carried over to the new one.
+        relative_to : Estimate, optional
+            The navigator's estimate at the stamp that the error is that of; None = as it is now.
+            Where the navigator's estimate is another, or becomes another because an older fix
+            comes later, the information is carried over to it.
         """
-        relative_to: Estimate | None = None
 
         def apply(state: FilterState) -> tuple[Array, float]:
             nonlocal relative_to
@@ -244,6 +248,8 @@ class NavigatorAt:
     navigator: BufferedNavigator
     time: float
     """s."""
+    relative_to: Estimate | None = None
+    """The estimate that information is relative to; None = the navigator's as it is now."""
 
     def widen(self, covariance: Array) -> UpdateResult:
         """See `BufferedNavigator.widen`."""
@@ -251,7 +257,7 @@ class NavigatorAt:
 
     def update_information(self, vector: Array, matrix: Array) -> UpdateResult:
         """See `BufferedNavigator.update_information`."""
-        return self.navigator.update_information(self.time, vector, matrix)
+        return self.navigator.update_information(self.time, vector, matrix, self.relative_to)
 
     def update_position(
         self, latitude: float, longitude: float, covariance: Array

@@ -6,7 +6,9 @@ checks           what makes a message unusable?
 imu              how is an inertial sample written and read?
 position         how is a position with its covariance?
 odometry         how is a navigation state?
-stamped_numbers  how are the covariance of the navigator's errors and a fix's information?
+stamped_numbers  how is the covariance of the navigator's errors?
+point            how are named numbers with a stamp?
+whole_fix        how is all that a fix says?
 candidates       how are a matcher's candidates?
 adapter          what do the messages of any field do, and which adapter has a field?
 gravimeter       what are the messages of a gravimeter?

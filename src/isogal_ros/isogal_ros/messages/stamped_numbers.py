@@ -1,5 +1,5 @@
-"""Arrays of numbers with a stamp as Float64MultiArray messages: the covariance of the navigator's
-errors, and what a fix says beyond a position. Why this type: `isogal_ros.topics`."""
+"""Arrays of numbers with a stamp as Float64MultiArray messages; the covariance of the navigator's
+errors. Why this type: `isogal_ros.topics`."""
 
 import math
 import struct
@@ -9,7 +9,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.matching.interfaces import Information
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 
 _SECOND = 1_000_000_000
@@ -63,35 +62,3 @@ def read_nav_covariance(message: Any) -> Array:
     covariance = values[2:].reshape(size, size)
     require_covariance(covariance)
     return covariance
-
-
-def fill_information(message: Any, ns: int, reset: bool, information: Information | None) -> None:
-    """Write what belongs to a fix into ``pmht_mm/information``: stamp, whether the navigator is
-    lost, then vector and matrix if there are any."""
-    parts = () if information is None else (information.vector, information.matrix)
-    fill_numbers(message, ns, np.array([float(reset)]), *parts)
-
-
-def read_information(message: Any) -> tuple[bool, Information | None]:
-    """Return (whether the navigator is lost, information); None where the fix itself says all
-    there is.
-
-    Raises
-    ------
-    BadMessageError
-        The number of numbers is another, or they are not finite.
-    """
-    values = np.array(message.data)
-    sizes = {3 + n + n * n: n for n in (0, HORIZONTAL_STATES, BATCH_STATES)}
-    size = sizes.get(len(values))
-    if size is None:
-        raise BadMessageError(
-            "must hold a stamp, a flag, and if any a vector of 4 or 7 and a matrix of 4 x 4 or 7"
-            f" x 7, holds {len(values)} numbers"
-        )
-    if not np.isfinite(values).all():
-        raise BadMessageError("information is not finite")
-    information = (
-        Information(values[3 : 3 + size], values[3 + size :].reshape(size, size)) if size else None
-    )
-    return bool(values[2]), information
