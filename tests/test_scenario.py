@@ -131,7 +131,7 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
         ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
         ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
-        ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.rate"),
+        ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.grades, imu.rate, "),
         ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
         ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),
         ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
@@ -151,8 +151,8 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
         ),
         (
             "imu.grade=best",
-            "imu.grade: input should be 'precision', 'quantum_accelerometer' or 'quantum', not"
-            " 'best'",
+            "imu: grade: 'best' is not known; allowed: precision, quantum_accelerometer, quantum,"
+            " navigation, ",
         ),
         (
             "matcher.name=magic",

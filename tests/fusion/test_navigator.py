@@ -27,7 +27,6 @@ from isogal.inertial.error_state import (
 )
 from isogal.scenario import Imu, Route, Scenario
 from isogal.seeds import generator
-from isogal.sensors.imu import GRADES
 from isogal.sensors.trajectory import build_trajectory
 
 SIGMA = np.array(
@@ -117,8 +116,8 @@ def test_errors_agree_with_their_covariance():
             fix = flight.fix(stamp, *(np.linalg.cholesky(R) @ random.standard_normal(2)))
             fix_nis.append(update_position(state, flight.model, run, *fix, R)[1])
     trajectory = flight.trajectory
-    grade = GRADES["precision"]
-    sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
+    sensors = Scenario().imu.sensors
+    sigma = np.array([*sensors.accelerometer.bias, *sensors.gyroscope.bias])
     bias = np.array(
         [sigma * generator(0, run, "imu_bias").standard_normal(6) for run in range(runs)]
     )

@@ -8,7 +8,6 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import update_information
 from isogal.inertial.error_state import batch_difference
 from isogal.scenario import Imu, InitialError, Scenario
-from isogal.sensors.imu import GRADES
 
 SIGMA = np.array(
     [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
@@ -23,9 +22,9 @@ def test_model_agrees_with_what_the_scenario_draws_from():
     assert model.initial_sigma[:2] == (70.0, 70.0)
     # a perfect start still has a positive definite covariance
     assert 0.0 < model.initial_sigma[8] < 1e-8
-    assert model.initial_sigma[9:12] == GRADES["precision"].accelerometer_bias
-    assert model.noise[3:] == GRADES["precision"].gyroscope_noise
-    assert model.noise[2] > 100.0 * GRADES["precision"].accelerometer_noise[2]  # unknown gravity
+    assert model.initial_sigma[9:12] == Imu().sensors.accelerometer.bias
+    assert model.noise[3:] == Imu().sensors.gyroscope.random_walk
+    assert model.noise[2] > 100.0 * Imu().sensors.accelerometer.random_walk[2]  # unknown gravity
 
 
 def test_turn_rate_is_relative_to_the_earth():

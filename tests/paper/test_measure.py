@@ -11,12 +11,13 @@ from isogal.montecarlo.engine import simulate_unaided
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.measure import drift_by_theory, measure_tracks, roughness
 from isogal.scenario import validate_scenario
-from isogal.sensors.imu import GRADES, simulate_imu
+from isogal.scenario.imu_grades import PAPER_GRADES
+from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 
 
-@pytest.mark.parametrize("grade", list(GRADES))
+@pytest.mark.parametrize("grade", PAPER_GRADES)
 def test_spread_of_the_unaided_ins_is_that_of_its_filter(grade: str) -> None:
     """100 full strapdown runs against the unscented filter's own covariance, chi-square interval
     of 99 % for all instants together."""

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import chi2
 
 from isogal.scenario import Imu, Route, Scenario
-from isogal.sensors.imu import GRADES, simulate_imu
+from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 
 DEG_PER_HOUR = np.pi / 180.0 / 3600.0
@@ -45,24 +45,24 @@ def within_chi_square(sum_of_squares, freedom):
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_grades_are_table_1(grade):
     accelerometer_bias, accelerometer_noise, gyroscope_bias, gyroscope_noise = TABLE_1[grade]
-    it = GRADES[grade]
-    assert it.accelerometer_bias == tuple(accelerometer_bias)
-    assert it.accelerometer_noise == tuple(accelerometer_noise)
+    it = Imu(grade=grade).sensors
+    assert it.accelerometer.bias == tuple(accelerometer_bias)
+    assert it.accelerometer.random_walk == tuple(accelerometer_noise)
     np.testing.assert_allclose(
-        it.gyroscope_bias, np.array(gyroscope_bias) * DEG_PER_HOUR, rtol=1e-15
+        it.gyroscope.bias, np.array(gyroscope_bias) * DEG_PER_HOUR, rtol=1e-15
     )
     np.testing.assert_allclose(
-        it.gyroscope_noise, np.array(gyroscope_noise) * DEG_PER_HOUR, rtol=1e-15
+        it.gyroscope.random_walk, np.array(gyroscope_noise) * DEG_PER_HOUR, rtol=1e-15
     )
 
 
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_noise_has_the_density_of_the_grade(grade):
-    it = GRADES[grade]
+    it = Imu(grade=grade).sensors
     error = errors(grade, range(5))
     apart = (error - error.mean(axis=1, keepdims=True)) / [
-        *it.accelerometer_noise,
-        *it.gyroscope_noise,
+        *it.accelerometer.random_walk,
+        *it.gyroscope.random_walk,
     ]
     assert within_chi_square((apart**2).sum(axis=(0, 1)), 5 * 199)
     neighbours = (apart[:, 1:] * apart[:, :-1]).mean(
@@ -81,12 +81,12 @@ def test_noise_per_sample_grows_with_the_root_of_the_rate():
 
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_biases_are_drawn_once_per_run(grade):
-    it = GRADES[grade]
+    it = Imu(grade=grade).sensors
     runs = 400
     scenario = Scenario(route=Route(duration=2.0), imu=Imu(grade=grade))
     trajectory = build_trajectory(scenario)
-    biases = np.array([*it.accelerometer_bias, *it.gyroscope_bias])
-    noise = np.array([*it.accelerometer_noise, *it.gyroscope_noise])
+    biases = np.array([*it.accelerometer.bias, *it.gyroscope.bias])
+    noise = np.array([*it.accelerometer.random_walk, *it.gyroscope.random_walk])
     error = errors(grade, range(runs), duration=2.0)
     # what is common to both samples of a run: bias; variance of a mean of two: b² + n² / 2
     assert within_chi_square(

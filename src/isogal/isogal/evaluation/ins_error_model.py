@@ -9,7 +9,8 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Scenario
-from isogal.sensors.imu import GRADES
+from isogal.sensors.imu_model import bias_sigma
+from isogal.sensors.imu_model import noise_density as imu_noise_density
 from isogal.sensors.trajectory import Trajectory
 
 LONGEST = 1.0
@@ -72,8 +73,8 @@ def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
 
 def initial_covariance(scenario: Scenario) -> Array:
     """Return the covariance (13, 13) of the error at the start: the scenario's initial errors, and
-    the biases of the IMU's grade."""
-    sigma, grade = scenario.initial_error, GRADES[scenario.imu.grade]
+    the biases of the IMU."""
+    sigma, sensors = scenario.initial_error, scenario.imu.sensors
     start = [
         sigma.position,
         sigma.position,
@@ -83,11 +84,10 @@ def initial_covariance(scenario: Scenario) -> Array:
         sigma.tilt,
         sigma.heading,
     ]
-    return np.diag(np.square([*start, *grade.accelerometer_bias, *grade.gyroscope_bias]))
+    return np.diag(np.square([*start, *bias_sigma(sensors)]))
 
 
 def noise_density(scenario: Scenario) -> Array:
     """Return power spectral densities (6,) per body axis: accelerometers (m²/s³), then gyroscopes
     (rad²/s)."""
-    grade = GRADES[scenario.imu.grade]
-    return np.square([*grade.accelerometer_noise, *grade.gyroscope_noise])
+    return np.square(imu_noise_density(scenario.imu.sensors, 1.0 / scenario.imu.rate))

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
 from isogal.scenario import Scenario
-from isogal.sensors.imu import GRADES
+from isogal.sensors.imu_model import bias_sigma, noise_density
 
 # Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
 # definite covariance.
@@ -53,7 +53,8 @@ class FilterModel:
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> "FilterModel":
         """Return the model that agrees with what the scenario's simulation draws from."""
-        grade, initial = GRADES[scenario.imu.grade], scenario.initial_error
+        sensors, initial = scenario.imu.sensors, scenario.initial_error
+        noise = noise_density(sensors, 1.0 / scenario.imu.rate).tolist()
         position, velocity = (
             max(initial.position, _POSITION_FLOOR),
             max(initial.velocity, _VELOCITY_FLOOR),
@@ -62,11 +63,11 @@ class FilterModel:
         sigma = (position, position, 0.1, velocity, velocity, 0.01, tilt, tilt, heading)
         return cls(
             noise=(
-                *grade.accelerometer_noise[:2],
-                math.hypot(grade.accelerometer_noise[2], UNKNOWN_GRAVITY),
-                *grade.gyroscope_noise,
+                *noise[:2],
+                math.hypot(noise[2], UNKNOWN_GRAVITY),
+                *noise[3:],
             ),
-            initial_sigma=(*sigma, *grade.accelerometer_bias, *grade.gyroscope_bias),
+            initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
             dt=1.0 / scenario.imu.rate,
             filter=scenario.fusion.filter,
         )

@@ -12,7 +12,7 @@ from isogal.maps.load import check_coverage
 from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
-from isogal.sensors.imu import GRADES
+from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
 PAPER, DEFAULT = "pmht-paper", "pmht"
@@ -65,7 +65,7 @@ def table_settings() -> list[Setting]:
 
 def unaided_settings() -> list[Setting]:
     """Return the unaided navigator of each grade."""
-    return [Setting(grade=grade, aided=False) for grade in GRADES]
+    return [Setting(grade=grade, aided=False) for grade in PAPER_GRADES]
 
 
 def retrodiction_settings() -> list[Setting]:

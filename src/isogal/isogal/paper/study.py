@@ -22,7 +22,7 @@ from isogal.paper.measure import Outcome, drift_by_theory, measure_spread, measu
 from isogal.paper.results import Results, along_track
 from isogal.paper.results_json import as_json
 from isogal.scenario import InitialError, Route
-from isogal.sensors.imu import GRADES
+from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
 
@@ -105,7 +105,7 @@ def measure(plan: Plan, cases: dict[Setting, Case], store: Store) -> Results:
                 plan, Setting(heading=heading, grade=grade), plan.gain_time
             )
             for heading in SWEEP_HEADINGS
-            for grade in GRADES
+            for grade in PAPER_GRADES
         },
         signal={quantity: along_track(plan, quantity) for quantity in ("gravity", "disturbance")},
         profile=profile_example(plan),

@@ -4,7 +4,10 @@ Keys, units and defaults are a public contract. An unknown key is an error that 
 one.
 
 section      what do the sections share: strictness, ranges of numbers?
-vehicle      which keys describe the route, the inertial sensors and the initial errors?
+vehicle      which keys describe the route and the initial errors?
+inertial     which keys describe the inertial sensors?
+imu_grades   which grades of them are there?
+data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
 world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
@@ -15,6 +18,7 @@ loading      how is a file read, and how are single keys overridden?
 messages     how does a validation error become one line?"""
 
 from isogal.scenario.fusion import Fusion
+from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.instruments import (
     TENSOR_COMPONENTS,
     Altimeter,
@@ -27,7 +31,7 @@ from isogal.scenario.matcher import Matcher
 from isogal.scenario.messages import describe, known_keys
 from isogal.scenario.model import Scenario
 from isogal.scenario.truth import truth_of
-from isogal.scenario.vehicle import Imu, InitialError, Route
+from isogal.scenario.vehicle import InitialError, Route
 from isogal.scenario.world import Map, MapError
 
 __all__ = [
@@ -37,6 +41,7 @@ __all__ = [
     "Gradiometer",
     "Gravimeter",
     "Imu",
+    "ImuErrors",
     "InitialError",
     "Magnetometer",
     "Map",
@@ -44,6 +49,7 @@ __all__ = [
     "Matcher",
     "Route",
     "Scenario",
+    "SensorErrors",
     "describe",
     "known_keys",
     "load_scenario",

@@ -7,12 +7,13 @@ from pydantic import AfterValidator, Field, model_validator
 
 from isogal import plugins
 from isogal.scenario.fusion import Fusion
+from isogal.scenario.inertial import Imu
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.section import Section
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
 from isogal.scenario.truth import true_scenario
-from isogal.scenario.vehicle import Imu, InitialError, Route
+from isogal.scenario.vehicle import InitialError, Route
 from isogal.scenario.world import Map, MapError
 
 FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]

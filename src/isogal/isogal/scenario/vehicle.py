@@ -1,4 +1,4 @@
-"""Sections about the vehicle: its route, its inertial sensors, the navigator's initial errors."""
+"""Sections about the vehicle: its route, and the navigator's initial errors."""
 
 from typing import ClassVar, Literal
 
@@ -48,15 +48,6 @@ class Route(Section):
         if self.waypoints is None and self.start == self.end:
             raise ValueError("start and end must differ")
         return self
-
-
-class Imu(Section):
-    """The inertial sensors."""
-
-    grade: Literal["precision", "quantum_accelerometer", "quantum"] = Field(
-        "precision", description="row of the paper's Table 1"
-    )
-    rate: Positive = Field(1.0, le=100.0, description="samples per second, Hz")
 
 
 class InitialError(Section):

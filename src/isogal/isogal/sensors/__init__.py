@@ -1,7 +1,8 @@
 """Simulated sensors, and the reductions of their readings to values of a map.
 
 trajectory      the true route, and what a perfect inertial sensor measures on it
-imu             grades of inertial sensors, their noise and biases
+imu             inertial sensors with the errors of a data sheet
+imu_model       what a navigator assumes of them
 initial         the navigator's first state, with its errors
 vehicle         one run of a simulated vehicle: route, inertial sensors, unaided INS
 scans           which readings of an instrument are scans, and which scans are missing

@@ -1,4 +1,9 @@
-"""Inertial sensors of the paper's Table 1, all rows, and their simulated readings."""
+"""Simulated readings of inertial sensors (docs/mathematics.md, section 3.3).
+
+A reading is the true mean over an interval, seen through scale factor, misalignment and (for a
+gyroscope) g-sensitivity, plus bias, in-run bias and white noise, rounded to whole counts. What a
+scenario's sensors do not have is not drawn, and each error has a random stream of its own, so that
+one more error leaves the others as they were."""
 
 import math
 from collections.abc import Sequence
@@ -7,45 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.scenario import Scenario
+from isogal.scenario import ImuErrors, Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
-
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class ImuGrade:
-    """1-sigma biases and white noise densities per body axis (x, y, z)."""
-
-    accelerometer_bias: tuple[float, float, float]
-    """m/s²."""
-    accelerometer_noise: tuple[float, float, float]
-    """m/s²/sqrt(Hz)."""
-    gyroscope_bias: tuple[float, float, float]
-    """rad/s."""
-    gyroscope_noise: tuple[float, float, float]
-    """rad/s/sqrt(Hz)."""
-
-
-def _axes(horizontal: float, vertical: float, unit: float = 1.0) -> tuple[float, float, float]:
-    return horizontal * unit, horizontal * unit, vertical * unit
-
-
-_PRECISION_GYROSCOPE = (_axes(2e-5, 1e-3, _DEG_PER_HOUR), _axes(1e-3, 3e-2, _DEG_PER_HOUR))
-_QUANTUM_ACCELEROMETER = (_axes(1e-8, 1e-8), _axes(3e-8, 3e-8))
-
-GRADES: dict[str, ImuGrade] = {
-    "precision": ImuGrade(_axes(2e-6, 2.5e-8), _axes(8e-5, 1.6e-6), *_PRECISION_GYROSCOPE),
-    "quantum_accelerometer": ImuGrade(*_QUANTUM_ACCELEROMETER, *_PRECISION_GYROSCOPE),
-    "quantum": ImuGrade(
-        *_QUANTUM_ACCELEROMETER,
-        _axes(1e-5, 1e-5, _DEG_PER_HOUR),
-        _axes(1.2e-4, 1.2e-4, _DEG_PER_HOUR),
-    ),
-}
-"""Paper Table 1. `quantum_accelerometer` is the paper's QAPCG: quantum accelerometers with
-precision gyroscopes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,21 +28,82 @@ class ImuData:
 
 
 def simulate_imu(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> ImuData:
-    """Return truth, plus a bias drawn once per run, plus white noise of density / sqrt(dt) per
-    sample (docs/mathematics.md, section 3.3)."""
-    grade = GRADES[scenario.imu.grade]
-    bias_sigma = np.array([*grade.accelerometer_bias, *grade.gyroscope_bias])
-    noise_sigma = np.array([*grade.accelerometer_noise, *grade.gyroscope_noise]) / math.sqrt(
-        trajectory.dt
-    )
+    """Return what the inertial sensors read over the trajectory's intervals."""
+    errors = scenario.imu.sensors
     truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)
     for i, run in enumerate(runs):
-        bias = bias_sigma * generator(scenario.seed, run, "imu_bias").standard_normal(6)
-        noise = noise_sigma * generator(scenario.seed, run, "imu_noise").standard_normal(
-            truth.shape
-        )
-        readings = truth + bias + noise
+        readings = _readings(errors, truth, trajectory.dt, scenario.seed, run)
         force[i], rate[i] = readings[:, :3], readings[:, 3:]
     return ImuData(force, rate)
+
+
+def _readings(errors: ImuErrors, truth: Array, dt: float, seed: int, run: int) -> Array:
+    """Return one run's readings (K, 6) of true means (K, 6) over intervals of dt (s)."""
+    noise_sigma = _six(errors, "random_walk") / math.sqrt(dt)
+    bias = _six(errors, "bias") * generator(seed, run, "imu_bias").standard_normal(6)
+    noise = noise_sigma * generator(seed, run, "imu_noise").standard_normal(truth.shape)
+    readings: Array = _through_axes(errors, truth, seed, run) + bias + noise
+    if (sigma := _six(errors, "bias_instability")).any():
+        time = _six(errors, "bias_time")
+        draw = generator(seed, run, "imu_instability").standard_normal(truth.shape)
+        readings += gauss_markov(draw, sigma, time, dt)
+    if (count := _six(errors, "quantisation")).any():
+        readings = quantise(readings, count, dt)
+    return readings
+
+
+def _through_axes(errors: ImuErrors, truth: Array, seed: int, run: int) -> Array:
+    """Return the true means (K, 6) as the imperfect axes see them: with scale factor errors,
+    misalignments and g-sensitivity, which are constant over a run."""
+    change = np.zeros((6, 6))
+    if (sigma := _six(errors, "scale_factor")).any():
+        change += np.diag(sigma * generator(seed, run, "imu_scale_factor").standard_normal(6))
+    if (sigma := _six(errors, "misalignment")).any():
+        draw = generator(seed, run, "imu_misalignment").standard_normal((6, 3))
+        tilts = sigma[:, None] * draw * np.tile(1.0 - np.eye(3), (2, 1))
+        change[:3, :3] += tilts[:3]
+        change[3:, 3:] += tilts[3:]
+    if (sigma := _six(errors, "g_sensitivity")).any():
+        draw = generator(seed, run, "imu_g_sensitivity").standard_normal((3, 3))
+        change[3:, :3] += sigma[3:, None] * draw
+    return truth + truth @ change.T if change.any() else truth
+
+
+def _six(errors: ImuErrors, key: str) -> Array:
+    """Return one error of accelerometers and gyroscopes, (6,)."""
+    return np.array([*getattr(errors.accelerometer, key), *getattr(errors.gyroscope, key)])
+
+
+def gauss_markov(draw: Array, sigma: Array, time: Array, dt: float) -> Array:
+    """Return samples (K, n) of first-order Gauss-Markov processes, stationary from the start.
+
+    Parameters
+    ----------
+    draw : (K, n) array
+        Standard normal numbers.
+    sigma, time : (n,) arrays
+        1-sigma and correlation time (s) of each process.
+    dt : float
+        From one sample to the next, s.
+    """
+    from scipy.signal import lfilter
+
+    kept = np.exp(-dt / time)
+    drive = draw * (sigma * np.sqrt(1.0 - kept**2))
+    drive[0] = draw[0] * sigma
+    columns = [lfilter([1.0], [1.0, -kept[i]], drive[:, i]) for i in range(drive.shape[1])]
+    return np.stack(columns, axis=1)
+
+
+def quantise(readings: Array, count: Array, dt: float) -> Array:
+    """Return means (K, n) whose integral is rounded to whole counts (n,), 0 = not rounded.
+
+    An integrating sensor keeps what is left of a count for the next interval, so the rounding of
+    the integral is bounded however many intervals there are (Groves 2013, section 4.4.3)."""
+    rounded = readings.copy()
+    for i in np.flatnonzero(count):
+        whole = np.round(np.cumsum(readings[:, i]) * dt / count[i])
+        rounded[:, i] = np.diff(whole, prepend=0.0) * (count[i] / dt)
+    return rounded

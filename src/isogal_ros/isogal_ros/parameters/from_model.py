@@ -21,6 +21,7 @@ from isogal_ros.parameters.spec import (
     NullableText,
     Numbers,
     ParameterSpec,
+    Quantity,
     Texts,
     Yaml,
     yaml_line,
@@ -65,6 +66,10 @@ def _spec(field: FieldInfo, descriptor: ParameterDescriptor) -> ParameterSpec:
     """Return the parameter of a field; completes its descriptor."""
     content, default = content_of(field), field.get_default(call_default_factory=True)
     kind = content.type
+    if (quantity := _extra(field, "quantity")) is not None:
+        descriptor.dynamic_typing = True
+        descriptor.additional_constraints = f"{quantity}, or three of them; empty stands for null"
+        return Quantity(descriptor.name, "", descriptor)
     if content.words:
         descriptor.dynamic_typing = True
         descriptor.additional_constraints = f"a number >= 0, or {' or '.join(content.words)}"
@@ -132,6 +137,12 @@ def _text(
 
 def _plugins(field: FieldInfo) -> tuple[str, ...]:
     """Return the names of the plugins that a field may have; none where it names no plugin."""
+    group = _extra(field, "plugins")
+    return plugins.names(group) if group else ()
+
+
+def _extra(field: FieldInfo, key: str) -> str | None:
+    """Return what a field says of itself beside its type."""
     extra = field.json_schema_extra
-    group = extra.get("plugins") if isinstance(extra, dict) else None
-    return plugins.names(str(group)) if group else ()
+    found = extra.get(key) if isinstance(extra, dict) else None
+    return None if found is None else str(found)

@@ -86,6 +86,20 @@ class Numbers(ParameterSpec):
         return value
 
 
+class Quantity(ParameterSpec):
+    """One value or three, numbers or texts with a unit; an empty text stands for null."""
+
+    def to_field(self, value: Any) -> Any:
+        """Return None for an empty text, a list for an array."""
+        if isinstance(value, str | int | float):
+            return None if value == "" else value
+        return list(value)
+
+    def to_parameter(self, value: Any) -> Any:
+        """Return an empty text for None, an array of doubles for three numbers."""
+        return "" if value is None else [float(item) for item in value]
+
+
 @dataclass(frozen=True)
 class Yaml(ParameterSpec):
     """A text that holds YAML."""

@@ -13,7 +13,7 @@ from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, SWEEP_HEADINGS, SWEEP_S
 from isogal.paper.measure import Outcome
 from isogal.paper.published import HIGH, LOW
 from isogal.paper.results import Results
-from isogal.sensors.imu import GRADES
+from isogal.scenario.imu_grades import PAPER_GRADES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ def overview_figure(results: Results) -> "Figure":
     curves = [
         Curve(f"unaided, {GRADE_LABELS[grade]}", o.time, o.unaided_rms, line)
         for line, (grade, o) in zip(
-            unaided, ((g, results.unaided(g)) for g in GRADES), strict=True
+            unaided, ((g, results.unaided(g)) for g in PAPER_GRADES), strict=True
         )
     ]
     lines = {

@@ -1,0 +1,73 @@
+"""Grades of inertial sensors by name: those of `imu_grades.yaml`, and those of a user's own file
+of the same form."""
+
+from functools import cache, lru_cache
+from importlib import resources
+from pathlib import Path
+
+import yaml
+from pydantic import ValidationError
+
+from isogal.errors import InputError
+from isogal.scenario.inertial import Grade
+
+PAPER_GRADES = ("precision", "quantum_accelerometer", "quantum")
+"""Rows of the paper's Table 1. `quantum_accelerometer` is the paper's QAPCG: quantum
+accelerometers with precision gyroscopes."""
+
+
+def grade_of(name: str, path: str | None = None) -> Grade:
+    """Return a grade by name, a user's own before one of Isogal's.
+
+    Raises
+    ------
+    InputError
+        There is no such grade, or the file cannot be used.
+    """
+    known = dict(built_in())
+    if path is not None:
+        try:
+            known |= _own(path, Path(path).stat().st_mtime_ns)
+        except OSError as error:
+            raise InputError(f"grades: {path}: cannot be read: {error.strerror}") from None
+    if name not in known:
+        raise InputError(f"grade: '{name}' is not known; allowed: {', '.join(known)}")
+    return known[name]
+
+
+@cache
+def built_in() -> dict[str, Grade]:
+    """Return Isogal's own grades."""
+    text = resources.files("isogal.scenario").joinpath("imu_grades.yaml").read_text("utf-8")
+    return parse(text, "imu_grades.yaml")
+
+
+@lru_cache(maxsize=8)
+def _own(path: str, changed: int) -> dict[str, Grade]:
+    """Return the grades of a file; `changed`, its time stamp, makes it read anew."""
+    try:
+        return parse(Path(path).read_text(encoding="utf-8"), path)
+    except UnicodeDecodeError as error:
+        raise InputError(f"grades: {path}: is not a text in UTF-8 ({error.reason})") from None
+
+
+def parse(text: str, where: str) -> dict[str, Grade]:
+    """Return the grades of a YAML document, a mapping of names; raises InputError with one
+    line."""
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" (line {mark.line + 1})" if mark else ""
+        raise InputError(f"grades: {where}: not valid YAML{line}") from None
+    if not isinstance(document, dict) or not document:
+        raise InputError(f"grades: {where}: must map names of grades to their errors")
+    grades = {}
+    for name, entry in document.items():
+        try:
+            grades[str(name)] = Grade.model_validate(entry)
+        except ValidationError as error:
+            from isogal.scenario.messages import describe  # which knows the scenario and so this
+
+            raise InputError(f"grades: {where}: {name}: {describe(error, Grade)}") from None
+    return grades

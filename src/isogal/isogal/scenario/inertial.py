@@ -1,0 +1,168 @@
+"""The section about the inertial sensors: a grade, and what a data sheet says otherwise.
+
+docs/inertial-sensors.md says how a data sheet is entered; docs/mathematics.md, section 3.3, what
+the numbers mean."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from isogal.errors import InputError
+from isogal.scenario.data_sheet import QuantityKind
+from isogal.scenario.section import Positive, Section
+
+Axes = tuple[float, float, float]
+BIAS_TIME = 1000.0
+"""s, correlation time of the bias instability where nobody gives one."""
+
+FORCE = QuantityKind("m/s²", "50ug")
+FORCE_NOISE = QuantityKind("m/s²/√Hz", "30ug/rt-Hz")
+SPEED = QuantityKind("m/s", "0.1mm/s")
+RATE = QuantityKind("rad/s", "0.01deg/h")
+RATE_NOISE = QuantityKind("rad/s/√Hz", "0.002deg/rt-h")
+RATE_BY_FORCE = QuantityKind("rad*s/m", "0.1deg/h/g")
+ANGLE = QuantityKind("rad", "20arcsec")
+RATIO = QuantityKind("", "300ppm")
+TIME = QuantityKind("s", "1h", positive=True)
+
+_Force = Annotated[Axes | None, BeforeValidator(FORCE.read_axes)]
+_ForceNoise = Annotated[Axes | None, BeforeValidator(FORCE_NOISE.read_axes)]
+_Speed = Annotated[Axes | None, BeforeValidator(SPEED.read_axes)]
+_Rate = Annotated[Axes | None, BeforeValidator(RATE.read_axes)]
+_RateNoise = Annotated[Axes | None, BeforeValidator(RATE_NOISE.read_axes)]
+_RateByForce = Annotated[Axes | None, BeforeValidator(RATE_BY_FORCE.read_axes)]
+_Angle = Annotated[Axes | None, BeforeValidator(ANGLE.read_axes)]
+_Ratio = Annotated[Axes | None, BeforeValidator(RATIO.read_axes)]
+_Time = Annotated[Axes | None, BeforeValidator(TIME.read_axes)]
+
+
+def _key(kind: QuantityKind, description: str) -> Any:
+    return Field(
+        None,
+        description=f"{description}; null = the grade's",
+        json_schema_extra={"quantity": kind.allowed},
+    )
+
+
+class Accelerometer(Section):
+    """Errors of the accelerometers, 1-sigma, one value or three (x, y, z)."""
+
+    bias: _Force = _key(FORCE, "bias at turn-on, constant over a run")
+    bias_instability: _Force = _key(FORCE, "bias that changes within a run")
+    bias_time: _Time = _key(TIME, "correlation time of bias_instability")
+    random_walk: _ForceNoise = _key(FORCE_NOISE, "density of white noise (velocity random walk)")
+    scale_factor: _Ratio = _key(RATIO, "error of the scale factor")
+    misalignment: _Angle = _key(ANGLE, "tilt of an axis towards each of the two others")
+    quantisation: _Speed = _key(SPEED, "velocity increment of one count")
+
+
+class Gyroscope(Section):
+    """Errors of the gyroscopes, 1-sigma, one value or three (x, y, z)."""
+
+    bias: _Rate = _key(RATE, "bias at turn-on, constant over a run")
+    bias_instability: _Rate = _key(RATE, "bias that changes within a run")
+    bias_time: _Time = _key(TIME, "correlation time of bias_instability")
+    random_walk: _RateNoise = _key(RATE_NOISE, "density of white noise (angle random walk)")
+    scale_factor: _Ratio = _key(RATIO, "error of the scale factor")
+    misalignment: _Angle = _key(ANGLE, "tilt of an axis towards each of the two others")
+    g_sensitivity: _RateByForce = _key(RATE_BY_FORCE, "rate by specific force along any axis")
+    quantisation: _Angle = _key(ANGLE, "angle increment of one count")
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """Errors of three accelerometers or gyroscopes, 1-sigma per axis (x, y, z), SI."""
+
+    bias: Axes
+    """At turn-on, constant over a run; m/s² or rad/s."""
+    bias_instability: Axes
+    """Of the first-order Gauss-Markov process that comes on top of it; m/s² or rad/s."""
+    bias_time: Axes
+    """Its correlation time, s."""
+    random_walk: Axes
+    """Density of white noise, m/s²/sqrt(Hz) or rad/s/sqrt(Hz)."""
+    scale_factor: Axes
+    """Constant over a run."""
+    misalignment: Axes
+    """rad, of an axis towards each of the two others; constant over a run."""
+    quantisation: Axes
+    """Increment of one count, m/s or rad; 0 = none."""
+    g_sensitivity: Axes
+    """Gyroscopes: rad/s per m/s² along each axis, constant over a run; accelerometers: 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImuErrors:
+    """Errors of the inertial sensors."""
+
+    accelerometer: SensorErrors
+    gyroscope: SensorErrors
+
+
+class Grade(Section):
+    """An entry of a file of grades."""
+
+    source: str = Field("", description="where the numbers are from")
+    accelerometer: Accelerometer = Accelerometer()
+    gyroscope: Gyroscope = Gyroscope()
+
+
+class Imu(Section):
+    """The inertial sensors: those of a grade, but for what is given beside it."""
+
+    errors: ClassVar[tuple[str, ...]] = (
+        *(f"accelerometer.{key}" for key in Accelerometer.model_fields if key != "bias_time"),
+        *(f"gyroscope.{key}" for key in Gyroscope.model_fields if key != "bias_time"),
+    )
+    """Keys that are errors."""
+
+    grade: str = Field(
+        "precision",
+        description=(
+            "precision, quantum_accelerometer, quantum (the paper's Table 1), navigation,"
+            " tactical, quantum_hybrid, or one of the file grades"
+        ),
+    )
+    grades: str | None = Field(
+        None, description="YAML file of further grades; see docs/inertial-sensors.md"
+    )
+    rate: Positive = Field(1.0, le=400.0, description="samples per second, Hz")
+    accelerometer: Accelerometer = Accelerometer()
+    gyroscope: Gyroscope = Gyroscope()
+
+    @model_validator(mode="after")
+    def _known_grade(self) -> "Imu":
+        try:
+            self.sensors  # noqa: B018 - raises where there is no such grade
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @property
+    def sensors(self) -> ImuErrors:
+        """The errors of the sensors, all of them."""
+        from isogal.scenario.imu_grades import grade_of  # which knows this module
+
+        grade = grade_of(self.grade, self.grades)
+        return ImuErrors(
+            _resolved(self.accelerometer, grade.accelerometer),
+            _resolved(self.gyroscope, grade.gyroscope),
+        )
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the section as a document in which every error is given."""
+        document, sensors = self.model_dump(), self.sensors
+        for name in ("accelerometer", "gyroscope"):
+            document[name] = {key: getattr(getattr(sensors, name), key) for key in document[name]}
+        return document
+
+
+def _resolved(given: Section, grade: Section) -> SensorErrors:
+    """Return what is given, else the grade's, else zero."""
+    values: dict[str, Axes] = {}
+    for key in SensorErrors.__dataclass_fields__:
+        own, else_ = getattr(given, key, None), getattr(grade, key, None)
+        none = BIAS_TIME if key == "bias_time" else 0.0
+        values[key] = own or else_ or (none, none, none)
+    return SensorErrors(**values)

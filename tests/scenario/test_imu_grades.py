@@ -1,0 +1,101 @@
+"""Grades of inertial sensors, a user's own, and what is given beside a grade."""
+
+import pytest
+
+from isogal.errors import InputError
+from isogal.scenario import Imu, load_scenario, validate_scenario
+from isogal.scenario.imu_grades import PAPER_GRADES, built_in
+
+OWN = """\
+mine:
+  source: data sheet of my IMU, rev. 3
+  accelerometer: {bias: 1mg, bias_instability: 20ug, random_walk: 60ug/rt-Hz}
+  gyroscope: {bias: [1deg/h, 1deg/h, 3deg/h], g_sensitivity: 0.1deg/h/g}
+tactical:
+  gyroscope: {bias: 7deg/h}
+"""
+DEG_PER_HOUR = 4.84813681109536e-06
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "grades.yaml"
+    path.write_text(OWN)
+    return str(path)
+
+
+def test_every_grade_has_a_source_and_noise():
+    assert list(built_in())[:3] == list(PAPER_GRADES)
+    for name, grade in built_in().items():
+        sensors = Imu(grade=name).sensors
+        assert grade.source
+        assert min(*sensors.accelerometer.random_walk, *sensors.gyroscope.random_walk) > 0.0
+
+
+def test_grades_are_ordered_by_their_gyroscopes():
+    bias = [Imu(grade=name).sensors.gyroscope.bias[0] for name in ("tactical", "navigation")]
+    assert bias == pytest.approx([DEG_PER_HOUR, 0.0035 * DEG_PER_HOUR])
+
+
+def test_what_is_given_replaces_what_the_grade_says():
+    told = Imu(grade="tactical", accelerometer={"bias": 0.0, "scale_factor": "1ppm"}).sensors
+    grade = Imu(grade="tactical").sensors
+    assert told.accelerometer.bias == (0.0,) * 3
+    assert told.accelerometer.scale_factor == (1e-6,) * 3
+    assert told.accelerometer.random_walk == grade.accelerometer.random_walk
+    assert told.gyroscope == grade.gyroscope
+
+
+def test_a_users_own_grade(own):
+    it = load_scenario(None, [f"imu.grades={own}", "imu.grade=mine"])
+    assert it.imu.sensors.gyroscope.bias[2] == pytest.approx(3.0 * DEG_PER_HOUR)
+    assert it.imu.sensors.accelerometer.bias_time == (1000.0,) * 3
+    assert it.imu.sensors.accelerometer.scale_factor == (0.0,) * 3
+    assert validate_scenario(it.model_dump(mode="json")) == it
+
+
+def test_a_users_own_grade_comes_before_one_of_the_same_name(own):
+    sensors = Imu(grade="tactical", grades=own).sensors
+    assert sensors.gyroscope.bias[0] == pytest.approx(7.0 * DEG_PER_HOUR)
+    assert sensors.accelerometer.bias == (0.0,) * 3
+
+
+def test_a_changed_file_is_read_anew(own, tmp_path):
+    assert Imu(grade="mine", grades=own)
+    (tmp_path / "grades.yaml").write_text("other: {}\n" + OWN.replace("mine", "yours"))
+    with pytest.raises(ValueError, match=r"'mine' is not known; allowed: .*yours"):
+        Imu(grade="mine", grades=own)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("mine: {gyroscope: {bias: 5ug}}", "mine: gyroscope.bias: 'ug' is not a unit"),
+        ("mine: {gyroscope: {drift: 1}}", "mine: unknown key 'gyroscope.drift'"),
+        ("- mine", "must map names of grades"),
+        ("mine: {", "not valid YAML (line "),
+        ("mine: 3", "mine: "),
+    ],
+)
+def test_a_bad_file_gives_one_line(tmp_path, text, says):
+    path = tmp_path / "grades.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_scenario(None, [f"imu.grades={path}", "imu.grade=mine"])
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        load_scenario(None, [f"imu.grades={tmp_path / 'none.yaml'}"])
+
+
+def test_resolved_gives_every_error():
+    document = Imu(grade="tactical", gyroscope={"bias": "2deg/h"}).resolved()
+    assert document["gyroscope"]["bias"] == pytest.approx((2.0 * DEG_PER_HOUR,) * 3)
+    assert document["accelerometer"]["scale_factor"] == pytest.approx((3e-4,) * 3)
+    for key in Imu.errors:
+        section, _, name = key.partition(".")
+        assert len(document[section][name]) == 3
