@@ -136,7 +136,8 @@ def _merge(
 def _multiple(factor: float, told: Any, where: str) -> Any:
     """Return a number, or each of several, times a factor."""
     if not _has_numbers(told):
-        said = "says nothing; give a number" if told == 0 else "is no number"
+        zero = told == 0 or (isinstance(told, tuple | list) and all(one == 0 for one in told))
+        said = "says nothing; give a number" if zero else "is no number"
         raise ValueError(f"{where} of {told!r} {said}")
     return [factor * one for one in told] if isinstance(told, tuple | list) else factor * told
 
