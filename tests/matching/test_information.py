@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from helpers.batches import field_map_of, make_batch
 from helpers.navigators import random_covariance
-from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.information import likelihood_information, measurement_only, shares
+from isogal.matching.interfaces import Information
 from isogal.matching.pmht.attitude import with_attitude
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -169,3 +170,24 @@ def test_without_attitude_it_is_position_and_velocity():
     mean, _, prior = with_attitude(batch, likelihood, np.ones(4), np.eye(4))
     assert mean.shape == (4,)
     assert prior is batch.prior
+
+
+@given(seeds, st.integers(1, 8))
+def test_shares_taken_scan_by_scan_are_the_whole(seed, count):
+    prior, mean, covariance, vector, M = cases(seed)
+    # from scan to scan, and from the last one back to each
+    steps = np.eye(4) + np.diag([0.3, 0.3], 2) * np.arange(1.0, count + 1)[:, None, None]
+    backward = [np.eye(4)]
+    for step in steps[:0:-1]:
+        backward.insert(0, np.linalg.solve(step, backward[0]))
+    estimate, P = np.zeros(4), backward[0] @ prior @ backward[0].T  # its error is the unknown
+    for scan, share in enumerate(shares(Information(vector, M), prior, np.array(backward))):
+        if scan:
+            estimate, P = steps[scan] @ estimate, steps[scan] @ P @ steps[scan].T
+        gain, P = bayes(P, share.vector, share.matrix)
+        estimate = estimate + gain
+    sigma = np.sqrt(np.diag(prior))
+    np.testing.assert_allclose(estimate / sigma, mean / sigma, atol=1e-6)
+    np.testing.assert_allclose(
+        P / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-6
+    )

@@ -98,6 +98,38 @@ def test_fixes_help(name, share):
     assert published > 8
 
 
+@pytest.mark.parametrize("settings", [{"stride": 1}, {"stride": 2}, {"batch_length": 2}])
+def test_batches_of_one_or_two_new_readings_are_as_good(settings):
+    errors = [
+        np.sqrt((simulate(it, range(6), MAP).error[:, 30:] ** 2).sum(axis=-1).mean())
+        for it in (scenario(stride=5), scenario(**settings))
+    ]
+    assert errors[1] < 1.25 * errors[0]
+
+
+def test_retrodiction_ends_where_standard_aiding_does_and_has_smaller_steps():
+    past = {}
+
+    def keep(scan, which, state):
+        for row, run in enumerate(which):
+            past[run, scan] = state.position[row, :2].copy()
+
+    standard = simulate(scenario(), range(4), MAP)
+    late = simulate(scenario(mode="retrodiction"), range(4), MAP, revised=keep)
+    sigma = np.sqrt(np.trace(standard.posterior_covariance, axis1=2, axis2=3))
+    apart = np.linalg.norm(late.posterior_error - standard.posterior_error, axis=2)
+    assert (apart < 0.2 * sigma).all()
+    np.testing.assert_allclose(
+        np.trace(late.posterior_covariance, axis1=2, axis2=3), sigma**2, rtol=0.1
+    )
+    track = np.array([[past[run, scan] for scan in range(1, 61)] for run in range(4)])
+    error = horizontal_difference(
+        track[..., 0], track[..., 1], standard.latitude[1:], standard.longitude[1:]
+    )
+    steps, jumps = (np.linalg.norm(np.diff(e, axis=1), axis=2) for e in (error, standard.error))
+    assert np.sqrt((steps**2).mean()) < 0.5 * np.sqrt((jumps**2).mean())
+
+
 def test_record_of_the_loop():
     it = scenario(stride=5)
     trajectory = build_trajectory(it)

@@ -32,16 +32,13 @@ class Outputs:
         """Publish what a batch has given with the navigator's estimate at its end."""
         self._candidates.publish(candidates_cloud(ns, fix.candidates))
         height = nav.position[2]
-        each_scan = fix.published and self._retrodict and not fix.reset
-        if each_scan and fix.scan_position is not None and fix.scan_covariance is not None:
+        if fix.published and self._retrodict and not fix.reset and fix.scan_position is not None:
             # a fix for each scan that no earlier batch has used; the last one is that of the batch
             # end
-            for stamp, position, covariance in zip(
-                batch.scan_time, fix.scan_position, fix.scan_covariance, strict=True
-            ):
-                if np.isfinite(covariance).all():
-                    one = Fix(float(stamp), float(position[0]), float(position[1]), covariance)
-                    self._send(from_seconds(stamp), WholeFix(one), height)
+            for index, stamp in enumerate(batch.scan_time):
+                share = fix.of_scan(index)
+                if share is not None:
+                    self._send(from_seconds(stamp), WholeFix(share), height)
         else:
             estimate = Estimate(nav.position, nav.velocity, from_matrix(nav.attitude))
             self._send(ns, WholeFix(fix, estimate), height)

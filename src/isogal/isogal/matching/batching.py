@@ -156,6 +156,7 @@ class BatchBuilder:
             back_transition=None if before < 0 else every[before],
             back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
+            backward=backward[:, : len(prior), : len(prior)],
         )
         if self.covariance is None:
             return batch

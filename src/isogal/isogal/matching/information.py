@@ -48,6 +48,36 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     )
 
 
+def shares(information: Information, prior: Array, backward: Array) -> tuple[Information, ...]:
+    """Return n equal shares of information about the error x at a batch end, for n earlier scans
+    (docs/mathematics.md, section 7.4).
+
+    Parameters
+    ----------
+    prior : (k, k) array
+        Of x, before any of them.
+    backward : (n, k, k) array
+        Error at each scan per unit of x.
+
+    Returns
+    -------
+    tuple of Information
+        Each about the error at its scan, relative to the estimate there of a navigator that has
+        taken the ones before.
+    """
+    count, size = len(backward), len(prior)
+    result = []
+    for taken, forward in enumerate(np.linalg.inv(backward)):
+        share = taken / count
+        mean = np.linalg.solve(
+            np.eye(size) + share * prior @ information.matrix, share * prior @ information.vector
+        )
+        left = information.vector - information.matrix @ mean
+        matrix = symmetric(forward.T @ information.matrix @ forward)
+        result.append(Information(forward.T @ left / count, matrix / count))
+    return tuple(result)
+
+
 def posterior_of(fix: Fix, batch: Batch) -> tuple[Array, Array]:
     """Return mean (4,) and covariance (4, 4) of xi by the batch's prior and its published fix."""
     if fix.information is not None:

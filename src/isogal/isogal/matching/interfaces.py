@@ -8,6 +8,7 @@ a metre (docs/mathematics.md, section 4.1), so the position error at scan t is
 fix, measurement information only: the navigator's prior is not in its covariance.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -73,6 +74,9 @@ class Batch:
     """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map.
     Rows are then scans times channels, and the rows of a scan, one after the other, share its
     stamp."""
+    backward: Array | None = None
+    """(T, 7, 7), or (T, 4, 4) without attitude: error at each scan per unit of error at the batch
+    end; None = not known."""
     reading_covariance: Array | None = None
     """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated; None =
     diag(sigma²)."""
@@ -90,7 +94,9 @@ class Batch:
         indices. How many of them are new is kept; `reading_covariance` is not cut.
         """
         which = slice(rows, None) if isinstance(rows, int) else rows
-        return replace(self, **{name: getattr(self, name)[which] for name in PER_ROW})
+        backward = None if self.backward is None else self.backward[which]
+        kept = {name: getattr(self, name)[which] for name in PER_ROW}
+        return replace(self, **kept, backward=backward)
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
         """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those
@@ -180,6 +186,9 @@ class Fix:
     scan_covariance: Array | None = None
     """(T, 2, 2) m², north-east, such that the T fixes together hold the information of
     `covariance` once."""
+    scan_information: "tuple[Information | None, ...] | None" = None
+    """T shares of `information`, each about the error at its own scan and relative to the estimate
+    there of a navigator that has taken the shares of earlier scans; None = positions say all."""
 
     @property
     def published(self) -> bool:
@@ -191,6 +200,23 @@ class Fix:
         """(7, 7) what the navigator's covariance must grow by before the fix is used; None =
         nothing."""
         return LOST_COVARIANCE if self.reset else None
+
+    def of_scan(self, index: int) -> "Fix | None":
+        """Return the share of one of the batch's T scans, for retrodiction; None where it has
+        none.
+        """
+        positions, covariances = self.scan_position, self.scan_covariance
+        if positions is None or covariances is None or index < 0:
+            return None
+        if not np.isfinite(covariances[index]).all():
+            return None
+        return Fix(
+            time=math.nan,  # of the scan
+            latitude=float(positions[index, 0]),
+            longitude=float(positions[index, 1]),
+            covariance=covariances[index],
+            information=None if self.scan_information is None else self.scan_information[index],
+        )
 
 
 class Matcher(Protocol):

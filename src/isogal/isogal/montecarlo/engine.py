@@ -214,12 +214,11 @@ class _ClosedLoop:
         for past in range(start + 1, scan + 1):
             self._propagate(part, runs, past)
             for row, run in enumerate(runs):
-                positions, covariances = fixes[run].scan_position, fixes[run].scan_covariance
-                assert positions is not None and covariances is not None
-                i = len(positions) - 1 - (scan - past)
-                if i >= 0 and np.isfinite(covariances[i]).all():
-                    navigator = NavigatorRun(part, self.model, row)
-                    navigator.update_position(positions[i, 0], positions[i, 1], covariances[i])
+                fix = fixes[run]
+                count = 0 if fix.scan_position is None else len(fix.scan_position)
+                share = fix.of_scan(count - 1 - (scan - past))
+                if share is not None:
+                    apply_fix(share, NavigatorRun(part, self.model, row))
             if self.revised is not None:
                 self.revised(past, runs, part)
         for target, source in zip(self.state.arrays(), part.arrays(), strict=True):

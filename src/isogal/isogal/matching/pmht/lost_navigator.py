@@ -185,6 +185,7 @@ def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:
         reset=True,
         scan_position=None,  # of scans that the navigator saw elsewhere
         scan_covariance=None,
+        scan_information=None,
     )
 
 

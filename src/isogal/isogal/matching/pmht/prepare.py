@@ -15,9 +15,6 @@ from isogal.matching.pmht.settings import Settings
 from isogal.matching.pmht.state import State, Verdict, likelihood_of
 from isogal.matching.usability import unusable
 
-FEWEST_READINGS = 3
-"""New readings that a batch needs: two unknowns of position, and one to see whether they fit."""
-
 
 def refusal(batch: Batch, field_map: AnyMap, settings: Settings) -> str | None:
     """Return why a batch cannot be matched at all, in one line; None where it can."""
@@ -57,8 +54,8 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
         learnt=map_error,
         variance_factor=factor,
     )
-    if np.isfinite(batch.reading[-batch.new :]).sum() < FEWEST_READINGS:
-        return state.decided(Verdict("fewer than three readings in the batch", hypotheses=prior))
+    if not np.isfinite(batch.reading[-batch.new :]).any():
+        return state.decided(Verdict("no new reading in the batch", hypotheses=prior))
     return state
 
 

@@ -12,8 +12,9 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
-from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.information import likelihood_information, measurement_only, shares
 from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.clustering import pieces
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.contours import contour_candidates
@@ -68,6 +69,9 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
     scan_north, scan_east = metres_per_radian(each.latitude)
     scan_covariance = np.full((len(each), 2, 2), np.nan)
     scan_covariance[new] = error_covariance * each.new
+    parts: list[Information | None] = [None] * len(each)
+    if each.backward is not None:
+        parts[new] = shares(information, joint_prior(batch), each.backward[new])
     return Fix(
         time=float(batch.time[-1]),
         latitude=float(batch.latitude[-1] - error[0] / north),
@@ -81,6 +85,7 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
             axis=-1,
         ),
         scan_covariance=scan_covariance,
+        scan_information=None if each.backward is None else tuple(parts),
     )
 
 
