@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 
 from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import SETTLED_AFTER, summarise
+from isogal.evaluation.summary import summarise
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate

@@ -24,6 +24,8 @@ CONTRACT = {
     "unaided": {"mean", "rms"},
     "bound": {"rms", "rms_after_1h"},
     "nees_per_axis": {"mean", "interval"},
+    "nees_all_scans": {"mean", "interval"},
+    "judgement": {"share", "runs"},
     "fixes": {"published", "declined"},
     "time": {"wall_s", "fix_ms_median"},
     "rms_over_time": {"time", "aided", "unaided", "bound"},
@@ -114,6 +116,7 @@ def test_figures_that_do_not_exist_are_null(make_runs):
     assert result["position_error"]["mean_after_1h"] is None
     assert result["bound"]["rms"] is None
     assert result["nees_per_axis"] == {"mean": None, "interval": [None, None]}
+    assert result["judgement"]["share"]["good"] == 0.0  # a run without fixes is no success
     assert result["time"] == {"wall_s": None, "fix_ms_median": None}
     assert "NaN" not in canonical_json(result)
 

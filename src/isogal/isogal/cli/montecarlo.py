@@ -113,6 +113,7 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     from rich.table import Table
 
     from isogal.evaluation.html_report import number
+    from isogal.evaluation.judgement import KINDS
 
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
     fixes = summary["fixes"]
@@ -130,7 +131,9 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     table.add_row("unaided INS, RMS (m)", number(summary["unaided"]["rms"]), "")
     table.add_row("NEES per axis", number(nees["mean"]), "")
     table.add_row("  consistent within", " to ".join(number(end) for end in nees["interval"]), "")
-    table.add_row("diverged runs", str(summary["diverged"]), "")
+    table.add_row("NEES per axis, all scans", number(summary["nees_all_scans"]["mean"]), "")
+    for kind, which in summary["judgement"]["runs"].items():
+        table.add_row(f"runs {KINDS[kind]}", str(len(which)), "")
     table.add_row("fixes, declined", f"{fixes['published']}, {fixes['declined']}", "")
     console = Console()
     console.print(table)

@@ -2,6 +2,7 @@
 
 records            what runs leave behind, as arrays; files of them
 summary            figures of merit of a set of runs: results.json, summary.json
+judgement          is a run worse than without aiding, or not what it claims?
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
 ins_error_model    the navigator's linear error model along a trajectory

@@ -15,6 +15,7 @@ from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
@@ -107,13 +108,19 @@ def _key_figures(summary: dict[str, Any]) -> Table:
         ("RMS error over bound", _ratio(error["rms"], bound["rms"]), ratio),
         ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
-        ("Diverged runs", f"{summary['diverged']} of {summary['runs']}", ""),
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
+        ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
+        *_judgement(summary),
         ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
         ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
         ("Wall time (s)", number(time["wall_s"]), ""),
     ]
     return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
+
+
+def _judgement(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
+    runs, total = summary["judgement"]["runs"], summary["runs"]
+    return [(f"Runs {text}", f"{len(runs[kind])} of {total}", "") for kind, text in KINDS.items()]
 
 
 def _ratio(value: float | None, reference: float | None) -> str:

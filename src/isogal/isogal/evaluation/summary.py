@@ -8,7 +8,8 @@ from typing import Any, cast
 import numpy as np
 
 from isogal.arrays import Array, Booleans
-from isogal.evaluation.consistency import mean_nees, nees_per_axis
+from isogal.evaluation.consistency import MeanNees, mean_nees, nees_per_axis
+from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
@@ -18,8 +19,6 @@ DIVERGENCE_LIMIT = 2000.0
 unaided INS there; docs/mathematics.md, section 11.4)."""
 DIVERGENCE_WINDOW = 1800.0
 """s, length of that last part."""
-SETTLED_AFTER = 3600.0
-"""s; figures "after 1 h" are of the time after this."""
 OVER_TIME_STEP = 60.0
 """s between the entries of rms_over_time."""
 
@@ -50,8 +49,9 @@ def summarise(
         Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m:
         mean and RMS over time and runs, both also after the first hour), `unaided`, `bound`,
         `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
-        many independent values as they are worth; docs/mathematics.md, section 11.3), `fixes`,
-        `time`, `rms_over_time`.
+        many independent values as they are worth; docs/mathematics.md, section 11.3),
+        `nees_all_scans` (the same at every recorded state but the start), `judgement` (shares and
+        indices of runs that let their user down; `Judgement`), `fixes`, `time`, `rms_over_time`.
 
     Raises
     ------
@@ -64,12 +64,12 @@ def summarise(
         raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, published = runs.elapsed > SETTLED_AFTER, runs.published
-    nees = mean_nees(posterior_nees(runs))
+    astray = diverged(runs)
     result = {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
         "runs": len(runs),
-        "diverged": int(diverged(runs).sum()),
+        "diverged": int(astray.sum()),
         "position_error": {
             "mean": _mean(aided),
             "rms": _rms(aided),
@@ -78,12 +78,18 @@ def summarise(
         },
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
-        "nees_per_axis": {"mean": nees.mean, "interval": list(nees.interval)},
+        "nees_per_axis": _nees(mean_nees(posterior_nees(runs))),
+        "nees_all_scans": _nees(mean_nees(all_scans_nees(runs))),
+        "judgement": judge(runs, astray).as_json(),
         "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
         "rms_over_time": _rms_over_time(runs, bound_rms),
     }
     return cast(dict[str, Any], plain(result))
+
+
+def _nees(nees: MeanNees) -> dict[str, Any]:
+    return {"mean": nees.mean, "interval": list(nees.interval)}
 
 
 def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:

@@ -67,14 +67,20 @@ class Console:
         """Print the figures of a run."""
         from rich.console import Console as Terminal
 
+        from isogal.evaluation.judgement import KINDS
+
         terminal = Terminal()
         terminal.print(_errors(summary))
         nees, fixes, took = summary["nees_per_axis"], summary["fixes"], summary["time"]
         low, high = nees["interval"]
         if nees["mean"] is not None and low is not None:
             terminal.print(
-                f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f})"
+                f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f}),"
+                f" at all scans {summary['nees_all_scans']['mean']:.2f}"
             )
+        faults = [KINDS[kind] for kind, runs in summary["judgement"]["runs"].items() if runs]
+        if faults:
+            terminal.print(f"This run: {', '.join(faults)}")
         median = took["fix_ms_median"]
         each = "" if median is None else f", {median:.1f} ms each (median)"
         terminal.print(

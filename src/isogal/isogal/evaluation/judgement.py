@@ -1,0 +1,98 @@
+"""Runs judged by what their user loses (docs/mathematics.md, section 11.4): is a run better than
+without aiding, and is its error what the navigator claims?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.evaluation.consistency import nees_per_axis
+from isogal.evaluation.records import Runs
+
+SETTLED_AFTER = 3600.0
+"""s; figures "after 1 h" are of the time after this."""
+CLAIMED_SIGMAS = 5.0
+"""An error outside of so many sigmas of the navigator's own covariance is one that its user cannot
+expect: for a consistent navigator once in 270,000."""
+CLAIM_WINDOW = 600.0
+"""s that an error has to stay outside."""
+
+
+KINDS = {
+    "unaided": "without any fix",
+    "worse_than_unaided": "worse than unaided",
+    "overconfident": "beyond 5 claimed sigmas for 10 min",
+    "diverged": "diverged (2 km at the end)",
+}
+"""Ways in which a run lets its user down, in words."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """Whether each of R runs has let its user down, and how."""
+
+    unaided: Booleans
+    """(R,) no fix was published at all: such a run is no success of the matcher."""
+    worse_than_unaided: Booleans
+    """(R,) RMS horizontal error after the first hour above that of the unaided navigator with the
+    same inertial data, in spite of fixes, or rather because of them."""
+    overconfident: Booleans
+    """(R,) error outside of `CLAIMED_SIGMAS` for `CLAIM_WINDOW` at a stretch."""
+    diverged: Booleans
+    """(R,) `isogal.evaluation.summary.diverged`, the paper's 2 km."""
+
+    @property
+    def good(self) -> Booleans:
+        """(R,) none of them."""
+        return ~(self.unaided | self.worse_than_unaided | self.overconfident | self.diverged)
+
+    def as_json(self) -> dict[str, dict[str, object]]:
+        """Return the share of runs, and the indices of the runs, of each kind; without the indices
+        of good ones."""
+        kinds: dict[str, Booleans] = {kind: getattr(self, kind) for kind in KINDS}
+        shares = {"good": self.good} | kinds
+        return {
+            "share": {name: float(which.mean()) for name, which in shares.items()},
+            "runs": {name: np.flatnonzero(which) for name, which in kinds.items()},
+        }
+
+
+def judge(runs: Runs, diverged: Booleans) -> Judgement:
+    """Judge each run of a record, given which have diverged."""
+    unaided = np.asarray(~runs.published.any(axis=1))
+    return Judgement(
+        unaided=unaided,
+        worse_than_unaided=~unaided & ~_better_than_unaided(runs),
+        overconfident=_beyond_claim(runs),
+        diverged=diverged,
+    )
+
+
+def all_scans_nees(runs: Runs) -> Array:
+    """Return (R, K - 1) NEES per axis of the navigator at every recorded state but the start."""
+    return nees_per_axis(runs.error[:, 1:], runs.covariance[:, 1:])
+
+
+def _better_than_unaided(runs: Runs) -> Booleans:
+    """Return (R,) whether the RMS error after the first hour, or of the whole run where it is
+    shorter, is at most that of the unaided navigator."""
+    settled = runs.elapsed > SETTLED_AFTER
+    part = settled if settled.any() else slice(None)
+    aided, unaided = (
+        (error[:, part] ** 2).mean(axis=1)
+        for error in (runs.horizontal_error, runs.unaided_horizontal_error)
+    )
+    return np.asarray(aided <= unaided)
+
+
+def _beyond_claim(runs: Runs) -> Booleans:
+    """Return (R,) whether the error is outside of the claimed sigmas at all states of some window;
+    an error that is not finite counts as outside."""
+    squared = 2.0 * nees_per_axis(runs.error, runs.covariance)
+    outside = ~(squared <= CLAIMED_SIGMAS**2)
+    since = np.full(len(runs), np.nan)  # when the present stretch began; NaN = inside
+    found = np.zeros(len(runs), dtype=np.bool_)
+    for k, now in enumerate(runs.elapsed):
+        since = np.where(outside[:, k], np.where(np.isnan(since), now, since), np.nan)
+        found |= now - since >= CLAIM_WINDOW
+    return found

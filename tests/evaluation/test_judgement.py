@@ -1,0 +1,120 @@
+"""Runs judged by what their user loses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isogal.evaluation.judgement import KINDS, all_scans_nees, judge
+from isogal.evaluation.summary import diverged, summarise
+from isogal.scenario import Scenario
+
+SCALE = 50.0
+"""m, 1-sigma of either axis that the made-up runs claim."""
+
+
+@pytest.fixture
+def calm(make_runs):
+    """Four runs with errors of 10 m, unaided ones of 300 m."""
+    runs = make_runs(runs=4, scale=SCALE)
+    return replace(
+        runs, error=np.full((4, 121, 2), 10.0), unaided_error=np.full((4, 121, 2), 300.0)
+    )
+
+
+def flags(runs):
+    judgement = judge(runs, diverged(runs))
+    return {kind: np.flatnonzero(getattr(judgement, kind)).tolist() for kind in (*KINDS, "good")}
+
+
+def test_good_runs_are_good(calm):
+    assert flags(calm) == {kind: [] for kind in KINDS} | {"good": [0, 1, 2, 3]}
+
+
+def test_a_run_without_any_fix_is_not_good_and_not_called_worse(calm):
+    none = tuple(("flat",) * 24 if run == 2 else (None,) * 24 for run in range(4))
+    runs = replace(calm, fix_reason=none, unaided_error=calm.error - 1.0)
+    assert flags(runs) == {
+        "unaided": [2],
+        "worse_than_unaided": [0, 1, 3],
+        "overconfident": [],
+        "diverged": [],
+        "good": [],
+    }
+
+
+def test_worse_than_unaided_is_after_the_first_hour(calm):
+    error = calm.error.copy()
+    error[0, :61] = 240.0  # within the first hour
+    error[1, 61:] = 301.0
+    error[2, 61] = np.nan
+    result = flags(replace(calm, error=error, covariance=calm.covariance * 100.0))
+    assert result["worse_than_unaided"] == [1, 2]
+    short = {
+        name: getattr(calm, name)[..., :31] if name == "time" else getattr(calm, name)[:, :31]
+        for name in ("time", "error", "covariance", "unaided_error")
+    }
+    short |= {"latitude": calm.latitude[:31], "longitude": calm.longitude[:31]}
+    short["error"] = short["error"] * [[[1.0]], [[40.0]], [[1.0]], [[1.0]]]
+    assert flags(replace(calm, **short))["worse_than_unaided"] == [1]
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "states", "found"),
+    [(4.9, 121, []), (5.1, 10, []), (5.1, 11, [1]), (50.0, 5, [])],
+    ids=["within", "9 min", "10 min", "4 min"],
+)
+def test_beyond_claimed_sigmas_for_ten_minutes(calm, sigmas, states, found):
+    error = calm.error.copy()
+    error[1, :states] = [sigmas * SCALE, 0.0]
+    runs = replace(calm, error=error, unaided_error=calm.unaided_error * 100.0)
+    assert flags(runs)["overconfident"] == found
+
+
+def test_a_stretch_that_is_broken_does_not_count(calm):
+    error = calm.error.copy()
+    error[1, :40] = [300.0, 0.0]
+    error[1, 5:40:10] = 0.0
+    assert flags(replace(calm, error=error))["overconfident"] == []
+    error[1, 30:40] = np.nan
+    error[1, 40] = np.nan
+    assert flags(replace(calm, error=error))["overconfident"] == [1]
+
+
+def test_consistent_runs_are_hardly_ever_flagged(make_runs):
+    """121 states of 300 runs, independent: beyond 5 sigmas 11 times in a row never."""
+    result = judge(make_runs(runs=300), np.zeros(300, dtype=bool))
+    assert not result.overconfident.any()
+    assert result.good.mean() > 0.96  # one unaided run in a hundred is lucky
+
+
+def test_nees_at_all_scans_sees_what_no_fix_shows(make_runs):
+    runs = make_runs(runs=100)
+    result = summarise(runs, Scenario(), np.ones(121))
+    assert result["nees_all_scans"]["mean"] == pytest.approx(1.0, abs=0.03)
+    assert all_scans_nees(runs).shape == (100, 120)
+    error = runs.error.copy()
+    error[:, 60:] *= 3.0
+    result = summarise(replace(runs, error=error), Scenario(), np.ones(121))
+    assert result["nees_all_scans"]["mean"] == pytest.approx((59 + 61 * 9) / 120, rel=0.03)
+    low, high = result["nees_all_scans"]["interval"]
+    assert low < 1.0 < high < 1.2
+
+
+def test_shares_and_indices_in_the_results(calm):
+    error = calm.error.copy()
+    error[3] = 3000.0
+    result = summarise(replace(calm, error=error), Scenario(), np.ones(121))["judgement"]
+    assert result["share"] == {
+        "good": 0.75,
+        "unaided": 0.0,
+        "worse_than_unaided": 0.25,
+        "overconfident": 0.25,
+        "diverged": 0.25,
+    }
+    assert result["runs"] == {
+        "unaided": [],
+        "worse_than_unaided": [3],
+        "overconfident": [3],
+        "diverged": [3],
+    }
