@@ -24,6 +24,8 @@ KEYS = [
         "unaided",
         "bound",
         "nees_per_axis",
+        "nees_all_scans",
+        "judgement",
         "fixes",
         "time",
     ),

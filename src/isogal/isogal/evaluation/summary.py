@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from isogal.arrays import Array, Booleans
-from isogal.evaluation.consistency import MeanNees, mean_nees, nees_per_axis
+from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
@@ -78,9 +78,7 @@ def summarise(
         },
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
-        "nees_per_axis": _nees(mean_nees(posterior_nees(runs))),
-        "nees_all_scans": _nees(mean_nees(all_scans_nees(runs))),
-        "judgement": judge(runs, astray).as_json(),
+        **_consistency(runs, astray),
         "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
         "rms_over_time": _rms_over_time(runs, bound_rms),
@@ -88,8 +86,13 @@ def summarise(
     return cast(dict[str, Any], plain(result))
 
 
-def _nees(nees: MeanNees) -> dict[str, Any]:
-    return {"mean": nees.mean, "interval": list(nees.interval)}
+def _consistency(runs: Runs, astray: Booleans) -> dict[str, Any]:
+    after_fixes, all_scans = mean_nees(posterior_nees(runs)), mean_nees(all_scans_nees(runs))
+    return {
+        "nees_per_axis": {"mean": after_fixes.mean, "interval": list(after_fixes.interval)},
+        "nees_all_scans": {"mean": all_scans.mean, "interval": list(all_scans.interval)},
+        "judgement": judge(runs, astray).as_json(),
+    }
 
 
 def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:
