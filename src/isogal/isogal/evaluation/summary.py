@@ -63,8 +63,7 @@ def summarise(
     if bound_rms.shape != runs.time.shape:
         raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
-    settled, published = runs.elapsed > SETTLED_AFTER, runs.published
-    astray = diverged(runs)
+    settled, published, astray = runs.elapsed > SETTLED_AFTER, runs.published, diverged(runs)
     result = {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
