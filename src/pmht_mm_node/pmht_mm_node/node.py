@@ -51,7 +51,11 @@ class PmhtMmNode(GraphNode):
         self._map = map_for_scenario(self.scenario)
         reduction, covariance = field.reduction(self.scenario), field.covariance(self.scenario)
         self._builder = BatchBuilder(
-            self.scenario.matcher, reduction, self._matcher.context, covariance
+            self.scenario.matcher,
+            reduction,
+            self._matcher.context,
+            covariance,
+            self.scenario.gravimeter,
         )
         warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)
@@ -85,9 +89,11 @@ class PmhtMmNode(GraphNode):
     def _scan(self, nav: NavSample, reading: Any) -> None:
         for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
-        latitude, longitude, _ = nav.position
+        latitude, longitude, height = nav.position
         velocity, sigma = nav.velocity[:2], self.scenario.gravimeter.sigma
-        self._builder.add_scan(to_seconds(nav.ns), latitude, longitude, velocity, reading, sigma)
+        self._builder.add_scan(
+            to_seconds(nav.ns), latitude, longitude, velocity, reading, sigma, height=height
+        )
         if self._builder.ready:
             self._match(nav)
 

@@ -13,6 +13,8 @@ from helpers.batches import field_map_of, make_batch
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+from isogal.matching.reading_noise import reading_covariance
+from isogal.scenario import Gravimeter
 
 T, SIGMA = 12, 1e-5
 SLOPE = np.array([2e-8, -3e-8])
@@ -95,6 +97,43 @@ def test_new_readings_count_given_the_old(noise):
         marginal = multivariate_normal.logpdf(batch.reading[old], mean[old], R[old, old])
         assert log + likelihood.log_normaliser == pytest.approx(joint - marginal, rel=1e-8)
     assert likelihood.new_count == 5
+
+
+def test_noise_correlated_in_time_is_beside_the_map_s():
+    """Against a dense normal, new readings given the old."""
+    times = 1000.0 + np.array([0, 10, 20, 30, 60, 70, 80, 90, 100, 110, 180, 190.0])
+    turning = np.stack([20.0 * np.cos(times / 90.0), 20.0 * np.sin(times / 90.0)], axis=1)
+    instrument = Gravimeter(
+        correlated_sigma=2e-5, correlation_time=45.0, cross_coupling=5e-5, interval=10.0
+    )
+    batch = plane_batch(new=5, drift=False, time=times)
+    batch = replace(
+        batch, reading_covariance=reading_covariance(instrument, times, batch.sigma, turning)
+    )
+    batch = replace(batch, reading=np.where(np.arange(T) == 8, np.nan, batch.reading))
+    likelihood = BatchLikelihood.of(batch, PLANE, CORRELATED)
+    there = np.isfinite(batch.reading)
+    at, H, R, _ = linear_model(batch, CORRELATED)
+    coupling = np.zeros((T, 2))
+    for i in range(T):
+        a, b = (i - 1, i) if i else (0, 1)
+        mean = (turning[b] - turning[a]) / (times[b] - times[a])
+        course = np.arctan2(*(turning[a] + turning[b])[::-1])
+        forward = mean @ [np.cos(course), np.sin(course)]
+        coupling[i] = forward, mean @ [-np.sin(course), np.cos(course)]
+    for i in range(T):
+        for j in range(T):
+            R[i, j] += 4e-10 * np.exp(-abs(times[i] - times[j]) / 45.0)
+            R[i, j] += 25e-10 * (coupling[i] @ coupling[j])
+    old = there & (np.arange(T) < T - 5)
+    for xi, log in zip(XI, likelihood.log(XI), strict=True):
+        mean = at + H @ xi
+        joint, marginal = (
+            multivariate_normal.logpdf(batch.reading[some], mean[some], R[np.ix_(some, some)])
+            for some in (there, old)
+        )
+        assert log + likelihood.log_normaliser == pytest.approx(joint - marginal, rel=1e-8)
+    assert likelihood.new_count == 4
 
 
 def test_drift_of_new_readings_given_the_old():

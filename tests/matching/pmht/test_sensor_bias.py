@@ -59,8 +59,38 @@ def posterior(batch):
     return -covariance @ slope.T @ weighted[:, 0], covariance, likelihood
 
 
+def noise_of(random, number, walk, wandered):
+    """White noise and walk of the bias in a batch, and the walk by its end."""
+    noise = SIGMA * random.standard_normal(SCANS)
+    if walk:
+        steps = walk * np.sqrt(INTERVAL) * random.standard_normal(SCANS)
+        steps[0] *= number > 0
+        noise += wandered + np.cumsum(steps)
+        wandered += steps.sum()
+    return noise, wandered
+
+
+def of_all(designs, residuals, times, start_sigma, walk):
+    """Mean (6,) and covariance of error, bias and drift at the end of the last batch, by all
+    readings at once."""
+    H, r = np.concatenate(designs), np.concatenate(residuals)
+    elapsed = np.concatenate(times)
+    start = np.diag([*start_sigma**2, BIAS_SIGMA**2, DRIFT_SIGMA**2])
+    end = np.eye(6)
+    end[:4, :4] = np.linalg.matrix_power(FORWARD, BATCHES - 1)
+    end[4, 5] = elapsed[-1]
+    wandering = walk**2 * np.minimum(elapsed[:, None], elapsed)
+    R = H @ start @ H.T + wandering + SIGMA**2 * np.eye(len(r))
+    cross = end @ start @ H.T
+    cross[4] += walk**2 * elapsed  # with what the bias has wandered by the end
+    spread = end @ start @ end.T - cross @ np.linalg.solve(R, cross.T)
+    spread[4, 4] += walk**2 * elapsed[-1]
+    return cross @ np.linalg.solve(R, r), spread
+
+
+@pytest.mark.parametrize("walk", [0.0, 1e-6])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
+def test_a_chain_of_batches_is_conditioning_on_all_readings(seed, walk):
     random = np.random.default_rng(seed)
     start_sigma = np.array([400.0, 300.0, 0.1, 0.1])
     theta = random.standard_normal(2) * [BIAS_SIGMA, DRIFT_SIGMA]  # at t = 1000 s
@@ -68,18 +98,20 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
     prior = np.diag(start_sigma**2)
     estimate = BiasEstimate.unknown(1000.0, BIAS_SIGMA, DRIFT_SIGMA)
     corrections = np.zeros(4)  # of the navigator so far, as an error at the end of the batch
-    residuals, designs = [], []
+    residuals, designs, times, wandered = [], [], [], 0.0
     for number in range(BATCHES):
-        noise = SIGMA * random.standard_normal(SCANS)
+        noise, wandered = noise_of(random, number, walk, wandered)
         raw = batch_of(
             number, error, prior, lambda t, e=noise: theta[0] + theta[1] * (t - 1000.0) + e
         )
+        raw = replace(raw, bias_walk=walk)
         bias = estimate.at_end(raw)
         batch = bias.added_to(raw)
         # the same readings for a navigator that is never corrected, by its error at the end of the
         # first batch and by theta
         residual, slope = BatchLikelihood.of(raw, PLANE, NoiseModel()).linearise(np.zeros(4))
         residuals.append(residual - slope @ corrections)
+        times.append(raw.time - 1000.0)
         carried = np.linalg.matrix_power(FORWARD, number)
         designs.append(np.column_stack([-slope @ carried, np.ones(SCANS), raw.time - 1000.0]))
 
@@ -88,14 +120,7 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed):
         corrections = FORWARD @ (corrections + mean)
         error, prior = FORWARD @ (error - mean), FORWARD @ covariance @ FORWARD.T
 
-    H, r = np.concatenate(designs), np.concatenate(residuals)
-    start = np.diag([*start_sigma**2, BIAS_SIGMA**2, DRIFT_SIGMA**2])
-    S = np.linalg.inv(np.linalg.inv(start) + H.T @ H / SIGMA**2)
-    # to the end of the last batch
-    end = np.eye(6)
-    end[:4, :4] = np.linalg.matrix_power(FORWARD, BATCHES - 1)
-    end[4, 5] = estimate.time - 1000.0
-    expected, spread = end @ S @ H.T @ r / SIGMA**2, end @ S @ end.T
+    expected, spread = of_all(designs, residuals, times, start_sigma, walk)
     scale = np.sqrt(np.diag(spread))
     np.testing.assert_allclose(
         (np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=2e-3

@@ -16,6 +16,18 @@ from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.reduction import Reduction
 
+OF_ONE_NUMBER = (
+    "sigma",
+    "bias",
+    "drift",
+    "correlated_sigma",
+    "bias_walk",
+    "cross_coupling",
+    "filter_time",
+    "delay",
+)
+"""Keys of the section `gravimeter` that hold for instruments whose readings are one number."""
+
 
 @dataclass(frozen=True)
 class Channels:
@@ -87,11 +99,11 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     Raises
     ------
     InputError
-        `gravimeter.sigma` is not in this field's unit, or sigma, bias or drift are given where
+        `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
         they do not count.
     """
     field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
-    for key in ("sigma", "bias", "drift"):
+    for key in OF_ONE_NUMBER:
         if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(
             Gravimeter(), key
         ):

@@ -11,6 +11,8 @@ from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.seeds import generator
+from isogal.sensors.gravimeter_errors import missing, slow_errors
+from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -25,23 +27,33 @@ class ReadingSimulator:
         """Draw all readings; raises InputError as `true_readings` does."""
         self.index = i = _scans(scenario, trajectory)
         """(scans,) index into the trajectory of each scan."""
-        truth = true_readings(scenario, trajectory, field_map)
         field = _measured(scenario, field_map)
-        errors = field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
-        channels, time = field.channels, trajectory.time[i]
+        channels = field.channels
+        truth = true_readings(scenario, trajectory, field_map)
+        felt = truth + field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
+        if Lag.of(scenario.gravimeter).mean > 0.0:
+            felt = _late(scenario, trajectory, field_map, felt, runs)
         noise = [
-            _noise(scenario, run, time)
+            _noise(scenario, run, trajectory, i)
             if channels is None
             else channels.noise(scenario, run, len(i))
             for run in runs
         ]
-        self.felt = field.reduction(scenario).report(truth + errors + np.stack(noise))
+        felt = field.reduction(scenario).report(felt + np.stack(noise))
+        for row, run in enumerate(runs):
+            felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
+        self.felt = felt
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
 
 
-def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> Array:
+def true_readings(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RouteMap,
+    index: Integers | None = None,
+) -> Array:
     """Return what a perfect instrument measures at each scan, (scans,) or (scans, C), with the map
-    as the truth.
+    as the truth; or at other places of the trajectory, by their index.
 
     Raises
     ------
@@ -49,7 +61,7 @@ def true_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMa
         The map does not cover the route, the instrument does not measure its quantity, or no such
         instrument can be there.
     """
-    i = _scans(scenario, trajectory)
+    i = _scans(scenario, trajectory) if index is None else index
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
     missing = ~np.isfinite(value.reshape(len(i), -1)).all(axis=1)
@@ -83,8 +95,60 @@ def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
     )
 
 
-def _noise(scenario: Scenario, run: int, time: Array) -> Array:
-    settings, scans = scenario.gravimeter, len(time)
+def _late(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RouteMap,
+    felt: Array,
+    runs: Sequence[int],
+) -> Array:
+    """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
+    one measures at the scans."""
+    scans = _scans(scenario, trajectory)
+    every = np.arange(len(trajectory) + 1)
+    truth = true_readings(scenario, trajectory, field_map, every)
+    error = felt - truth[scans]  # of the map
+    if scenario.map_error.sigma > 0.0:
+        error = between_scans(scenario, trajectory, error, runs)
+    else:
+        error = np.zeros((len(runs), len(every)))
+    lag = Lag.of(scenario.gravimeter)
+    return lag.report(trajectory.time, truth + error, trajectory.time[scans])
+
+
+def between_scans(
+    scenario: Scenario, trajectory: Trajectory, error: Array, runs: Sequence[int]
+) -> Array:
+    """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans
+    (R, scans): a Gauss-Markov process along the track, as `draw_map_error` is one along a straight
+    line; after the last scan it stays as it is."""
+    steps, length = scenario.steps_per_scan, scenario.map_error.correlation_length
+    scans = error.shape[1]
+    speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
+    keep = np.exp(-speed * trajectory.dt / length).reshape(scans, steps)
+    normal = scenario.map_error.sigma * np.stack(
+        [
+            generator(scenario.seed, run, "map_error_between").standard_normal((scans, steps))
+            for run in runs
+        ]
+    )
+    before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(1.0 - keep[0].prod() ** 2)
+    whole = np.empty((len(runs), len(trajectory) + 1))
+    whole[:, scans * steps :] = error[:, -1:]
+    inside = whole[:, : scans * steps].reshape(len(runs), scans, steps)
+    inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
+    for k in range(1, steps):
+        # a bridge: given the point before (correlation a) and the next scan (correlation b)
+        a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
+        rest = 1.0 - a**2 * b**2
+        mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
+        spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
+        inside[:, :, k] = mean + spread * normal[:, :, k]
+    return whole
+
+
+def _noise(scenario: Scenario, run: int, trajectory: Trajectory, index: Integers) -> Array:
+    settings, time, scans = scenario.gravimeter, trajectory.time[index], len(index)
     noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
         scans
     )
@@ -95,7 +159,8 @@ def _noise(scenario: Scenario, run: int, time: Array) -> Array:
             scans
         )
     offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
-    return noise + settings.bias * offset + settings.drift * rate * time
+    noise = noise + settings.bias * offset + settings.drift * rate * time
+    return noise + slow_errors(settings, scenario.seed, run, trajectory, index)
 
 
 def draw_map_error(

@@ -3,6 +3,8 @@
     interfaces             what a matcher is given and what it gives back
     registry               matchers by name (entry points `isogal.matchers`)
     batching               from scans, one by one, to batches
+    path                   where the navigator was, for readings that are late
+    reading_noise          covariance of the readings' noise, as told
     channels               batches of readings that are several numbers each
     usability              whether a batch can be used at all
     monitoring             what watches a matcher, and what it may ask of it

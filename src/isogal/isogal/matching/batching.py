@@ -2,8 +2,9 @@
 navigator's error does over it.
 """
 
+import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +17,11 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
+from isogal.matching.path import Path, sensed
+from isogal.matching.reading_noise import reading_covariance
+from isogal.scenario import Gravimeter
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import Reduction, State
 
 
@@ -29,6 +34,7 @@ class _Scan:
     reading: float | Array
     sigma: float
     offset: float
+    height: float
 
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
@@ -51,6 +57,9 @@ class BatchBuilder:
         How many scans before the batch the matcher wants to see as well.
     covariance : (C, C) array, optional
         Of the noise of readings that are C numbers each; None = they are one number.
+    instrument : scenario.Gravimeter, optional
+        What is known of readings that are one number: how late they are, and their noise beside
+        the white one; default: nothing.
     """
 
     def __init__(
@@ -59,11 +68,16 @@ class BatchBuilder:
         reduction: Reduction,
         context: int = 0,
         covariance: Array | None = None,
+        instrument: Gravimeter | None = None,
     ) -> None:
         self.settings = settings
         self.reduction = reduction
         self.covariance = covariance
-        self._scans: deque[_Scan] = deque(maxlen=settings.batch_length + context)
+        self.instrument = instrument or Gravimeter()
+        self._lag = Lag.of(self.instrument)
+        self._longest = settings.batch_length + context
+        older = math.ceil(self._lag.reach / self.instrument.interval)
+        self._scans: deque[_Scan] = deque(maxlen=self._longest + older)
         self._count = 0
         self._unused = 0
 
@@ -81,16 +95,16 @@ class BatchBuilder:
         reading: float | Array,
         sigma: float,
         offset: float = 0.0,
+        height: float = 0.0,
     ) -> None:
-        """Add a scan: where the navigator was (rad), its velocity (2,) north-east m/s, the reduced
-        reading (NaN = none).
+        """Add a scan: where the navigator was (rad; m), its velocity (2,) north-east m/s, the
+        reading (NaN = none) reduced with the navigator's state of the scan.
 
         A reading of several channels is (C,), NaN where a channel has none, and its noise is
         `covariance` instead of sigma.
         """
-        self._scans.append(
-            _Scan(time, latitude, longitude, np.array(velocity, float), reading, sigma, offset)
-        )
+        place = latitude, longitude, np.array(velocity, float)
+        self._scans.append(_Scan(time, *place, reading, sigma, offset, height))
         self._count += 1
         self._unused += 1
 
@@ -126,13 +140,14 @@ class BatchBuilder:
             The navigator's covariance there, of a batch's states; without its attitude, the
             navigator is taken as level at the batch end.
         """
-        scans = list(self._scans)
+        scans = list(self._scans)[-self._longest :]
         latitude, longitude, velocity, times = _arrays(scans)
         backward = _backward(latitude, velocity, times, times[-1])
         prior = symmetric(prior)
         every, rest = condition(backward, prior)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
+        sigma = np.array([scan.sigma for scan in scans])
         new = min(self._unused, len(scans))
         self._unused = 0
         before = len(scans) - new - 1
@@ -145,7 +160,7 @@ class BatchBuilder:
             reading=np.full(len(scans), np.nan)
             if several
             else np.array([scan.reading for scan in scans]),
-            sigma=np.array([scan.sigma for scan in scans]),
+            sigma=sigma,
             offset=np.array([scan.offset for scan in scans]),
             transition=np.ascontiguousarray(transition[:, :2]),
             reading_jacobian=np.einsum("ti,tij->tj", at_scan, transition),
@@ -157,11 +172,45 @@ class BatchBuilder:
             back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
             backward=backward[:, : len(prior), : len(prior)],
+            reading_covariance=reading_covariance(self.instrument, times, sigma, velocity),
+            bias_walk=self.instrument.bias_walk,
         )
         if self.covariance is None:
-            return batch
+            return batch if self._lag.mean == 0.0 else self._late(batch, prior)
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
         return channel_batch(batch, np.stack(readings), self.covariance)
+
+    def _late(self, batch: Batch, prior: Array) -> Batch:
+        """Return a batch of readings that are late, each where the vehicle was at the time that it
+        tells of (docs/mathematics.md, section 4.7)."""
+        scans = list(self._scans)
+        latitude, longitude, velocity, times = _arrays(scans)
+        path = Path(
+            times, latitude, longitude, np.array([scan.height for scan in scans]), velocity
+        )
+        seen, reading, filter_path = sensed(
+            path, batch.time, batch.reading, self._lag, self.reduction
+        )
+        latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
+        velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
+        backward = _backward(
+            latitude, velocity, batch.time - self._lag.mean, float(batch.time[-1])
+        )
+        every, rest = condition(backward, prior)
+        at_scan = self._jacobian(latitude, longitude, velocity)
+        return replace(
+            batch,
+            latitude=latitude,
+            longitude=longitude,
+            velocity=velocity,
+            reading=reading,
+            transition=np.ascontiguousarray(every[:, :2]),
+            reading_jacobian=np.einsum("ti,tij->tj", at_scan, every[:, :4]),
+            nuisance_position=np.ascontiguousarray(rest[:, :2]),
+            nuisance_reading=np.einsum("ti,tij->tj", at_scan, rest[:, :4]),
+            filter_path=filter_path,
+            end_place=batch.end,
+        )
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

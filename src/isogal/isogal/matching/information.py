@@ -90,7 +90,7 @@ def position_information(
     batch: Batch, latitude: float, longitude: float, covariance: Array
 ) -> Information:
     """Return what a position (rad; (2, 2) m²) at a batch's last scan says about xi."""
-    seen = -horizontal_difference(latitude, longitude, batch.latitude[-1], batch.longitude[-1])
+    seen = -horizontal_difference(latitude, longitude, *batch.end)
     vector, matrix = np.zeros(4), np.zeros((4, 4))
     matrix[:2, :2] = np.linalg.inv(covariance)
     vector[:2] = matrix[:2, :2] @ seen

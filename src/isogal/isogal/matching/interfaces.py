@@ -17,6 +17,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import batch_covariance
+from isogal.matching.path import FilterPath
 
 LOST_SIGMA = (15e3, 0.5, 1e-4)
 """1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get
@@ -78,11 +79,24 @@ class Batch:
     """(T, 7, 7), or (T, 4, 4) without attitude: error at each scan per unit of error at the batch
     end; None = not known."""
     reading_covariance: Array | None = None
-    """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated; None =
-    diag(sigma²)."""
+    """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated, or
+    readings one after the other; None = diag(sigma²)."""
+    bias_walk: float = 0.0
+    """Random walk of the readings' bias, map's unit per root second."""
+    filter_path: FilterPath | None = None
+    """What of the path each reading is a mean over; None = a point."""
+    end_place: tuple[float, float] | None = None
+    """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
+    last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
+    those of what they tell of; None = those of the last row."""
 
     def __len__(self) -> int:
         return self.time.shape[0]
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """Latitude and longitude (rad) where the navigator believes to be at the batch end."""
+        return self.end_place or (float(self.latitude[-1]), float(self.longitude[-1]))
 
     @property
     def scan_time(self) -> Array:
@@ -91,12 +105,17 @@ class Batch:
 
     def part(self, rows: int | Integers) -> "Batch":
         """Return the batch with some of its rows only: from a first one on, or those of (K,)
-        indices. How many of them are new is kept; `reading_covariance` is not cut.
+        indices. How many of them are new is kept.
         """
-        which = slice(rows, None) if isinstance(rows, int) else rows
-        backward = None if self.backward is None else self.backward[which]
-        kept = {name: getattr(self, name)[which] for name in PER_ROW}
-        return replace(self, **kept, backward=backward)
+        which = np.arange(rows, len(self)) if isinstance(rows, int) else rows
+        covariance, path = self.reading_covariance, self.filter_path
+        return replace(
+            self,
+            **{name: getattr(self, name)[which] for name in PER_ROW},
+            backward=None if self.backward is None else self.backward[which],
+            reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
+            filter_path=None if path is None else path.part(which),
+        )
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
         """Return `back_transition` and `back_nuisance`, (4 or 7, 4 or M); where not known those
@@ -258,8 +277,8 @@ def declined(batch: Batch, reason: str, **diagnostics: float) -> Fix:
     """Build the fix of a batch that gives none."""
     return Fix(
         time=float(batch.time[-1]),
-        latitude=float(batch.latitude[-1]),
-        longitude=float(batch.longitude[-1]),
+        latitude=batch.end[0],
+        longitude=batch.end[1],
         covariance=np.full((2, 2), np.nan),
         reason=reason,
         diagnostics=diagnostics,

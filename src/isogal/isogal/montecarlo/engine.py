@@ -128,7 +128,13 @@ class _ClosedLoop:
         field = measured_field(scenario)
         self.reduction, covariance = field.reduction(scenario), field.covariance(scenario)
         self.builders = [
-            BatchBuilder(scenario.matcher, self.reduction, matcher.context, covariance)
+            BatchBuilder(
+                scenario.matcher,
+                self.reduction,
+                matcher.context,
+                covariance,
+                scenario.gravimeter,
+            )
             for _ in runs
         ]
         self.memories: list[Any] = [None for _ in runs]
@@ -179,6 +185,7 @@ class _ClosedLoop:
                 velocity[run, :2],
                 reading[run],
                 self.scenario.gravimeter.sigma,
+                height=position[run, 2],
             )
         self.recorder.write_reading(scan - 1, reading, self.state)
 

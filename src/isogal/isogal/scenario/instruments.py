@@ -10,7 +10,14 @@ from isogal.scenario.section import NonNegative, Positive, Section
 class Gravimeter(Section):
     """The scalar sensor: a gravimeter, unless the key `field` names another field."""
 
-    errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "drift")
+    errors: ClassVar[tuple[str, ...]] = (
+        "sigma",
+        "bias",
+        "drift",
+        "correlated_sigma",
+        "bias_walk",
+        "cross_coupling",
+    )
 
     quantity: Literal["gravity", "disturbance"] = Field(
         "gravity", description="what the readings are reduced to and matched as"
@@ -29,6 +36,38 @@ class Gravimeter(Section):
     drift: NonNegative = Field(
         0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second"
     )
+    correlated_sigma: NonNegative = Field(
+        0.0, description="1-sigma of time-correlated noise beside sigma, in its unit"
+    )
+    correlation_time: Positive = Field(
+        60.0, description="s, correlation time of that noise (first-order Gauss-Markov)"
+    )
+    bias_walk: NonNegative = Field(
+        0.0, description="random walk of the readings' offset, unit of sigma per root second"
+    )
+    cross_coupling: NonNegative = Field(
+        0.0,
+        description=(
+            "1-sigma of what a reading takes from the vehicle's forward and from its lateral"
+            " acceleration, unit of sigma per m/s²"
+        ),
+    )
+    filter_time: NonNegative = Field(
+        0.0, le=300.0, description="s, time constant of the instrument's low-pass filter"
+    )
+    delay: NonNegative = Field(
+        0.0, le=300.0, description="s by which readings are late, after the filter"
+    )
+    missing_fraction: float = Field(
+        0.0, ge=0.0, lt=1.0, description="share of the readings that are missing"
+    )
+    gaps: tuple[tuple[NonNegative, Positive], ...] | None = Field(
+        None, description="start and length in s of times without readings; null = none"
+    )
+    dead_turn_rate: Positive | None = Field(
+        None, description="rad/s of heading above which there are no readings; null = always some"
+    )
+    dead_time: NonNegative = Field(0.0, description="s after such a turn without readings")
 
 
 class Magnetometer(Section):

@@ -8,6 +8,8 @@ vehicle         one run of a simulated vehicle: route, inertial sensors, unaided
 scans           which readings of an instrument are scans, and which scans are missing
 reduction       what every instrument of a mapped field provides
 gravimeter      gravity and its disturbance
+gravimeter_errors  slow noise of its readings, and which are missing
+lag             its low-pass filter and delay
 magnetometer    the anomaly of the total magnetic field
 altimeter       terrain height by the clearance above ground
 gradiometer     components of the gravity gradient tensor

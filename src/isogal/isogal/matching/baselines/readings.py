@@ -208,14 +208,17 @@ def _fix(
     scan_covariance[len(batch) - batch.new :] = batch.new * covariance
     return Fix(
         time=float(batch.time[-1]),
-        latitude=float(batch.latitude[-1] - position[0] / north[-1]),
-        longitude=float(batch.longitude[-1] - position[1] / east[-1]),
+        latitude=float(batch.end[0] - position[0] / north[-1]),
+        longitude=float(batch.end[1] - position[1] / east[-1]),
         covariance=covariance,
         candidates=candidates,
         diagnostics=diagnostics,
         information=information,
-        scan_position=np.stack(
+        # late readings say where the vehicle was, not where it is at their stamps
+        scan_position=None
+        if batch.end_place is not None
+        else np.stack(
             [batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east], axis=-1
         ),
-        scan_covariance=scan_covariance,
+        scan_covariance=None if batch.end_place is not None else scan_covariance,
     )

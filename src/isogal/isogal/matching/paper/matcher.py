@@ -207,8 +207,8 @@ class PmhtPaper:
         latitude, longitude = plane.radians(result.state[:, :2])
         return Fix(
             time=float(batch.time[-1]),
-            latitude=float(latitude[-1]),
-            longitude=float(longitude[-1]),
+            latitude=float(latitude[-1] + batch.end[0] - batch.latitude[-1]),
+            longitude=float(longitude[-1] + batch.end[1] - batch.longitude[-1]),
             covariance=out,
             candidates=_listed(plane, candidates, result.weight),
             diagnostics={
@@ -216,7 +216,10 @@ class PmhtPaper:
                 "iterations": float(result.iterations),
                 "spread": result.spread,
             },
-            scan_position=np.stack([latitude, longitude], axis=-1),
+            # late readings say where the vehicle was, not where it is at their stamps
+            scan_position=None
+            if batch.end_place is not None
+            else np.stack([latitude, longitude], axis=-1),
             scan_covariance=scan_covariance,
         )
 

@@ -18,6 +18,7 @@ What the stages use:
     likelihood             log-likelihood of a batch given the navigator's error
     likelihood_kernels     its compiled loops
     noise_model            residual covariance: sensor, correlated map error, bias
+    filtered               readings that are a mean over the path
     map_error              sigma and correlation length of the map error, learnt
     sensor_bias            bias and drift of the readings, learnt
     attitude               the attitude error that goes with position and velocity

@@ -132,6 +132,7 @@ class BatchLikelihood:
             correlation_lengths(field_map, channel, noise),
             noise.bias_sigma,
             channel if len(maps) > 1 else None,
+            None if batch.filter_path is None else batch.filter_path.part(rows),
         )
         if batch.reading_covariance is not None:
             covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)

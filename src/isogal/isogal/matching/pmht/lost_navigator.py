@@ -210,8 +210,11 @@ def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
     by_xi, nuisance = condition(rows, covariance)
     back, back_nuisance = condition(_back(batch)[None], covariance)
     level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
+    end = batch.end
+    to_north, to_east = metres_per_radian(end[0])
     return replace(
         batch,
+        end_place=(end[0] - float(shift[0] / to_north), end[1] - float(shift[1] / to_east)),
         latitude=batch.latitude - moved[:, 0] / north,
         longitude=batch.longitude - moved[:, 1] / east,
         reading=batch.reading - reading @ shift,

@@ -108,7 +108,10 @@ class MapErrorEstimate:
         first = max(likelihood.first_new - CONSTANTS.conditioning_readings, 0)
         rows = likelihood.rows[first:]
         slope = slope[first:]
-        white = batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0
+        noise = np.diag(batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0)
+        if batch.reading_covariance is not None:
+            correlated = batch.reading_covariance[np.ix_(rows, rows)]
+            noise += correlated - np.diag(batch.sigma[rows] ** 2)
         unknown = np.concatenate(
             [slope @ np.linalg.cholesky(batch.prior), likelihood.nuisance_at(mean)[first:]], axis=1
         )
@@ -121,12 +124,14 @@ class MapErrorEstimate:
                     np.ones(len(rows)),
                     length,
                     0.0,
+                    None,
+                    None if batch.filter_path is None else batch.filter_path.part(rows),
                 )
                 for length in self.length
             ]
         )
         evidence = _evidence(
-            white,
+            noise,
             shapes,
             self.sigma**2,
             residual[first:] - slope @ mean,
@@ -162,13 +167,13 @@ def differs(a: NoiseModel, b: NoiseModel, factor: float = CONSTANTS.changed_nois
 
 
 @kernel
-def _evidence(white, shapes, variances, residual, unknown, first):  # type: ignore[no-untyped-def]
+def _evidence(noise, shapes, variances, residual, unknown, first):  # type: ignore[no-untyped-def]
     """Return (S, L) log densities of the last residuals given the first ones, without the
     constant.
 
-    Residuals (n,) are N(0, diag(white) + variance shape + unknown unknown'), unknown (n, m); only
-    the residuals from `first` on know the unknowns. With the factor of diag(white) + variance
-    shape the last whitened rows are N(0, 1 + A A') (Woodbury).
+    Residuals (n,) are N(0, noise + variance shape + unknown unknown'), unknown (n, m); only
+    the residuals from `first` on know the unknowns. With the factor of noise + variance shape the
+    last whitened rows are N(0, 1 + A A') (Woodbury).
     """
     n, m = unknown.shape
     out = np.empty((variances.shape[0], shapes.shape[0]))
@@ -184,9 +189,7 @@ def _evidence(white, shapes, variances, residual, unknown, first):  # type: igno
                     w[a, c] = unknown[a, c]
                 w[a, m] = residual[a]
                 for b in range(a + 1):
-                    value = variances[i] * shapes[j, a, b]
-                    if a == b:
-                        value += white[a]
+                    value = variances[i] * shapes[j, a, b] + noise[a, b]
                     for c in range(b):
                         value -= factor[a, c] * factor[b, c]
                     if a == b:

@@ -12,6 +12,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.matrices import symmetric
+from isogal.matching.path import FilterPath
 from isogal.matching.quasi_random import standard_normal
 
 
@@ -32,12 +33,14 @@ def residual_covariance(
     correlation_length: float | Array,
     bias_sigma: float,
     channel: Integers | None = None,
+    filter_path: FilterPath | None = None,
 ) -> Array:
     """Return R (T, T) of the likelihood's equation (`isogal.matching.pmht.likelihood`); positions
     rad, the rest in the map's unit and m.
 
     Map errors and biases of different channels (T,) are independent; a correlation length (T, 1)
-    is the same for all rows of a channel.
+    is the same for all rows of a channel. Map errors of readings that are a mean over a path are
+    means over it as well.
     """
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
@@ -45,11 +48,28 @@ def residual_covariance(
         apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         distance = symmetric(distance)
-        covariance = (
-            covariance
-            + map_sigma[:, None] * map_sigma * np.exp(-distance / correlation_length) * together
-        )
+        shape = np.exp(-distance / correlation_length)
+        if filter_path is not None:
+            shape = _mean_over(filter_path, latitude, longitude, correlation_length)
+        covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
+
+
+def _mean_over(
+    path: FilterPath, latitude: Array, longitude: Array, correlation_length: float | Array
+) -> Array:
+    """Return (T, T) the mean of the correlation between the paths of two rows."""
+    counts = path.weight > 1e-3  # of the rest no covariance changes by a per cent
+    weight = path.weight[counts] / path.weight[counts].sum()
+    apart = horizontal_difference(latitude, longitude, latitude[-1], longitude[-1])
+    nodes = apart[:, None] + path.away[:, counts]
+    flat = nodes.reshape(-1, 2)
+    distance = np.hypot(*np.moveaxis(flat[:, None] - flat, -1, 0))
+    length = correlation_length
+    if not isinstance(length, float):
+        length = np.repeat(length, len(weight), axis=0)
+    shape = np.exp(-distance / length).reshape(*nodes.shape[:2], *nodes.shape[:2])
+    return symmetric(np.einsum("ikjl,k,l->ij", shape, weight, weight))
 
 
 def correlation_lengths(

@@ -7,6 +7,7 @@ import numpy as np
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.filtered import at_points
 from isogal.matching.pmht.map_error import MapErrorEstimate, field_scale
 from isogal.matching.pmht.memory import Memory, prior_of
 from isogal.matching.pmht.noise_model import uneven
@@ -31,13 +32,14 @@ def refusal(batch: Batch, field_map: AnyMap, settings: Settings) -> str | None:
 def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings) -> State:
     """Return the state of a batch whose prior, noise model, bias and likelihood are known."""
     batch = without(batch, memory.outlier_times if memory else frozenset())
+    prior = prior_of(batch, memory)
+    batch = at_points(batch, channels_of(field_map)[0], prior)
     estimate = _bias(batch, field_map, memory, settings)
     bias = None if estimate is None else estimate.at_end(batch)
     batch = batch if bias is None else bias.added_to(batch)
     map_error = _map_error(batch, field_map, memory, settings)
     noise = settings.noise if map_error is None else map_error.model(settings.noise)
     noise = noise if bias is None else replace(noise, bias_sigma=0.0)
-    prior = prior_of(batch, memory)
     factor = memory.variance_factor.value if memory else 1.0
     likelihood = likelihood_of(batch, field_map, noise, prior, factor)
     state = State(
@@ -85,6 +87,9 @@ def _bias(
     estimate = memory.bias if memory else None
     if estimate is None and (settings.adaptive or settings.noise.bias_sigma > 0.0):
         estimate = unknown_bias(batch, field_map, settings)
+    if estimate is None and batch.bias_walk > 0.0:
+        # nothing at first, but it will not stay so
+        estimate = BiasEstimate.unknown(float(batch.time[0]), 0.0, 0.0)
     return estimate
 
 

@@ -61,7 +61,7 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
     batch, best = state.batch, state.best
     mean, covariance = best.mixture.mean[0], best.mixture.covariance[0]
     error, error_covariance = measurement_only(mean, covariance, batch.prior)
-    north, east = metres_per_radian(batch.latitude[-1])
+    north, east = metres_per_radian(batch.end[0])
     each, first = first_channel(batch, state.field_map)  # each scan once
     new = slice(len(each) - each.new, None)
     moved = np.full((len(each), 2), np.nan)
@@ -74,17 +74,20 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
         parts[new] = shares(information, joint_prior(batch), each.backward[new])
     return Fix(
         time=float(batch.time[-1]),
-        latitude=float(batch.latitude[-1] - error[0] / north),
-        longitude=float(batch.longitude[-1] - error[1] / east),
+        latitude=float(batch.end[0] - error[0] / north),
+        longitude=float(batch.end[1] - error[1] / east),
         covariance=error_covariance,
         candidates=contour_candidates(each, first, mean, covariance),
         diagnostics=figures,
         information=information,
-        scan_position=np.stack(
+        # late readings say where the vehicle was, not where it is at their stamps
+        scan_position=None
+        if batch.end_place is not None
+        else np.stack(
             [each.latitude - moved[:, 0] / scan_north, each.longitude - moved[:, 1] / scan_east],
             axis=-1,
         ),
-        scan_covariance=scan_covariance,
+        scan_covariance=None if batch.end_place is not None else scan_covariance,
         scan_information=None if each.backward is None else tuple(parts),
     )
 

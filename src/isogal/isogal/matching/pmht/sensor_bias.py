@@ -8,6 +8,10 @@ a batch the state is the linear part of what the readings contain beside the map
 `reading_jacobian` by xi, and unit-variance columns of `nuisance_reading`, which the likelihood
 integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose
 considered parameters are estimated after all.
+
+A bias that walks has grown by w sqrt(D) u3 at the end of a batch, D after the last one, of which
+a share t / D was there at time t; around this line the walk is a Brownian bridge of covariance w²
+(min(s, t) - s t / D), independent of u3, which joins the readings' noise.
 """
 
 import math
@@ -51,15 +55,17 @@ class BiasEstimate:
         mean, gain = forward @ self.mean, forward @ self.gain
         last = float(batch.time[-1 - batch.new]) if batch.new < len(batch) else math.nan
         back, drift = batch.back(end - self.time)
+        walk = _Walk(self.time, end, batch.bias_walk)
         states = gain.shape[1]
         back, drift = back[:states], drift[:states]
         if self._taken(last, back[:4] @ batch.prior @ back[:4].T + drift[:4] @ drift[:4].T):
-            return LinearBias(end, mean, gain @ back, gain @ drift, own)
+            return LinearBias(end, mean, gain @ back, gain @ drift, walk.added(own), walk)
         # a batch is missing, or another correction was made than was published: how the errors go
         # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
         own = square_root(own @ own.T + gain @ before @ gain.T)
-        return LinearBias(end, mean, np.zeros((2, 4)), np.zeros((2, drift.shape[1])), own)
+        nothing = np.zeros((2, 4)), np.zeros((2, drift.shape[1]))
+        return LinearBias(end, mean, *nothing, walk.added(own), walk)
 
     def _taken(self, last: float, then: Array) -> bool:
         if not self.gain.any() or abs(last - self.time) > 1e-6:
@@ -84,10 +90,41 @@ class BiasEstimate:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class _Walk:
+    """Of the bias, from the last batch's end to this one's (s)."""
+
+    start: float
+    end: float
+    density: float
+    """Map's unit per root second."""
+
+    @property
+    def walks(self) -> bool:
+        return self.density > 0.0 and self.end > self.start
+
+    def added(self, own: Array) -> Array:
+        """Return the columns of theta's own noise (2, 2) with that of the walk, if it walks."""
+        if not self.walks:
+            return own
+        column = self.density * math.sqrt(self.end - self.start)
+        return np.column_stack([own, [column, 0.0]])
+
+    def share(self, time: Array) -> Array:
+        """Return how much of the walk was there at times, 0 to 1."""
+        return np.clip((time - self.start) / (self.end - self.start), 0.0, 1.0)
+
+    def bridge(self, time: Array) -> Array:
+        """Return (T, T) the covariance of the rest at times."""
+        share = self.share(time)
+        rest = np.minimum(share[:, None], share) - share[:, None] * share
+        return self.density**2 * (self.end - self.start) * rest
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
     """theta at a batch's end: mean + by_error xi + by_nuisance d + own u, with d the navigator's
-    drift and u ~ N(0, 1) (2,).
+    drift and u ~ N(0, 1) (2,), (3,) with a walk.
     """
 
     time: float
@@ -98,25 +135,31 @@ class LinearBias:
     by_nuisance: Array
     """(2, M)."""
     own: Array
-    """(2, 2)."""
+    """(2, 2) or (2, 3)."""
+    walk: _Walk
 
     def added_to(self, batch: Batch) -> Batch:
-        """Return the batch whose readings are known to contain bias and drift; u is two more
-        columns of its drift.
+        """Return the batch whose readings are known to contain bias and drift; u is two or three
+        more columns of its drift.
         """
         shares = np.stack(
             [np.ones(len(batch)), batch.time - self.time], axis=1
         )  # of bias and drift, in each reading
+        own, covariance = shares @ self.own, batch.reading_covariance
+        if self.walk.walks:
+            own[:, 2] *= self.walk.share(batch.time)
+            white = np.diag(batch.sigma**2) if covariance is None else covariance
+            covariance = white + self.walk.bridge(batch.time)
+        nothing = np.zeros((len(batch), 2, own.shape[1]))
         return replace(
             batch,
             offset=batch.offset + shares @ self.mean,
             reading_jacobian=batch.reading_jacobian + shares @ self.by_error,
             nuisance_reading=np.concatenate(
-                [batch.nuisance_reading + shares @ self.by_nuisance, shares @ self.own], axis=1
+                [batch.nuisance_reading + shares @ self.by_nuisance, own], axis=1
             ),
-            nuisance_position=np.concatenate(
-                [batch.nuisance_position, np.zeros((len(batch), 2, 2))], axis=2
-            ),
+            nuisance_position=np.concatenate([batch.nuisance_position, nothing], axis=2),
+            reading_covariance=covariance,
         )
 
     def unmeasured(self, batch: Batch) -> BiasEstimate:
@@ -143,13 +186,14 @@ class LinearBias:
         white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[
             likelihood.first_new :
         ]
-        U = white[:, -2:]
-        inner = np.eye(2) + U.T @ U
-        learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-2])  # by residual, xi, d
+        count = self.own.shape[1]
+        U = white[:, -count:]
+        inner = np.eye(count) + U.T @ U
+        learnt = -self.own @ np.linalg.solve(inner, U.T @ white[:, :-count])  # by residual, xi, d
         by_nuisance = self.by_nuisance + learnt[:, 5:]
         gain, rest = _by_state(batch, self.by_error + learnt[:, 1:5], by_nuisance)
         expected = (
-            likelihood.nuisance_given(mean)[0][:-2]
+            likelihood.nuisance_given(mean)[0][:-count]
             if batch.attitude
             else np.zeros(by_nuisance.shape[1])
         )

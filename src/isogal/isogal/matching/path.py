@@ -1,0 +1,104 @@
+"""Where the navigator was, between scans: for readings that are late (docs/mathematics.md, section
+4.7)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.sensors.lag import Lag, low_pass
+from isogal.sensors.reduction import Reduction, State
+
+_STEP = 1.0
+"""s, in which reductions are filtered as the readings were."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """The navigator's states at N increasing times."""
+
+    time: Array
+    """(N,) s."""
+    latitude: Array
+    """(N,) rad."""
+    longitude: Array
+    """(N,) rad."""
+    height: Array
+    """(N,) m."""
+    velocity: Array
+    """(N, 2) m/s, north and east."""
+
+    def at(self, time: Array) -> State:
+        """Return the states at other times, of their shape: cubic between two scans by positions
+        and velocities there, straight before the first and after the last."""
+        north, east = metres_per_radian(self.latitude)
+        latitude, by_north = _hermite(time, self.time, self.latitude, self.velocity[:, 0] / north)
+        longitude, by_east = _hermite(time, self.time, self.longitude, self.velocity[:, 1] / east)
+        north, east = metres_per_radian(latitude)
+        height = np.interp(time, self.time, self.height)
+        return State(latitude, longitude, height, by_north * north, by_east * east)
+
+
+def _hermite(time: Array, known: Array, value: Array, slope: Array) -> tuple[Array, Array]:
+    """Return cubic Hermite interpolation of values (N,) and slopes (N,), and its derivative."""
+    if len(known) == 1:
+        return value[0] + slope[0] * (time - known[0]), np.full(np.shape(time), slope[0])
+    i = np.clip(np.searchsorted(known, time, side="right") - 1, 0, len(known) - 2)
+    step = known[i + 1] - known[i]
+    u = (time - known[i]) / step
+    inside = np.clip(u, 0.0, 1.0)
+    a, b = inside * inside * (3.0 - 2.0 * inside), inside * (1.0 - inside)
+    cubic = (1.0 - a) * value[i] + a * value[i + 1]
+    cubic = cubic + step * b * ((1.0 - inside) * slope[i] - inside * slope[i + 1])
+    by_time = 6.0 * b * (value[i + 1] - value[i]) / step + (1.0 - inside - 3.0 * b) * slope[i]
+    by_time = by_time + (inside - 3.0 * b) * slope[i + 1]
+    return cubic + by_time * step * (u - inside), by_time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterPath:
+    """Where the vehicle was while an instrument's filter took in a reading."""
+
+    filter_time: float
+    """s."""
+    away: Array
+    """(T, K, 2) m north and east of the row's place."""
+    weight: Array
+    """(K,), sum 1."""
+
+    def part(self, rows: Integers) -> "FilterPath":
+        """Return that of some of the rows, by their indices."""
+        return replace(self, away=self.away[rows])
+
+
+def sensed(
+    path: Path, times: Array, reading: Array, lag: Lag, reduction: Reduction
+) -> tuple[State, Array, FilterPath | None]:
+    """Return the states (T,) at the mean time that each late reading tells of, the readings (T,)
+    reduced with the navigator's states of then, and what of the path they are a mean over (None =
+    a point).
+
+    Parameters
+    ----------
+    times, reading : (T,) arrays
+        Stamps, and readings as reduced with the state at the stamp. Reductions add to a reading
+        what depends on the state alone.
+    """
+    at = path.at(times - lag.mean)
+    now = reduction.reduce(np.zeros(len(times)), path.at(times))
+    fine = np.arange(times[0] - lag.reach, times[-1] + _STEP, _STEP)
+    then = low_pass(reduction.reduce(np.zeros(len(fine)), path.at(fine)), _STEP, lag.filter_time)
+    reading = reading + np.interp(times - lag.delay, fine, then) - now
+    if lag.filter_time == 0.0:
+        return at, reading, None
+    ages, weight = lag.ages()
+    felt = path.at(times[:, None] - ages)
+    away = horizontal_difference(
+        felt.latitude,
+        felt.longitude,
+        np.asarray(at.latitude)[:, None],
+        np.asarray(at.longitude)[:, None],
+    )
+    return at, reading, FilterPath(lag.filter_time, away, weight)

@@ -1,0 +1,40 @@
+"""Covariance of the noise of a batch's readings, as told (docs/mathematics.md, section 5.2)."""
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.scenario import Gravimeter
+from isogal.sensors.gravimeter_errors import accelerations
+
+
+def reading_covariance(
+    instrument: Gravimeter, time: Array, sigma: Array, velocity: Array
+) -> Array | None:
+    """Return (T, T) the covariance of the readings' noise: white, correlated in time, and what the
+    vehicle's accelerations add; None where it is white.
+
+    The walk of the bias is not in it, which is a state (`pmht.sensor_bias`).
+
+    Parameters
+    ----------
+    time, sigma : (T,) arrays
+        s; 1-sigma of the white noise.
+    velocity : (T, 2) array
+        m/s, north and east, at the stamps.
+    """
+    if instrument.correlated_sigma == 0.0 and instrument.cross_coupling == 0.0:
+        return None
+    covariance = np.diag(sigma**2)
+    if instrument.correlated_sigma > 0.0:
+        covariance += time_covariance(
+            instrument.correlated_sigma, instrument.correlation_time, time
+        )
+    if instrument.cross_coupling > 0.0 and len(time) > 1:
+        moving = instrument.cross_coupling * accelerations(time, velocity)
+        covariance += moving @ moving.T
+    return covariance
+
+
+def time_covariance(sigma: float, correlation_time: float, time: Array) -> Array:
+    """Return (T, T) sigma² exp(-|dt| / correlation_time)."""
+    return np.asarray(sigma**2 * np.exp(-np.abs(time[:, None] - time) / correlation_time))

@@ -1,0 +1,195 @@
+"""Readings that are late and filtered: matched at where the vehicle was."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.earth.frames import horizontal_difference
+from isogal.fields.gravity import DISTURBANCE
+from isogal.fields.simulator import ReadingSimulator, between_scans
+from isogal.matching.batching import BatchBuilder
+from isogal.matching.path import Path
+from isogal.matching.pmht.filtered import at_points
+from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.scenario import Gravimeter, MapError, Matcher, Scenario
+from isogal.sensors.reduction import State
+from isogal.sensors.trajectory import build_trajectory
+
+START = tuple(np.degrees(ORIGIN))
+BENT = {
+    "waypoints": [
+        [*START, 22.0],
+        [START[0] + 0.05, START[1] + 0.05, 22.0],
+        [START[0] + 0.02, START[1] + 0.16, 22.0],
+    ],
+    "duration": 700.0,
+}
+MAP = field_map_of(wavy)
+PRIOR = np.diag(np.array([200.0, 200.0, 0.1, 0.1, 5e-5, 5e-5, 5e-4]) ** 2)
+
+
+def scenario(route=BENT, **keys):
+    return Scenario(
+        route=route, gravimeter=Gravimeter(quantity="disturbance", sigma=1e-12, **keys)
+    )
+
+
+def batch_of(it, scans=60, error=(0.0, 0.0)):
+    """The batch of a navigator that knows its state, or is wrong by a constant (m)."""
+    trajectory = build_trajectory(it)
+    simulator = ReadingSimulator(it, trajectory, MAP, [0])
+    reduction = DISTURBANCE.reduction(it)
+    builder = BatchBuilder(Matcher(batch_length=40), reduction, 0, None, it.gravimeter)
+    metres = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1] + 1e-5, *ORIGIN) / 1e-5
+    for j in range(scans):
+        i = simulator.index[j]
+        at = State(
+            trajectory.latitude[i] + error[0] / metres[0],
+            trajectory.longitude[i] + error[1] / metres[1],
+            trajectory.height[i],
+            *trajectory.velocity[i, :2],
+        )
+        reading = reduction.reduce(simulator.felt[0, j], at)
+        builder.add_scan(
+            trajectory.time[i], at.latitude, at.longitude, trajectory.velocity[i, :2],
+            float(reading), 1e-6, height=at.height,
+        )  # fmt: skip
+    return builder.build(PRIOR), trajectory
+
+
+def test_path_between_scans_in_a_turn():
+    trajectory = build_trajectory(scenario())
+    scans = np.arange(10, 701, 10)
+    path = Path(
+        trajectory.time[scans],
+        trajectory.latitude[scans],
+        trajectory.longitude[scans],
+        trajectory.height[scans],
+        trajectory.velocity[scans, :2],
+    )
+    at = path.at(trajectory.time)
+    apart = horizontal_difference(
+        at.latitude, at.longitude, trajectory.latitude, trajectory.longitude
+    )
+    assert np.abs(apart[10:]).max() < 1.5
+    np.testing.assert_allclose(
+        apart[0], 0.0, atol=0.1
+    )  # straight before the first scan, as the route is
+    velocity = np.stack([at.v_north, at.v_east], axis=-1)
+    assert np.abs(velocity - trajectory.velocity[:, :2]).max() < 2.0
+
+
+@pytest.mark.parametrize(("delay", "filter_time"), [(20.0, 0.0), (13.0, 0.0), (0.0, 20.0),
+                                                    (20.0, 30.0)])  # fmt: skip
+def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_time):
+    batch, trajectory = batch_of(scenario(delay=delay, filter_time=filter_time))
+    assert len(batch) == 40
+    then = batch.time - delay - filter_time
+    where = [
+        np.interp(then, trajectory.time, values)
+        for values in (trajectory.latitude, trajectory.longitude)
+    ]
+    assert np.abs(horizontal_difference(batch.latitude, batch.longitude, *where)).max() < 2.0
+    assert batch.end == (trajectory.latitude[600], trajectory.longitude[600])
+    points = at_points(batch, MAP, Mixture.gaussian(np.zeros(4), 1e-6 * batch.prior))
+    residual = points.reading - points.offset - MAP.value(points.latitude, points.longitude)
+    assert np.isfinite(residual).all()
+    scale = np.abs(batch.reading - MAP.value(batch.latitude, batch.longitude)).max()
+    if filter_time:
+        assert scale > 5e-6  # the filter matters here
+    turning = np.abs(np.gradient(batch.velocity, axis=0)).max(axis=1) > 0.05
+    turning |= np.convolve(turning, np.ones(15), "full")[:40] > 0  # what a filter remembers
+    assert 15 < turning.sum() < 30
+    assert np.abs(residual[~turning]).max() < 1e-7
+    # the Eötvös acceleration changes by 70 mGal in the turn, which begins between two scans
+    assert np.abs(residual).max() < (1e-5 if filter_time else 2e-5)
+    raw, _ = batch_of(scenario(delay=delay, filter_time=filter_time), scans=60)
+    np.testing.assert_array_equal(raw.reading, batch.reading)
+
+
+def test_the_likelihood_peaks_at_the_navigator_s_error():
+    for keys in ({"delay": 20.0}, {"delay": 5.0, "filter_time": 20.0}):
+        batch, _ = batch_of(scenario(**keys), error=(120.0, -70.0))
+        prior = Mixture.gaussian(np.zeros(4), batch.prior)
+        likelihood = BatchLikelihood.of(at_points(batch, MAP, prior), MAP, NoiseModel())
+        offsets = np.array([[0.0, 0.0], [30.0, 0.0], [-30.0, 0.0], [0.0, 30.0], [0.0, -30.0]])
+        xi = np.concatenate([np.array([120.0, -70.0]) + offsets, np.zeros((5, 2))], axis=1)
+        log = likelihood.log(xi)
+        assert log[0] == log.max()
+        assert log[0] > log[1:].max() + 3.0
+
+
+def test_where_the_place_is_uncertain_a_filtered_reading_is_noisier():
+    batch, _ = batch_of(scenario(filter_time=30.0))
+    near, far = (
+        at_points(batch, MAP, Mixture.gaussian(np.zeros(4), size * batch.prior)).sigma
+        for size in (1e-4, 25.0)
+    )
+    np.testing.assert_allclose(near, batch.sigma, rtol=0.1)
+    assert np.median(far) > 2.0 * np.median(near)
+
+
+def test_without_filter_and_delay_nothing_changes():
+    batch, _ = batch_of(scenario())
+    assert batch.end_place is None
+    assert batch.filter_path is None
+    assert batch.reading_covariance is None
+    assert at_points(batch, MAP, Mixture.gaussian(np.zeros(4), batch.prior)) is batch
+
+
+def test_of_some_rows():
+    batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
+    part = batch.part(10)
+    assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
+    np.testing.assert_array_equal(part.reading_covariance, batch.reading_covariance[10:, 10:])
+
+
+def test_map_error_between_scans_is_a_gauss_markov_process():
+    it = scenario(route={"start": START, "end": (-36.4, 147.2), "duration": 200.0})
+    it = it.model_copy(update={"map_error": MapError(sigma=1.0, correlation_length=500.0)})
+    trajectory = build_trajectory(it)
+    runs = 4000
+    step = np.exp(-220.0 / 500.0)
+    random = np.random.default_rng(2)
+    at_scans = np.empty((runs, 20))
+    at_scans[:, 0] = random.standard_normal(runs)
+    for k in range(1, 20):
+        fresh = np.sqrt(1.0 - step**2) * random.standard_normal(runs)
+        at_scans[:, k] = step * at_scans[:, k - 1] + fresh
+    error = between_scans(it, trajectory, at_scans, range(runs))
+    np.testing.assert_array_equal(error[:, 10:201:10], at_scans)
+    which = [0, 3, 10, 14, 17, 25, 61]
+    distance = 22.0 * np.abs(np.subtract.outer(which, which))
+    measured = error[:, which].T @ error[:, which] / runs
+    np.testing.assert_allclose(measured, np.exp(-distance / 500.0), atol=5.0 * np.sqrt(2 / runs))
+
+
+def test_a_map_error_that_is_filtered_has_less_variance():
+    batch, _ = batch_of(scenario(filter_time=30.0))
+    noise = NoiseModel(map_sigma=1e-5, correlation_length=2000.0)
+    filtered = BatchLikelihood.of(batch, MAP, noise).covariance
+    rows = np.arange(30)  # before the turn ends
+    # of a Gauss-Markov process through a first-order filter: sigma² b / (a + b), and between
+    # rows b (b exp(-a t) - a exp(-b t)) / (b² - a²)
+    a, b = 22.0 / 2000.0, 1.0 / 30.0
+    lag = np.abs(batch.time[rows][:, None] - batch.time[rows])
+    expected = 1e-10 * b * (b * np.exp(-a * lag) - a * np.exp(-b * lag)) / (b**2 - a**2)
+    straight = batch.time[rows] < 300.0
+    both = np.ix_(rows[straight], rows[straight])
+    measured = (filtered - np.diag(batch.sigma**2))[both]
+    np.testing.assert_allclose(measured, expected[both], rtol=0.08)
+
+
+def test_missing_readings_leave_the_others_in_place():
+    batch, _ = batch_of(scenario(delay=20.0, missing_fraction=0.5))
+    whole, _ = batch_of(scenario(delay=20.0))
+    there = np.isfinite(batch.reading)
+    assert 8 < there.sum() < 32
+    np.testing.assert_array_equal(batch.reading[there], whole.reading[there])
+    np.testing.assert_array_equal(batch.time, whole.time)
+    np.testing.assert_array_equal(batch.latitude, whole.latitude)
+    assert replace(batch, reading=whole.reading).new == whole.new
