@@ -46,7 +46,9 @@ def topics_of(scenario: Scenario) -> list[Topic]:
         adapter = adapter_of(scenario, name)
         of_instruments |= {adapter.raw, adapter.reduced}
     return [
-        topic for topic in all_topics(scenario) if topic in wanted or topic not in of_instruments
+        topic
+        for topic in all_topics(scenario)
+        if topic is not topics.INITIAL_POSE and (topic in wanted or topic not in of_instruments)
     ]
 
 
@@ -120,13 +122,17 @@ class Bench:
         return self.publishers[topic.name]
 
     def imu(
-        self, seconds: float, force: tuple[float, float, float] = (0.0, 0.0, -9.8), **changes: Any
+        self,
+        seconds: float,
+        force: Sequence[float] = (0.0, 0.0, -9.8),
+        rate: Sequence[float] = (0.0, 0.0, 0.0),
+        **changes: Any,
     ) -> None:
         """Publish an IMU sample, FRD."""
         message = topics.IMU.type()
         message.header.frame_id = changes.pop("frame", BASE)
         assert not changes
-        fill_imu(message, from_seconds(seconds), np.array(force), np.zeros(3))
+        fill_imu(message, from_seconds(seconds), np.array(force), np.array(rate))
         self.publish(topics.IMU, message)
 
     def fix(

@@ -10,7 +10,7 @@ from isogal.errors import InputError
 
 
 @contextmanager
-def atomic_path(path: str | Path, make_folder: bool = False) -> Iterator[Path]:
+def atomic_path(path: str | Path, make_folder: bool = False, sync: bool = True) -> Iterator[Path]:
     """Give a temporary path beside ``path``, which takes its name only when the block ends well.
 
     Whoever reads ``path`` sees the old file or the new one, also when this process is killed.
@@ -20,6 +20,8 @@ def atomic_path(path: str | Path, make_folder: bool = False) -> Iterator[Path]:
     path : path
     make_folder : bool
         Whether missing folders are made; otherwise they are an error.
+    sync : bool
+        Whether the file is brought to the disk before it takes its name.
 
     Raises
     ------
@@ -39,8 +41,9 @@ def atomic_path(path: str | Path, make_folder: bool = False) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb") as stream:
-            os.fsync(stream.fileno())
+        if sync:
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
@@ -51,7 +54,9 @@ def atomic_path(path: str | Path, make_folder: bool = False) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write_atomic(path: str | Path, data: bytes | str, make_folder: bool = False) -> None:
+def write_atomic(
+    path: str | Path, data: bytes | str, make_folder: bool = False, sync: bool = True
+) -> None:
     """Write a whole file, text as UTF-8; see `atomic_path`."""
-    with atomic_path(path, make_folder) as temporary:
+    with atomic_path(path, make_folder, sync) as temporary:
         temporary.write_bytes(data.encode("utf-8") if isinstance(data, str) else data)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import AccelWithCovarianceStamped
+from geometry_msgs.msg import AccelWithCovarianceStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -72,6 +72,8 @@ FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,))
 """Before each fix: all of it, as `isogal_ros.messages.whole_fix` describes."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
+INITIAL_POSE = Topic("initialpose", PoseWithCovarianceStamped)
+"""Where the vehicle is, from a user: the filter starts anew there."""
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))
 NAV_COVARIANCE = Topic("nav/covariance", Float64MultiArray, (GRAVIMETER, PMHT_MM))
@@ -83,7 +85,8 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 ALL = (
     CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
     MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
-    FIX, INFORMATION, CANDIDATES, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, DIAGNOSTICS,
+    FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
+    DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

@@ -6,10 +6,12 @@ import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+from std_srvs.srv import Trigger
+
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Fix, declined
+from isogal.matching.batching import BatchBuilder, Collected
+from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.registry import build_matcher
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
@@ -22,6 +24,7 @@ from isogal_ros.nodes.spin import run_node
 from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
+from pmht_mm_node.survival import Survival
 from pmht_mm_node.warm_up import warm_up
 
 
@@ -59,7 +62,9 @@ class PmhtMmNode(GraphNode):
         )
         warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)
-        self.scans = Scans(self, self.scenario, self._scan)
+        self.scans = Scans(self, self.scenario, self._first, self._scan)
+        self._survival = Survival(self, self._map, self._matcher)
+        self.create_service(Trigger, "~/reset", self._reset)
         self._adapter = adapter_of(self.scenario)
         self.listen(self._adapter.reduced, self._take)
 
@@ -86,6 +91,22 @@ class PmhtMmNode(GraphNode):
             reading = math.nan  # the batch is to know of the scan
         self.scans.add(ns, reading)
 
+    def _first(self, nav: NavSample) -> None:
+        """Go on from what an earlier process has left, or begin."""
+        kept = self._survival.take(nav.ns)
+        if kept is None:
+            self._builder.begin(self.scans.before(nav.ns))
+        else:
+            collected, self._memory, self.scans.last = kept
+            self._builder.restore(collected)
+
+    def _reset(self, _request: Any, response: Any) -> Any:
+        self._survival.forget()
+        self._builder.restore(Collected((), 0, 0))
+        self._memory, self.scans.last = None, -1
+        response.success, response.message = True, "begins with the next scan"
+        return response
+
     def _scan(self, nav: NavSample, reading: Any) -> None:
         for jump in self.scans.take_jumps(nav.ns):
             self._builder.correct(to_seconds(jump.ns), jump.change)
@@ -96,10 +117,22 @@ class PmhtMmNode(GraphNode):
         )
         if self._builder.ready:
             self._match(nav)
+        self._survival.keep(nav.ns, self._builder.collected, self._memory)
 
     def _match(self, nav: NavSample) -> None:
         batch = self._builder.build(nav.covariance)
         begun = time.perf_counter()
+        fix = self._fix_of(batch)
+        seconds = time.perf_counter() - begun
+        self._fixes += fix.published
+        self._declined += not fix.published
+        self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
+        self._say(nav.ns, fix, seconds)
+        self.outputs.publish(nav.ns, batch, fix, nav)
+
+    def _fix_of(self, batch: Batch) -> Fix:
+        if not self._builder.whole:
+            return declined(batch, f"the first batch is not whole: it has {len(batch)} scans")
         try:
             near = self._map.near(batch.latitude, batch.longitude)
             fix, self._memory = self._matcher.match(batch, near, self._memory)
@@ -107,12 +140,7 @@ class PmhtMmNode(GraphNode):
             reason = f"the matcher failed: {type(error).__name__}: {error}"
             self.get_logger().error(reason)
             fix, self._memory = declined(batch, reason), None
-        seconds = time.perf_counter() - begun
-        self._fixes += fix.published
-        self._declined += not fix.published
-        self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
-        self._say(nav.ns, fix, seconds)
-        self.outputs.publish(nav.ns, batch, fix, nav)
+        return fix
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""

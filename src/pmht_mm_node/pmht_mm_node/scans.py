@@ -11,7 +11,7 @@ from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_buffer import Jump
 from isogal_ros.nodes.nav_queue import NavQueue
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.nav_sample import NavSample, moved
 
 
 class Scans:
@@ -23,19 +23,31 @@ class Scans:
         Listens and tells its health.
     scenario : Scenario
         Says how far scans are apart.
+    first : callable
+        Called with the navigator's state of the first scan before it is taken; may set `last`.
     taken : callable
         Called with the navigator's state and the reading (NaN = none) of each scan, in order of
         time.
     """
 
     def __init__(
-        self, node: GraphNode, scenario: Scenario, taken: Callable[[NavSample, Any], None]
+        self,
+        node: GraphNode,
+        scenario: Scenario,
+        first: Callable[[NavSample], None],
+        taken: Callable[[NavSample, Any], None],
     ) -> None:
-        self._health, self._taken = node.health, taken
+        self._health, self._first, self._taken = node.health, first, taken
         self._interval = from_seconds(scenario.gravimeter.interval)
         self._missing = 0
-        self._newest, self._last = -1, -1
+        self._newest = -1
+        self.last = -1
+        """Stamp of the last scan, ns; -1 = none."""
         self._queue = NavQueue(node, scenario, self._process)
+
+    def before(self, ns: int) -> int:
+        """Return how many scans there have been before the one of a stamp, counted from zero."""
+        return max(round(ns / self._interval) - 1, 0)
 
     @property
     def waiting(self) -> int:
@@ -58,23 +70,25 @@ class Scans:
 
     def _process(self, ns: int, reading: Any, nav: NavSample | None) -> None:
         if nav is not None:
-            if self._last >= 0:
-                self._fill_missing(ns)
+            if self.last < 0:
+                self._first(nav)
+            if self.last >= 0:
+                self._fill_missing(nav)
             self._scan(nav, reading)
 
-    def _fill_missing(self, ns: int) -> None:
+    def _fill_missing(self, now: NavSample) -> None:
         """Add scans without reading where messages are missing, so that batches keep their length
         in time."""
-        for stamp in missing_scans(self._last, ns, self._interval):
+        for stamp in missing_scans(self.last, now.ns, self._interval):
             self._missing += 1
             self._health.figures["scans missing"] = self._missing
             try:
                 nav = self._queue.nav.at(stamp)
             except BadMessageError:
-                continue
-            if nav is not None:
-                self._scan(nav, math.nan)
+                nav = None
+            # without a reading it does not matter much where the navigator was
+            self._scan(nav or moved(now, stamp), math.nan)
 
     def _scan(self, nav: NavSample, reading: Any) -> None:
-        self._last = nav.ns
+        self.last = nav.ns
         self._taken(nav, reading)

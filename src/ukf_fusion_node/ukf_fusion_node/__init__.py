@@ -3,6 +3,8 @@
 node            subscriptions: IMU samples, fixes and the information that belongs to them
 settings        the node's own parameters
 start           the filter's first state
+navigation      the filter from its start on: gaps, and what survives a restart
+pose            a pose that a user gives
 fixes           which fixes are to be used, each stamp once
 corrections     fixes applied to the filter
 outputs         messages on nav/*

@@ -25,6 +25,19 @@ class UkfFusionSettings(NodeSettings):
         description="longest gap between IMU samples that is bridged without an error, s",
     )
     path_interval: float = Field(60.0, gt=0.0, description="time between the poses of nav/path, s")
+    start_time: float = Field(
+        0.0,
+        description="stamp at which the start is true, s; NaN = when the first IMU sample comes",
+    )
+    outage_acceleration: float = Field(
+        0.1,
+        ge=0.0,
+        le=100.0,
+        description="1-sigma of how the vehicle accelerates while IMU samples are missing, m/s²",
+    )
+    outage_turn_rate: float = Field(
+        1e-3, ge=0.0, le=10.0, description="1-sigma of how it turns meanwhile, rad/s"
+    )
     start_position: Triple = Field(
         _FROM_SCENARIO, description="first latitude deg, longitude deg, height m; NaN = as drawn"
     )

@@ -10,6 +10,7 @@ from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
+from isogal_ros.messages.stamps import from_seconds
 from ukf_fusion_node.settings import UkfFusionSettings
 
 
@@ -46,3 +47,10 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
     if "start_attitude" in given:
         state.attitude[0] = from_angles(*np.radians(given["start_attitude"]))
     return state
+
+
+def start_ns(settings: UkfFusionSettings, first: int) -> int:
+    """Return the stamp (ns) at which the start is true; `first` is that of the first data's
+    beginning."""
+    time = settings.start_time
+    return from_seconds(time) if math.isfinite(time) else first

@@ -191,6 +191,7 @@ def test_no_fix_is_answered_too(filter_bench, start) -> None:
 
 def test_a_given_start(scenario) -> None:
     own = {
+        "start_time": math.nan,
         "start_position": [-35.0, 149.0, 50.0],
         "start_velocity": [1.0, 2.0, 0.0],
         "start_attitude": [0.0, 0.0, 90.0],

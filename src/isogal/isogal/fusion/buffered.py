@@ -21,6 +21,7 @@ from isogal.fusion.navigator import (
     update_position,
     widen,
 )
+from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 
@@ -53,6 +54,8 @@ class _Step:
     height: float
     state: FilterState
     fixes: list[Update]
+    missing: float = 0.0
+    """s at the beginning of the interval without data."""
 
 
 class BufferedNavigator:
@@ -67,15 +70,23 @@ class BufferedNavigator:
         s.
     horizon : float
         How old a fix may be, s.
+    motion : UnknownMotion, optional
+        How the vehicle may move where samples are missing.
     """
 
     def __init__(
-        self, model: FilterModel, state: FilterState, time: float = 0.0, horizon: float = 1200.0
+        self,
+        model: FilterModel,
+        state: FilterState,
+        time: float = 0.0,
+        horizon: float = 1200.0,
+        motion: UnknownMotion | None = None,
     ) -> None:
         if len(state) != 1:
             raise ValueError("BufferedNavigator navigates one run")
         self.model = model
         self.horizon = horizon
+        self.motion = motion or UnknownMotion()
         nothing = np.zeros(3)
         self._steps: deque[_Step] = deque(
             [_Step(time, nothing, nothing, float(state.position[0, 2]), state.copy(), [])]
@@ -92,7 +103,12 @@ class BufferedNavigator:
         return self._steps[-1].state
 
     def propagate(
-        self, time: float, specific_force: Array, angular_rate: Array, height: float
+        self,
+        time: float,
+        specific_force: Array,
+        angular_rate: Array,
+        height: float,
+        missing: float = 0.0,
     ) -> None:
         """Advance to `time` with the means over the interval that ends there.
 
@@ -102,6 +118,9 @@ class BufferedNavigator:
             Body axes, m/s², rad/s.
         height : float
             Known height at `time`, m.
+        missing : float
+            How much of the time since the last stamp the sample does not cover, s; the covariance
+            grows by what may have happened meanwhile (`isogal.fusion.outage`).
 
         Raises
         ------
@@ -125,6 +144,7 @@ class BufferedNavigator:
             float(height),
             self.state.copy(),
             [],
+            missing,
         )
         self._apply(new, self.time)
         self._steps.append(new)
@@ -223,6 +243,11 @@ class BufferedNavigator:
 
     def _apply(self, step: _Step, start: float) -> None:
         interval = step.time - start
+        if step.missing > 0.0:
+            if step.missing > HELD:
+                keep_going(step.state, self.model, step.missing, step.height)
+                interval -= step.missing
+            grow(step.state, 0, step.missing, self.motion)
         model = (
             self.model
             if abs(interval - self.model.dt) < 1e-6

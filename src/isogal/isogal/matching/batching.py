@@ -37,6 +37,15 @@ class _Scan:
     height: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Collected:
+    """What a `BatchBuilder` has collected, for a checkpoint."""
+
+    scans: tuple[_Scan, ...]
+    count: int
+    unused: int
+
+
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
     """Whether a batch ends with the scan that makes `scans` of them (counted from 1)."""
     return (
@@ -85,6 +94,28 @@ class BatchBuilder:
     def ready(self) -> bool:
         """Whether the newest scan ends a batch that has not been built yet."""
         return self._unused > 0 and fix_due(self._count, self.settings)
+
+    @property
+    def whole(self) -> bool:
+        """Whether there are as many scans as a batch has: not where it began amid a run."""
+        return len(self._scans) >= self.settings.batch_length
+
+    @property
+    def collected(self) -> Collected:
+        """What has been collected; scans are shared."""
+        return Collected(tuple(self._scans), self._count, self._unused)
+
+    def restore(self, collected: Collected) -> None:
+        """Go on from what an earlier builder of the same settings had collected."""
+        self._scans.clear()
+        self._scans.extend(collected.scans)
+        self._count, self._unused = collected.count, collected.unused
+
+    def begin(self, earlier: int) -> None:
+        """Note, before the first scan, how many there have been before: batches then end where
+        they would have ended."""
+        if self._count == 0:
+            self._count = earlier
 
     def add_scan(
         self,

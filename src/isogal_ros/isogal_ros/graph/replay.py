@@ -1,5 +1,6 @@
 """Feeding recorded sensor messages to a fresh matcher and filter, step by step."""
 
+import math
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ ANSWERS = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
+LATE = 60.0
+"""s after which the first IMU sample of a bag is not that of the scenario's start."""
 PATIENCE = 120.0
 """s of wall time that a step may take."""
 
@@ -85,6 +88,12 @@ def replay(reader: BagReader, interrupt: Interrupt, report: Report) -> Replay:
     if reader.cut is not None:
         last = max(recorded.imu, default=0)
         notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
+    first = to_seconds(min(recorded.imu))
+    if first > LATE:
+        notes.append(
+            f"the bag begins at {first:.0f} s: the filter starts there as the scenario says for"
+            " its start, which is true only where the vehicle did not move before"
+        )
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
         outputs, answered = _run(recorded, context, interrupt, report)
@@ -133,7 +142,8 @@ def _run(
     try:
         for name in NODES:
             kind = node_class(name)
-            values = node_values(recorded.scenario, own, kind.sections)
+            begin = {"start_time": math.nan} if name == topics.UKF_FUSION else {}
+            values = node_values(recorded.scenario, own | begin, kind.sections)
             nodes[name] = kind(name, values=values, context=context)
         values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)

@@ -1,6 +1,7 @@
 """What the nodes of the graph are made of.
 
 base        what does every node have?
+checkpoint  what does a node go on from when it is started again?
 health      what does a node report of itself on /diagnostics?
 nav_sample  what is a state of the navigator?
 nav_buffer  what was the state of a stamp, and how did a fix change it?

@@ -17,7 +17,7 @@ from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR, OK, Health
+from isogal_ros.nodes.health import ERROR, OK, STARTING, Health
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
@@ -39,6 +39,15 @@ class NodeSettings(BaseModel):
     )
     peers: tuple[str, ...] = Field(
         topics.NODES, description="nodes of the graph that must listen before the node is ready"
+    )
+    checkpoint: str = Field(
+        "",
+        description=(
+            "folder of checkpoints, from which a node that is started again goes on; empty = none"
+        ),
+    )
+    checkpoint_age: float = Field(
+        3600.0, gt=0.0, description="how much older than the data a checkpoint may be, s"
     )
     diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
 
@@ -202,7 +211,8 @@ class GraphNode(Node):
         if "waiting for listeners" in self.health.figures:
             self.health.figures["waiting for listeners"] = "none"
         self.destroy_timer(self._readiness)
-        self.health.state(OK, "ready")
+        if self.health.message == STARTING:
+            self.health.state(OK, "ready")
 
     def _beat(self) -> None:
         """Publish diagnostics while no data comes; end with the parent, if there is one."""

@@ -8,6 +8,9 @@ from isogal_ros.messages.stamps import set_stamp
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
+STARTING = "starting"
+"""What a node says before anything else."""
+
 
 class Health:
     """State, figures and counts of dropped messages of one node, published once a period and on
@@ -24,13 +27,18 @@ class Health:
         """Number of dropped messages by topic."""
         self._publisher = publisher
         self._period = period_ns
-        self._level, self._message = OK, "starting"
+        self._level, self._message = OK, STARTING
         self._reasons: dict[str, str] = {}
         self._stamp = 0
         self._last: int | None = None
         self._published = 0
         self._array = DiagnosticArray(status=[DiagnosticStatus(name=name, hardware_id="isogal")])
         self._pairs: dict[str, KeyValue] = {}
+
+    @property
+    def message(self) -> str:
+        """What the node says of its own state."""
+        return self._message
 
     @property
     def publications(self) -> int:

@@ -1,0 +1,101 @@
+"""What a navigator still knows after a time without inertial data.
+
+Nothing was measured of how the vehicle moved meanwhile. It is taken to have kept its velocity and
+attitude, and its unknown motion as a constant acceleration and a constant turn: with a 1-sigma
+acceleration a over a time T the velocity is wrong by a T and the position by a T² / 2, wholly
+correlated, and the attitude by the turn rate times T. A vehicle of speed v that turned round has
+changed its velocity by 2 v at most, so the sigma of the velocity does not grow beyond v."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import EARTH_RATE, metres_per_radian
+from isogal.earth.gravity import normal_gravity_at
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import propagate
+from isogal.fusion.state import FilterState
+from isogal.inertial.rotations import matrix
+
+HELD = 10.0
+"""s up to which the sample after a gap stands for the gap as well; over a longer one the vehicle
+is taken to have kept its velocity and attitude."""
+STEP = 10.0
+"""s, longest step over a gap."""
+SLOWEST = 1.0
+"""m/s that a vehicle at rest may have moved with."""
+LARGEST_TILT, LARGEST_HEADING = 0.02, 0.5
+"""rad, largest 1-sigma that an outage adds: of a level vehicle's attitude, and where the filter
+still holds."""
+TILT_SHARE = 0.1
+"""Of the turn rate, about horizontal axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownMotion:
+    """1-sigma of how a vehicle moves while nothing measures it."""
+
+    acceleration: float = 0.1
+    """m/s²."""
+    turn_rate: float = 1e-3
+    """rad/s, about the vertical."""
+
+
+def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:
+    """Return (9, 9) what an outage adds to the covariance of position (m), velocity (m/s) and
+    attitude (rad), NED, of a vehicle of a speed (m/s)."""
+    free = motion.acceleration * seconds
+    velocity = free / math.hypot(1.0, free / max(speed, SLOWEST))
+    heading = min(motion.turn_rate * seconds, LARGEST_HEADING)
+    tilt = min(TILT_SHARE * motion.turn_rate * seconds, LARGEST_TILT)
+    root = np.zeros((9, 6))
+    for axis in range(3):
+        root[axis, axis] = 0.5 * velocity * seconds
+        root[3 + axis, axis] = velocity
+    root[6, 3], root[7, 4], root[8, 5] = tilt, tilt, heading
+    return np.asarray(root @ root.T, dtype=np.float64)
+
+
+def grow(state: FilterState, run: int, seconds: float, motion: UnknownMotion) -> None:
+    """Add what an outage adds to the covariance of a run, in place. Vertical errors stay: the
+    height is known."""
+    speed = float(np.hypot(*state.velocity[run, :2]))
+    added = outage_covariance(seconds, speed, motion)
+    added[[2, 5], :] = added[:, [2, 5]] = 0.0
+    state.covariance[run, :9, :9] += added
+
+
+def keep_going(state: FilterState, model: FilterModel, seconds: float, height: float) -> None:
+    """Advance a state of one run as if the vehicle kept its velocity and attitude, in place.
+
+    Parameters
+    ----------
+    model : FilterModel
+        Of the interval `STEP` or less; what the filter assumes.
+    """
+    steps = max(1, math.ceil(seconds / STEP))
+    of_step = replace(model, dt=seconds / steps)
+    for _ in range(steps):
+        force, rate = steady_sample(state)
+        propagate(state, of_step, force[None, None], rate[None, None], np.array([height]))
+
+
+def steady_sample(state: FilterState) -> tuple[Array, Array]:
+    """Return the specific force and angular rate (3,), body axes, m/s² and rad/s, that the sensors
+    of the first run would measure if it kept its velocity and attitude, biases included (Groves
+    2013, eqs. 5.53 and 5.64 set to zero)."""
+    latitude, _, height = state.position[0]
+    velocity = state.velocity[0] * [1.0, 1.0, 0.0]
+    north, east = metres_per_radian(latitude, height)
+    s, c = math.sin(latitude), math.cos(latitude)
+    v_north, v_east = velocity[:2]
+    turn = v_east / east  # of the longitude
+    earth = EARTH_RATE * np.array([c, 0.0, -s])
+    transport = np.array([turn * c, -v_north / north, -turn * s])
+    gravity = np.array([0.0, 0.0, normal_gravity_at(s, height)])
+    to_body = matrix(state.attitude[0]).T
+    force = to_body @ (np.cross(2.0 * earth + transport, velocity) - gravity)
+    rate = to_body @ (earth + transport)
+    return force + state.accelerometer_bias[0], rate + state.gyroscope_bias[0]

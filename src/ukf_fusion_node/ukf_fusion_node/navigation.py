@@ -1,0 +1,166 @@
+"""The filter of a node from its start on: where it begins, gaps, and what survives a restart."""
+
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.buffered import BufferedNavigator
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import FilterDivergenceError
+from isogal.fusion.outage import UnknownMotion
+from isogal.fusion.state import FilterState
+from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.checkpoint import Checkpoint
+from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.start import initial_state, start_ns
+
+
+class Navigation:
+    """Takes IMU samples; waits for a start where nothing fits the first of them.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Its scenario and settings; its health is told.
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._settings, self._health = node.settings, node.health
+        self._height = node.scenario.route.height
+        self._log = node.get_logger()
+        self.model = FilterModel.from_scenario(node.scenario)
+        self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
+        self._motion = UnknownMotion(
+            node.settings.outage_acceleration, node.settings.outage_turn_rate
+        )
+        self._checkpoint = Checkpoint(node)
+        self._from_start = True
+        self._placed: FilterState | None = None
+        self._gaps = 0
+        self.navigator: BufferedNavigator | None = None
+        """None = it has no start yet."""
+        self.ns = -1
+        """Stamp of the newest state."""
+        self.rate = np.zeros(3)
+        """Angular rate of the newest sample, FRD."""
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile, or load, the filter's kernels before the first sample comes."""
+        navigator, dt = BufferedNavigator(self.model, self._start), self.model.dt
+        latitude, longitude, height = self._start.position[0].tolist()
+        navigator.propagate(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
+        navigator.update_position(dt, latitude, longitude, np.eye(2) * 1e6)
+
+    @property
+    def state(self) -> FilterState:
+        """The newest state."""
+        assert self.navigator is not None
+        return self.navigator.state
+
+    def begin(self, ns: int) -> bool:
+        """Begin with the first sample (its stamp), if there is something to begin with; return
+        whether it has begun at the start itself, which is then to be published."""
+        first = ns - from_seconds(self.model.dt)
+        fresh = False
+        if self._placed is not None:
+            self._set(first, self._placed)
+        elif (saved := self._checkpoint.take(first)) is not None and self._fits(saved.content):
+            self._set(saved.time, saved.content)
+        elif self._from_start:
+            start = start_ns(self._settings, first)
+            margin = from_seconds(min(0.5 * self.model.dt, 1.0))
+            if start - margin <= first <= start + from_seconds(self._settings.max_gap):
+                # of a sample or two less than a millisecond apart the stamps are the same
+                self._set(first if abs(first - start) <= margin else start, self._start)
+                fresh = True
+            else:
+                self._wait(first, start)
+        else:
+            self._health.state(ERROR, "waits for a pose on initialpose")
+        return fresh
+
+    def _wait(self, first: int, start: int) -> None:
+        if first < start:
+            text = f"waits for the start at {to_seconds(start):.3f} s (start_time)"
+            self._health.state(WARN, text)
+            return
+        self._from_start = False
+        text = (
+            f"waits for a pose on initialpose: the data begin at {to_seconds(first):.3f} s, the"
+            f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
+            f" nothing to go on from ({self._checkpoint.reason})"
+        )
+        self._log.error(text)
+        self._health.state(ERROR, text)
+
+    def _fits(self, content: Any) -> bool:
+        """Whether a checkpoint's content is a state of this filter."""
+        if isinstance(content, FilterState):
+            now = self._start.arrays()
+            try:
+                same = [a.shape == b.shape for a, b in zip(content.arrays(), now, strict=True)]
+                finite = all(np.isfinite(array).all() for array in content.arrays())
+                np.linalg.cholesky(content.covariance)
+            except (ValueError, np.linalg.LinAlgError):
+                return False
+            return all(same) and finite
+        return False
+
+    def _set(self, ns: int, state: FilterState) -> None:
+        self.navigator = BufferedNavigator(
+            self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion
+        )
+        self.ns, self._placed = ns, None
+
+    def place(self, state: FilterState) -> None:
+        """Navigate from a state on: from now, or from the first sample if there was none."""
+        self.rate = np.zeros(3)
+        if self.navigator is None:
+            self._placed = state
+            self._health.state(OK, "placed; waits for IMU samples")
+        else:
+            self._set(self.ns, state)
+
+    def reset(self) -> None:
+        """Forget all: navigate from the scenario's start where it fits the next sample, else from
+        a pose that is to come."""
+        self._checkpoint.forget()
+        self.navigator, self._placed, self._from_start = None, None, True
+        self._health.state(WARN, "reset; waits for IMU samples")
+
+    def start_state(self) -> FilterState:
+        """Return a state to be changed: the newest, or where there is none that of the start."""
+        return (self._start if self.navigator is None else self.state).copy()
+
+    def sample(self, ns: int, force: Array, rate: Array) -> None:
+        """Advance with a sample; raises BadMessageError where it cannot be used."""
+        assert self.navigator is not None
+        require_later(ns, self.ns)
+        missing = self._note_gap(to_seconds(ns - self.ns))
+        try:
+            self.navigator.propagate(to_seconds(ns), force, rate, self._height, missing)
+        except FilterDivergenceError as error:
+            self._health.state(ERROR, str(error))
+            raise BadMessageError(str(error)) from None
+        self.ns, self.rate = ns, rate
+
+    def keep(self) -> None:
+        """Write a checkpoint of the newest state."""
+        self._checkpoint.save(self.ns, self.state)
+
+    def _note_gap(self, interval: float) -> float:
+        """Tell of missing samples; return the time that they leave uncovered, s."""
+        samples = round(interval / self.model.dt) - 1
+        if samples < 1:
+            self._health.state(OK, "navigating")
+            return 0.0
+        self._gaps += samples
+        self._health.figures["IMU samples missing"] = self._gaps
+        end = to_seconds(self.ns) + interval
+        level = ERROR if interval > self._settings.max_gap else WARN
+        self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")
+        return interval - self.model.dt

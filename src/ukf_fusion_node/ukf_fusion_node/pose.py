@@ -1,0 +1,73 @@
+"""A pose that a user gives on initialpose, as a state of the filter."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from isogal.earth.frames import LocalFrame
+from isogal.fusion.state import FilterState
+from isogal.inertial.rotations import from_matrix, matrix
+from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.frames import FRD_FLU, MAP, NED_ENU
+
+SPEED_SHARE = 0.25
+"""1-sigma of the velocity that a pose leaves open, as a share of the speed."""
+LARGEST_DISTANCE = 1e7
+"""m from the origin of the frame ``map``."""
+
+
+def placed(state: FilterState, message: Any, frame: LocalFrame, speed: float) -> FilterState:
+    """Return a state at a pose, with the biases of another state.
+
+    The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variances
+    of the orientation are zero, those of the other state stand.
+
+    Raises
+    ------
+    BadMessageError
+        The pose is of another frame, not finite, without the variance of a position, or its
+        orientation is not a unit quaternion.
+    """
+    require_frame(message, MAP)
+    pose, q = message.pose.pose, message.pose.pose.orientation
+    point = np.array([pose.position.x, pose.position.y, pose.position.z])
+    turn = np.array([q.w, q.x, q.y, q.z])
+    covariance = np.asarray(message.pose.covariance).reshape(6, 6)
+    if not (np.isfinite(point).all() and np.abs(point).max() < LARGEST_DISTANCE):
+        raise BadMessageError("position is not finite, or too far away")
+    if not np.isfinite(turn).all() or abs(turn @ turn - 1.0) > 1e-3:
+        raise BadMessageError("orientation is not a unit quaternion")
+    require_covariance(covariance)
+    if min(covariance[0, 0], covariance[1, 1]) <= 0.0:
+        raise BadMessageError("the variances of x and y must be positive")
+    latitude, longitude, height = (float(x) for x in frame.to_geodetic(point))
+    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T
+    attitude = to_ned @ matrix(turn) * FRD_FLU
+    new = state.copy()
+    new.position[0] = latitude, longitude, height
+    new.attitude[0] = from_matrix(attitude)
+    ahead = attitude[:2, 0] / max(math.hypot(*attitude[:2, 0]), 1e-9)
+    new.velocity[0] = [*(speed * ahead), 0.0]
+    _set_covariance(new, covariance, to_ned, max(SPEED_SHARE * speed, 0.1))
+    return new
+
+
+def _set_covariance(state: FilterState, pose: Any, to_ned: Any, of_velocity: float) -> None:
+    """Write a pose's covariance (6, 6; frame ``map``) and a velocity's 1-sigma (m/s)."""
+    P = state.covariance[0]
+    variances = np.diag(P).copy()
+    P[:9, :], P[:, :9] = 0.0, 0.0
+    P[:3, :3] = to_ned @ pose[:3, :3] @ to_ned.T
+    P[2, :3] = P[:3, 2] = 0.0
+    P[2, 2] = variances[2]  # the height is known
+    P[3:5, 3:5], P[5, 5] = of_velocity**2 * np.eye(2), variances[5]
+    turned = pose[3:, 3:]
+    if np.diag(turned).min() > 0.0:
+        P[6:9, 6:9] = to_ned @ turned @ to_ned.T
+    else:
+        P[6:9, 6:9] = np.diag(variances[6:9])
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        raise BadMessageError("covariance is not positive definite") from None

@@ -1,0 +1,78 @@
+"""What is still known after a time without inertial data."""
+
+import numpy as np
+import pytest
+
+from helpers.navigators import ROUTE, error_between, fly
+from isogal.fusion.buffered import BufferedNavigator
+from isogal.fusion.outage import HELD, UnknownMotion, keep_going, outage_covariance, steady_sample
+
+FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1.0, 30.0, 600.0, 3600.0])
+def test_growth(seconds) -> None:
+    """Of a constant acceleration while it is short, and never faster than the vehicle."""
+    P = outage_covariance(seconds, 20.0, UnknownMotion(0.1, 1e-3))
+    assert np.linalg.eigvalsh(P).min() > -1e-9 * max(P.max(), 1.0)
+    sigma = np.sqrt(np.diag(P))
+    assert sigma[3] <= 20.0
+    assert sigma[0] == pytest.approx(sigma[3] * seconds / 2.0)
+    if seconds <= 30.0:
+        assert sigma[3] == pytest.approx(0.1 * seconds, rel=0.02)
+        assert sigma[8] == pytest.approx(1e-3 * seconds)
+    assert sigma[8] <= 0.5
+
+
+def test_a_steady_vehicle_is_where_it_would_be() -> None:
+    state = FLIGHT.start.copy()
+    before = state.velocity.copy()
+    keep_going(state, FLIGHT.model, 600.0, 100.0)
+    speed = np.hypot(*before[0, :2])
+    np.testing.assert_allclose(state.velocity[0, :2], before[0, :2], atol=0.02 * speed)
+    truth = FLIGHT.trajectory
+    assert abs(state.position[0, 0] - truth.latitude[600]) < 1e-4  # 600 m in 12 km
+
+
+def test_steady_sample_has_the_biases() -> None:
+    state = FLIGHT.start.copy()
+    force, rate = steady_sample(state)
+    assert np.linalg.norm(force) == pytest.approx(9.8, abs=0.03)
+    assert np.linalg.norm(rate) < 1e-4
+    state.accelerometer_bias[0], state.gyroscope_bias[0] = [0.1, 0.2, 0.3], [1e-3, 0.0, 0.0]
+    biased = steady_sample(state)
+    np.testing.assert_allclose(biased[0] - force, [0.1, 0.2, 0.3], atol=1e-12)
+    np.testing.assert_allclose(biased[1] - rate, [1e-3, 0.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("gap", [0, 3, 8, 60, 600])
+def test_a_gap_widens_the_filter_and_is_replayed_for_a_late_fix(gap) -> None:
+    ends = []
+    for late in (False, True):
+        it = BufferedNavigator(FLIGHT.model, FLIGHT.start.copy())
+        fix = FLIGHT.fix(50, 20.0, -10.0)
+        for k in [*range(100), *range(100 + gap, 130 + gap)]:
+            missing = float(gap) if k == 100 + gap else 0.0
+            imu, height = FLIGHT.imu, FLIGHT.trajectory.height[k + 1]
+            sample = imu.specific_force[0, k], imu.angular_rate[0, k]
+            it.propagate(k + 1.0, *sample, height, missing)
+            if k + 1 == (120 + gap if late else 50):
+                assert it.update_position(50.0, *fix, 400.0 * np.eye(2)).accepted
+        ends.append(it.state)
+    assert np.abs(error_between(*ends)).max() < 1e-12
+    sigma = np.sqrt(np.diag(ends[0].covariance[0]))
+    added = np.sqrt(np.diag(outage_covariance(float(gap), ROUTE.speed, UnknownMotion())))
+    assert sigma[0] >= added[0]
+    assert sigma[4] >= 0.8 * added[4]  # height and vertical force tell a little of it
+    k = 130 + gap
+    north, east = error_to_truth(ends[0], k)
+    assert np.hypot(north, east) < 3.0 * np.hypot(*sigma[:2])
+    assert (gap > HELD) == (gap >= 60)
+
+
+def error_to_truth(state, k: int) -> tuple[float, float]:
+    from isogal.earth.frames import horizontal_difference
+
+    truth = FLIGHT.trajectory
+    off = horizontal_difference(*state.position[0, :2], truth.latitude[k], truth.longitude[k])
+    return float(off[0]), float(off[1])

@@ -1,0 +1,92 @@
+"""A matcher that is started again goes on in the batch, with what it had learnt."""
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from helpers.node_bench import Bench, bench, stamps
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+
+
+@pytest.fixture(scope="module")
+def drive(scenario):
+    trajectory = build_trajectory(scenario())
+    field_map = map_for_scenario(scenario())
+    noise = np.random.default_rng(3).normal(0.0, 1e-5, 100)
+
+    def go(made: Bench, first: int, last: int) -> None:
+        """Scans of a navigator that is 30 m off."""
+        for scan in range(first, last + 1):
+            k = scan * 10
+            place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
+            made.nav(k, place[0] + 5e-6, place[1], tuple(trajectory.velocity[k, :2]))
+            made.reading(k, float(field_map.value(*place)) + noise[scan])
+        made.wait(lambda: made.node.taken >= last - first + 1 and not made.node.scans.waiting)
+        made.settle()
+
+    return go
+
+
+def fixes(made: Bench) -> dict[int, tuple[float, float]]:
+    return {
+        stamp: (fix.latitude, fix.longitude)
+        for stamp, fix in zip(stamps(made, topics.FIX), made.heard["pmht_mm/fix"], strict=True)
+    }
+
+
+@pytest.mark.parametrize("name", ["pmht", "pmht-paper"])
+def test_killed_between_two_scans_it_gives_the_same_fixes(scenario, drive, tmp_path, name) -> None:
+    one = scenario(f"matcher.name={name}")
+    with bench(topics.PMHT_MM, one) as made:
+        drive(made, 1, 24)
+        undisturbed = fixes(made)
+    assert list(undisturbed) == [60, 120, 180, 240]
+    own = {"checkpoint": str(tmp_path)}
+    found = {}
+    for first, last in ((1, 3), (4, 14), (15, 18), (19, 24)):
+        with bench(topics.PMHT_MM, one, **own) as made:
+            drive(made, first, last)
+            found |= fixes(made)
+    assert found == undisturbed
+
+
+def test_an_outage_costs_its_scans_and_batches_end_when_they_would_have(
+    scenario, drive, tmp_path
+) -> None:
+    own = {"checkpoint": str(tmp_path)}
+    with bench(topics.PMHT_MM, scenario(), **own) as made:
+        drive(made, 1, 8)
+    with bench(topics.PMHT_MM, scenario(), **own) as made:
+        drive(made, 11, 24)
+        assert list(fixes(made)) == [120, 180, 240]
+        assert made.says()[-1][2]["scans missing"] == "2"
+
+
+def test_without_a_checkpoint_it_begins_and_says_so(scenario, drive) -> None:
+    with bench(topics.PMHT_MM, scenario()) as made:
+        drive(made, 9, 24)
+        assert list(fixes(made)) == [120, 180, 240]
+        reasons = [
+            item.message
+            for array in made.heard["/diagnostics"]
+            for item in array.status
+            if item.name.endswith("batch")
+        ]
+        assert "the first batch is not whole: it has 4 scans" in reasons[0]
+        assert made.heard["pmht_mm/fix"][0].status.status == -1
+
+
+def test_reset(scenario, drive, tmp_path) -> None:
+    with bench(topics.PMHT_MM, scenario(), checkpoint=str(tmp_path)) as made:
+        drive(made, 1, 8)
+        assert list(tmp_path.iterdir())
+        client = made.probe.create_client(Trigger, "pmht_mm_node/reset")
+        made.wait(client.service_is_ready, "the service")
+        answer = client.call_async(Trigger.Request())
+        made.wait(answer.done)
+        assert answer.result().success
+        assert not list(tmp_path.iterdir())
+        drive(made, 9, 12)
+        assert made.heard["pmht_mm/fix"][-1].status.status == -1

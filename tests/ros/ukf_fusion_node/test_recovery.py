@@ -1,0 +1,221 @@
+"""Where the filter begins: the scenario's start, a checkpoint, a user's pose, or nowhere."""
+
+import math
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from helpers.node_bench import Bench, bench, stamps
+from isogal.earth.frames import horizontal_difference
+from isogal.sensors.imu import simulate_imu
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+from isogal_ros.messages.frames import MAP, map_frame
+from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.nodes.health import ERROR, OK, WARN
+
+
+@pytest.fixture(scope="module")
+def drive(scenario):
+    trajectory = build_trajectory(scenario())
+    imu = simulate_imu(scenario(), trajectory, [0])
+
+    def go(made: Bench, *spans: tuple[int, int]) -> None:
+        for first, last in spans:
+            for k in range(first, last + 1):
+                made.imu(k, tuple(imu.specific_force[0, k - 1]), tuple(imu.angular_rate[0, k - 1]))
+
+    def error(made: Bench, k: int) -> float:
+        """Distance (m) from the truth of the state last published, of stamp k."""
+        made.wait(lambda: k in stamps(made, topics.NAV_FIX), f"nav/fix of {k} s")
+        latitude, longitude, _ = read_position(made.heard["nav/fix"][-1])
+        truth = trajectory.latitude[k], trajectory.longitude[k]
+        return float(np.hypot(*horizontal_difference(latitude, longitude, *truth)))
+
+    go.error = error
+    return go
+
+
+def sigma(made: Bench) -> float:
+    """1-sigma (m) of the state last published."""
+    covariance = read_covariance(made.heard["nav/fix"][-1])
+    return math.sqrt(covariance[0, 0] + covariance[1, 1])
+
+
+def says(made: Bench, words: str) -> bytes:
+    """Wait for words in the diagnostics; return the level."""
+    made.wait(lambda: any(words in text for _, text, _ in made.says()), words)
+    return next(level for level, text, _ in made.says() if words in text)
+
+
+def test_a_restarted_filter_goes_on_and_knows_less(scenario, drive, tmp_path) -> None:
+    """Killed at 60 s, there again at 80 s: 20 s at 20 m/s were unknown to it."""
+    own = {"checkpoint": str(tmp_path)}
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        drive(made, (1, 60))
+        before = drive.error(made, 60), sigma(made)
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        drive(made, (80, 90))
+        after = drive.error(made, 90), sigma(made)
+        assert stamps(made, topics.NAV_FIX) == list(range(80, 91))
+        assert any("19 IMU samples missing" in text for _, text, _ in made.says())
+    assert after[0] < before[0] + 30.0
+    assert after[1] > before[1] + 15.0
+    assert after[0] < 3.0 * after[1]
+
+
+def test_late_or_again_without_a_checkpoint_it_waits(scenario, drive) -> None:
+    """It once believed itself at the route's start, 31 km off, and said OK."""
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        drive(made, (300, 305))
+        assert says(made, "waits for a pose on initialpose: the data begin at 299.000 s") == ERROR
+        made.wait(lambda: made.node.samples == 6)
+        made.settle()
+        assert made.heard["nav/fix"] == []
+        assert made.says()[-1][0] == ERROR
+
+
+def test_two_seconds_late_it_knows_where_it_is(scenario, drive) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        drive(made, (4, 20))
+        assert drive.error(made, 20) < 3.0 * sigma(made)
+        assert any("3 IMU samples missing" in text for _, text, _ in made.says())
+
+
+def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
+    with bench(topics.UKF_FUSION, scenario(), start_time=10.0) as made:
+        drive(made, (1, 12))
+        assert says(made, "waits for the start at 10.000 s") == WARN
+        made.wait(lambda: made.node.samples == 12)
+        made.settle()
+        assert stamps(made, topics.NAV_FIX) == [10, 11, 12]
+
+
+@pytest.mark.parametrize(
+    ("change", "first", "words"),
+    [
+        ({"run": 1}, 61, "another run or another scenario"),
+        ({"checkpoint_age": 100.0}, 400, "too old"),
+        ({}, 30, "of a later time"),
+    ],
+)
+def test_a_checkpoint_that_is_not_its_own_is_refused(
+    scenario, drive, tmp_path, change, first, words
+) -> None:
+    own = {"checkpoint": str(tmp_path)}
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        drive(made, (1, 60))
+        made.wait(lambda: 60 in stamps(made, topics.NAV_FIX))
+        made.settle()
+    with bench(topics.UKF_FUSION, scenario(), **own | change) as made:
+        drive(made, (first, first + 1))
+        assert says(made, words) == ERROR
+        made.settle()
+        assert made.heard["nav/fix"] == []
+
+
+def test_another_scenario_and_a_damaged_file(scenario, drive, tmp_path) -> None:
+    own = {"checkpoint": str(tmp_path)}
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        drive(made, (1, 60))
+        made.wait(lambda: 60 in stamps(made, topics.NAV_FIX))
+        made.settle()
+    with bench(topics.UKF_FUSION, scenario("imu.grade=quantum"), **own) as made:
+        drive(made, (61, 62))
+        assert says(made, "another run or another scenario") == ERROR
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(file.read_bytes()[:-1] + b"x")
+    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+        drive(made, (61, 62))
+        assert says(made, "damaged (checksum)") == ERROR
+
+
+def test_a_fresh_run_does_not_take_the_last_ones(scenario, drive, tmp_path) -> None:
+    own = {"checkpoint": str(tmp_path)}
+    ends = []
+    for _ in range(2):
+        with bench(topics.UKF_FUSION, scenario(), **own) as made:
+            drive(made, (1, 30))
+            made.wait(lambda made=made: 30 in stamps(made, topics.NAV_FIX))
+            assert stamps(made, topics.NAV_FIX)[0] == 0
+            ends.append(read_position(made.heard["nav/fix"][-1]))
+    assert ends[0] == ends[1]
+
+
+def pose_at(scenario, k: int, offset: float = 0.0):
+    """A pose of the route at a stamp, east by an offset (m), with 1-sigma of 50 m."""
+    trajectory = build_trajectory(scenario)
+    message = topics.INITIAL_POSE.type()
+    message.header.frame_id = MAP
+    point = map_frame(scenario).from_geodetic(
+        trajectory.latitude[k], trajectory.longitude[k], trajectory.height[k]
+    )
+    position, turn = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = point[0] + offset, point[1], point[2]
+    heading = math.atan2(trajectory.velocity[k, 1], trajectory.velocity[k, 0])
+    yaw = 0.5 * math.pi - heading
+    turn.w, turn.z = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = covariance[1, 1] = 2500.0
+    message.pose.covariance = covariance.ravel()
+    return message
+
+
+def test_a_pose_starts_it(scenario, drive) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        drive(made, (300, 302))
+        says(made, "waits for a pose")
+        made.publish(topics.INITIAL_POSE, pose_at(scenario(), 302, 20.0))
+        says(made, "placed")
+        drive(made, (303, 310))
+        assert drive.error(made, 310) < 60.0
+        assert sigma(made) < 200.0
+        assert made.says()[-1][0] == OK
+
+
+def test_a_pose_moves_it(scenario, drive) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        drive(made, (1, 5))
+        made.wait(lambda: 5 in stamps(made, topics.NAV_FIX))
+        made.publish(topics.INITIAL_POSE, pose_at(scenario(), 5, 1000.0))
+        made.wait(lambda: len(made.heard["nav/fix"]) == 7)
+        assert drive.error(made, 5) == pytest.approx(1000.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: setattr(m.header, "frame_id", "base_link"), "frame_id must be 'map'"),
+        (lambda m: setattr(m.pose.pose.position, "x", math.nan), "not finite"),
+        (lambda m: setattr(m.pose.pose.orientation, "w", 5.0), "unit quaternion"),
+        (lambda m: setattr(m.pose, "covariance", np.zeros(36)), "must be positive"),
+        (lambda m: setattr(m.pose, "covariance", np.full(36, math.nan)), "not finite"),
+    ],
+)
+def test_a_pose_that_cannot_be_used(scenario, drive, change, words) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        drive(made, (1, 5))
+        message = pose_at(scenario(), 5)
+        change(message)
+        made.publish(topics.INITIAL_POSE, message)
+        says(made, words)
+        assert made.node.health.dropped == {"initialpose": 1}
+        assert drive.error(made, 5) < 200.0
+
+
+def test_reset(scenario, drive, tmp_path) -> None:
+    with bench(topics.UKF_FUSION, scenario(), checkpoint=str(tmp_path)) as made:
+        drive(made, (1, 50))
+        made.wait(lambda: 50 in stamps(made, topics.NAV_FIX))
+        client = made.probe.create_client(Trigger, "ukf_fusion_node/reset")
+        made.wait(client.service_is_ready, "the service")
+        answer = client.call_async(Trigger.Request())
+        made.wait(answer.done)
+        assert answer.result().success
+        made.heard["nav/fix"].clear()
+        drive(made, (51, 52))
+        assert says(made, "waits for a pose") == ERROR
+        made.wait(lambda: made.node.samples == 52)
+        assert made.heard["nav/fix"] == []
+        assert list(tmp_path.iterdir()) == []
