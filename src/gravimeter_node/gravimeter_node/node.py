@@ -77,7 +77,7 @@ class GravimeterNode(GraphNode):
         simulator = ReadingSimulator(
             self.scenario.world,
             trajectory,
-            map_for_scenario(self.scenario, trajectory),
+            map_for_scenario(self.scenario.world, trajectory),
             [self.settings.run],
         )
         stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]

@@ -60,7 +60,7 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
     """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
     used."""
     from isogal.fields.measured import measured_field
-    from isogal.fields.scenario_map import map_for_scenario
+    from isogal.fields.scenario_map import map_for_scenario, true_map
     from isogal.fields.simulator import true_readings
     from isogal.matching.registry import build_matcher
     from isogal.montecarlo.chunks import Case
@@ -69,7 +69,7 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
     build_matcher(settings.matcher, measured_field(settings).channels is not None)
     trajectory = build_trajectory(settings)
     field_map = map_for_scenario(settings, trajectory)
-    true_readings(settings.world, trajectory, field_map)
+    true_readings(settings.world, trajectory, true_map(settings, trajectory, field_map))
     return Case("montecarlo", settings, runs, field_map)
 
 

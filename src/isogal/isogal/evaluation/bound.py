@@ -17,6 +17,7 @@ The vertical accelerometer is left out: with the height known it could measure t
 the Eötvös term, but only if gravity along the route were known to the precision of the
 accelerometer (docs/mathematics.md, section 3.7)."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -160,12 +161,21 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     # the navigator's errors, the map's error in each channel, the sensor's bias and drift
     start = np.zeros((STATES + channels + 2, STATES + channels + 2))
     start[:STATES, :STATES] = initial_covariance(scenario)
-    bias = (scenario.gravimeter.bias, scenario.gravimeter.drift) if channels == 1 else (0.0, 0.0)
+    bias = _bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
     start[STATES:, STATES:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
     correlation = _correlation(scenario, segments)
     covariance = _riccati(start, segments, noise_density(scenario), correlation, readings)
     time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
     return BoundResult(time, covariance)
+
+
+def _bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:
+    """Return the 1-sigma of the readings' offset and of its drift (per s): those of the sensor and
+    of the map's datum, whose tilt is a drift on a straight route at a constant speed, for which it
+    is taken here."""
+    sensor, datum = scenario.gravimeter, scenario.map_error
+    speed = float(np.hypot(trajectory.velocity[:, 0], trajectory.velocity[:, 1]).mean())
+    return math.hypot(sensor.bias, datum.offset), math.hypot(sensor.drift, datum.tilt * speed)
 
 
 def _correlation(scenario: Scenario, segments: Segments) -> Array:

@@ -41,3 +41,16 @@ def map_for_scenario(
         check_coverage(field_map, route.latitude, route.longitude)
         return field_map
     return derived_maps(scenario, margin)
+
+
+def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> RouteMap:
+    """Return the map that readings are simulated from: the given one, which is matched, unless
+    `truth.map` names another.
+
+    Raises
+    ------
+    InputError
+        See `map_for_scenario`.
+    """
+    world = scenario.world
+    return field_map if world.map == scenario.map else map_for_scenario(world, trajectory)

@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.fields.datum_error import draw_datum_error
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
@@ -30,9 +31,11 @@ class ReadingSimulator:
         field = _measured(scenario, field_map)
         channels = field.channels
         truth = true_readings(scenario, trajectory, field_map)
-        felt = truth + field.sign * draw_map_error(scenario, trajectory, i, runs, truth.shape[1:])
+        where = scenario, trajectory, i, runs, truth.shape[1:]
+        felt = truth + field.sign * draw_map_error(*where)
         if Lag.of(scenario.gravimeter).mean > 0.0:
             felt = _late(scenario, trajectory, field_map, felt, runs)
+        felt = felt + field.sign * draw_datum_error(*where)
         noise = [
             _noise(scenario, run, trajectory, i)
             if channels is None

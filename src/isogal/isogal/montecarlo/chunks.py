@@ -13,6 +13,7 @@ import numpy as np
 
 import isogal
 from isogal.evaluation.records import FORMAT, Runs
+from isogal.fields.scenario_map import true_map
 from isogal.maps.channels import AnyMap, RouteMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -68,6 +69,9 @@ class Case:
             "map": map_digest(self.field_map),
             "aided": self.aided,
         }
+        if "map" in self.scenario.truth:
+            source = true_map(self.scenario, build_trajectory(self.scenario), self.field_map)
+            parts["true map"] = map_digest(source)
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
 
 

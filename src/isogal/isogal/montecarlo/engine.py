@@ -15,7 +15,7 @@ from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.fusion.fix import apply_fix
 from isogal.fusion.model import FilterModel
@@ -120,7 +120,8 @@ class _ClosedLoop:
         world = scenario.world
         self.imu = simulate_imu(world, trajectory, runs)
         self.unaided = simulate_unaided(world, runs, trajectory, self.imu)
-        self.felt = ReadingSimulator(world, trajectory, field_map, runs).felt
+        source = true_map(scenario, trajectory, field_map)
+        self.felt = ReadingSimulator(world, trajectory, source, runs).felt
         self.model = FilterModel.from_scenario(scenario)
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)

@@ -25,6 +25,7 @@ SECTIONS = (
     "magnetometer",
     "altimeter",
     "gradiometer",
+    "map",
 )
 """Sections of a scenario that `truth` may repeat."""
 SHARED = (

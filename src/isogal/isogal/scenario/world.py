@@ -19,9 +19,19 @@ class Map(Section):
 
 class MapError(Section):
     """How the simulated truth differs from the map: a Gaussian field with covariance
-    sigma² exp(-d / L) at distance d."""
+    sigma² exp(-d / L) at distance d, and a plane."""
 
     sigma: NonNegative = Field(
         0.0, description="m/s² (field: magnetic nT, terrain m, gradient 1/s²)"
     )
     correlation_length: Positive = Field(4000.0, description="L, m")
+    offset: NonNegative = Field(
+        0.0, description="1-sigma of a constant error of the whole map, unit of sigma"
+    )
+    tilt: NonNegative = Field(
+        0.0,
+        description=(
+            "1-sigma of the slope to north and to east of an error of the whole map, unit of sigma"
+            " per m; zero at the route's start"
+        ),
+    )

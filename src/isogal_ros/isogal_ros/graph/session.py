@@ -7,7 +7,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import true_readings
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
@@ -65,7 +65,9 @@ def run_session(
     trajectory = build_trajectory(scenario)
     build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
     field_map = map_for_scenario(scenario, trajectory)
-    true_readings(scenario.world, trajectory, field_map)  # fails where the sensor's node would
+    true_readings(
+        scenario.world, trajectory, true_map(scenario, trajectory, field_map)
+    )  # fails where the sensor's node would
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)

@@ -1,0 +1,117 @@
+"""A map whose datum is wrong, and a true map that is not the one matched."""
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.fields.datum_error import draw_datum_error
+from isogal.fields.scenario_map import true_map
+from isogal.fields.simulator import ReadingSimulator
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario, validate_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+RUNS = range(400)
+
+
+def scenario(**keys) -> Scenario:
+    route = {"start": np.degrees(ORIGIN).tolist(), "end": [-36.4, 147.2], "duration": 600.0}
+    return validate_scenario(
+        {"route": route, "gravimeter": {"sigma": 1e-9, "quantity": "disturbance"}} | keys
+    )
+
+
+def drawn(runs=RUNS, channels=(), **datum):
+    it = scenario(map_error=datum)
+    trajectory = build_trajectory(it)
+    index = np.arange(10, 601, 10)
+    north, east = horizontal_difference(
+        trajectory.latitude[index],
+        trajectory.longitude[index],
+        trajectory.latitude[0],
+        trajectory.longitude[0],
+    ).T
+    return draw_datum_error(it, trajectory, index, runs, channels), north, east
+
+
+def test_none_is_none():
+    assert not drawn()[0].any()
+
+
+def test_an_offset_is_the_same_at_all_scans():
+    error, _, _ = drawn(offset=5e-5)
+    np.testing.assert_array_equal(error, np.broadcast_to(error[:, :1], error.shape))
+    assert np.std(error[:, 0]) == pytest.approx(5e-5, rel=0.15)  # 4 sigma of 400 draws
+
+
+def test_a_tilt_is_a_plane_from_the_start():
+    error, north, east = drawn(tilt=1e-9)
+    slope, residual, *_ = np.linalg.lstsq(np.stack([north, east], axis=1), error.T)
+    assert np.sqrt((residual / len(north)).max()) < 1e-3 * np.abs(error).max()
+    # north and east grow together on a straight route: only the slope along it is seen
+    along = error[:, -1] / np.hypot(north[-1], east[-1])
+    assert np.std(along) == pytest.approx(1e-9, rel=0.15)
+    assert slope.shape == (2, 400)
+
+
+def test_each_run_and_channel_has_its_own():
+    error, _, _ = drawn(runs=[3, 1], channels=(2,), offset=1.0, tilt=1e-5)
+    assert error.shape == (2, 60, 2)
+    assert len(np.unique(error[:, 0])) == 4
+    np.testing.assert_array_equal(drawn([1], (2,), offset=1.0, tilt=1e-5)[0][0], error[1])
+
+
+def test_readings_have_it():
+    field_map, plain = field_map_of(wavy), scenario()
+    trajectory = build_trajectory(plain)
+    wrong = scenario(map_error={"offset": 5e-5, "tilt": 1e-9})
+    felt = [ReadingSimulator(it, trajectory, field_map, [7]).felt for it in (plain, wrong)]
+    np.testing.assert_allclose(
+        felt[1] - felt[0], drawn([7], offset=5e-5, tilt=1e-9)[0], atol=1e-14
+    )
+
+
+def test_the_bound_takes_it_for_a_bias_and_a_drift():
+    trajectory, field_map = build_trajectory(scenario()), field_map_of(wavy)
+    one, other, none = (
+        posterior_cramer_rao(it, trajectory, field_map).covariance
+        for it in (
+            scenario(map_error={"offset": 5e-5, "tilt": 1e-9}),
+            scenario(
+                gravimeter={
+                    "quantity": "disturbance",
+                    "sigma": 1e-9,
+                    "bias": 5e-5,
+                    "drift": 22e-9,
+                }
+            ),
+            scenario(),
+        )
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-6)
+    assert np.trace(one[-1]) > 2.0 * np.trace(none[-1])
+
+
+def test_readings_are_of_the_true_map(tmp_path):
+    fine, coarse = field_map_of(wavy), field_map_of(lambda north, east: 0.0 * wavy(north, east))
+    for name, field_map in (("fine", fine), ("coarse", coarse)):
+        write_netcdf(field_map, tmp_path / f"{name}.nc")
+    it = scenario(
+        map={"source": str(tmp_path / "coarse.nc")},
+        truth={"map": {"source": str(tmp_path / "fine.nc")}},
+    )
+    trajectory = build_trajectory(it)
+    assert true_map(it, trajectory, coarse).provenance != coarse.provenance
+    assert true_map(it.world, trajectory, fine) is fine
+    runs = simulate(it, [0], coarse)
+    plain = simulate(scenario(), [0], fine)
+    assert runs.detail is not None and plain.detail is not None
+    # not more than float32 of the file, and velocities that fixes have changed
+    np.testing.assert_allclose(runs.detail.reading, plain.detail.reading, atol=3e-7)
+    assert np.ptp(runs.detail.map_value) < 0.1 * np.ptp(plain.detail.map_value)
+    told = it.model_copy(update={"truth": {}})
+    assert Case("a", it, 1, coarse).key != Case("a", told, 1, coarse).key
