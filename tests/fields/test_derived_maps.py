@@ -74,7 +74,10 @@ def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkey
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["route.height=-50"], "route.height: must be >= 0 m where field is gradient, is -50"),
+        (
+            ["route.height=-50"],
+            "route.height: must not be below the map's level where field is gradient",
+        ),
         (
             ["route.end=[-36.0, 147.6]", "route.duration=null"],
             "does not cover the route: no value at -36.",

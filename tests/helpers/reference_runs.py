@@ -36,9 +36,10 @@ _ROUTE = [
     "route.speed=18.0",
     "route.duration=3600.0",
     "gravimeter.quantity=disturbance",
+    "map.continuation=none",
 ]
 """Over the made-up maps."""
-_HOUR = ["route.duration=3600.0"]
+_HOUR = ["route.duration=3600.0", "map.continuation=none"]
 """Over the synthetic map."""
 _WRONG = ["map_error.sigma=3e-5"]
 _TOLD = [*_WRONG, "matcher.map_sigma=3e-5"]
@@ -97,7 +98,13 @@ def _engine(case: str) -> Results:
 
 
 def _magnetic() -> Results:
-    settings = [*_ROUTE[:4], "field=magnetic", "gravimeter.sigma=2.0", "route.height=300.0"]
+    settings = [
+        *_ROUTE[:4],
+        "map.continuation=none",
+        "field=magnetic",
+        "gravimeter.sigma=2.0",
+        "route.height=300.0",
+    ]
     return _of(simulate(load_scenario(None, settings), [0], field_of("magnetic_anomaly")))
 
 

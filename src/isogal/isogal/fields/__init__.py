@@ -5,6 +5,7 @@
     datum_error      a map's wrong datum: offset and tilt
     scenario_map     the map of what a scenario measures
     source_map       the map that a scenario names
+    flown_height     that map at the height of the flight
     derived_maps     maps of several channels, computed from that map
 
 The fields:

@@ -1,4 +1,5 @@
-"""Maps of a field with several channels, computed from the scenario's map in a process of its own.
+"""Maps of a field with several channels, or of one at the flown height, computed from the
+scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
 gives back. So that nodes stay small, another process computes the maps and leaves them in files:
@@ -14,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.fields import flown_height
 from isogal.fields.measured import measured_field
 from isogal.fields.source_map import source_map
 from isogal.maps.channels import ChannelMap
@@ -25,20 +28,19 @@ from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
-_ARRAYS = ("latitude", "longitude", "values")
+_ARRAYS = ("latitude", "longitude", "values", "sigma")
 _ABOUT = (
-    *("unit", "quantity", "sigma", "correlation_length", "quantisation"),
+    *("unit", "quantity", "correlation_length", "quantisation"),
     *("provenance", "file_unit", "file_factor", "height"),
 )
 
 
 def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
-    """Return the maps of a scenario's channels, cut to its route.
+    """Return the maps of a scenario's channels, or of its field, cut to its route.
 
     Parameters
     ----------
     scenario : Scenario
-        Of a field that has a `isogal.fields.measured.Channels`.
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -67,11 +69,12 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
 
 def compute(scenario: Scenario, margin: float) -> ChannelMap:
     """Do what `derived_maps` does, in this process."""
-    channels = measured_field(scenario).channels
-    assert channels is not None
     trajectory = build_trajectory(scenario)
     route = trajectory.latitude, trajectory.longitude
     window = corridor_of(*route, margin).window
+    channels = measured_field(scenario).channels
+    if channels is None:
+        return ChannelMap([flown_height.read_at_flown_height(scenario, window=window)])
     source = source_map(scenario, window.grown(channels.reach))
     check_coverage(source, *route)
     maps = channels.maps(scenario, source)
@@ -87,22 +90,29 @@ def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
     """Return maps that `_write` has left."""
     # mapped: only values that are looked up take memory; the deleted file stays on disk as long as
     # it is mapped
-    latitude, longitude, values = (
+    latitude, longitude, values, sigma = (
         np.asarray(np.load(folder / f"{name}.npy", mmap_mode="c")) for name in _ARRAYS
     )
     return ChannelMap(
         [
-            FieldMap(latitude, longitude, part, **rest)
-            for part, rest in zip(values, about, strict=True)
+            FieldMap(latitude, longitude, part, sigma=_uniform(error), **rest)
+            for part, error, rest in zip(values, sigma, about, strict=True)
         ],
         values,
     )
 
 
+def _uniform(sigma: Array) -> float | Array:
+    """Return a sigma without axes as a number."""
+    return float(sigma) if np.ndim(sigma) == 0 else sigma
+
+
 def _write(folder: Path, maps: ChannelMap) -> list[dict[str, Any]]:
     """Leave the arrays of maps in a folder, and return the rest."""
     first = maps.channels[0]
-    for name, array in zip(_ARRAYS, (first.latitude, first.longitude, maps.values), strict=True):
+    sigma = np.stack([channel.sigma for channel in maps.channels])
+    arrays = first.latitude, first.longitude, maps.values, sigma
+    for name, array in zip(_ARRAYS, arrays, strict=True):
         np.save(folder / f"{name}.npy", array)
     return [{name: getattr(channel, name) for name in _ABOUT} for channel in maps.channels]
 

@@ -1,7 +1,7 @@
 """Components of the gravity gradient tensor, measured by a gradiometer; their maps are computed
 from that of the disturbance."""
 
-from isogal.errors import InputError
+from isogal.fields.flown_height import disturbance_for_gradients
 from isogal.fields.measured import Channels, MeasuredField
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
@@ -14,13 +14,8 @@ _REACH = 20_000.0
 def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
     from isogal.maps.gradients import tensor_maps  # imports SciPy
 
-    height = scenario.route.height
-    if height < 0.0:
-        raise InputError(
-            f"route.height: must be >= 0 m where field is gradient, is {height:g}: a map cannot be"
-            " continued down towards the masses"
-        )
-    return tensor_maps(disturbance, scenario.gradiometer.components, height=height, edge=_REACH)
+    level, height = disturbance_for_gradients(scenario, disturbance)
+    return tensor_maps(level, scenario.gradiometer.components, height=height, edge=_REACH)
 
 
 GRADIENT = MeasuredField(

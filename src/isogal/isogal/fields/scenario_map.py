@@ -1,19 +1,29 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
+from functools import partial
+from typing import Final
+
+from isogal.errors import InputError
+from isogal.fields import flown_height
 from isogal.fields.derived_maps import derived_maps
 from isogal.fields.measured import measured_field
 from isogal.fields.source_map import source_map_along
 from isogal.maps.channels import RouteMap
-from isogal.maps.corridor import CORRIDOR_MARGIN, corridor_of
+from isogal.maps.corridor import CORRIDOR_MARGIN, Corridor, corridor_of
+from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
+from isogal.maps.tiled_map import ScalarMap, TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+_SMALL: Final = 700_000
+"""Cells of a map that is continued in this process."""
 
 
 def map_for_scenario(
     scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
 ) -> RouteMap:
-    """Return the map of what a scenario measures, cut to its route.
+    """Return the map of what a scenario measures at the flown height, cut to its route.
 
     Parameters
     ----------
@@ -33,14 +43,20 @@ def map_for_scenario(
     InputError
         The map cannot be read, is of another quantity than is needed, or does not cover the route.
     """
-    if measured_field(scenario).channels is None:
-        route = trajectory or build_trajectory(scenario)
-        field_map = source_map_along(
-            scenario, corridor_of(route.latitude, route.longitude, margin)
-        )
+    if measured_field(scenario).channels is not None:
+        return derived_maps(scenario, margin)
+    route = trajectory or build_trajectory(scenario)
+    corridor = corridor_of(route.latitude, route.longitude, margin)
+    field_map = source_map_along(scenario, corridor)
+    if flown_height.is_elsewhere(scenario, field_map):
+        field_map = _at_flown_height(scenario, field_map, corridor)
+    try:
         check_coverage(field_map, route.latitude, route.longitude)
-        return field_map
-    return derived_maps(scenario, margin)
+    except InputError as error:
+        if scenario.map.terrain is None:
+            raise
+        raise InputError(f"{error}; below the ground it has none: see route.height") from None
+    return field_map
 
 
 def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> RouteMap:
@@ -54,3 +70,19 @@ def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) ->
     """
     world = scenario.world
     return field_map if world.map == scenario.map else map_for_scenario(world, trajectory)
+
+
+def _at_flown_height(scenario: Scenario, source: ScalarMap, corridor: Corridor) -> ScalarMap:
+    """Return the map along a route at the flown height; `source` is what the scenario names."""
+    load = partial(flown_height.read_at_flown_height, scenario)
+    small = isinstance(source, FieldMap) and source.values.size <= _SMALL
+    if small and scenario.map.terrain is None:
+        return load(window=corridor.window)
+    if isinstance(source, FieldMap):
+        return derived_maps(scenario, corridor.margin).channels[0]
+    if scenario.map.terrain is not None:
+        raise InputError(
+            "map.terrain: the map is too large to be continued from the ground on the way; make"
+            " one at the height of the flight with isogal map continue"
+        )
+    return TiledMap(load, corridor)

@@ -9,7 +9,7 @@ from isogal.maps.axes import Window
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.maps.tiled_map import Load, ScalarMap, map_along
+from isogal.maps.tiled_map import ScalarMap, map_along
 from isogal.scenario import Scenario
 
 _SYNTHETIC = "synthetic"
@@ -51,7 +51,22 @@ def source_map(scenario: Scenario, window: Window) -> FieldMap:
     return field_map
 
 
-def _reader(scenario: Scenario) -> Load:
+def disturbance_beside(scenario: Scenario, window: Window) -> FieldMap | None:
+    """Return the map of the disturbance that the source of a scenario's map of gravity holds as
+    well; None if it does not."""
+    if scenario.map.source == _SYNTHETIC:
+        from isogal.maps.synthetic.synthetic_map import synthetic_map
+
+        return synthetic_map("disturbance", window)
+    reader = _reader(scenario)
+    try:
+        found = load_map(reader.args[0], None, "disturbance", window, **reader.keywords)
+    except InputError:
+        return None
+    return found if found.quantity == "disturbance" else None
+
+
+def _reader(scenario: Scenario) -> partial[FieldMap]:
     """Return the function that reads the file or folder that a scenario names."""
     source, path = scenario.map.source, scenario.map.path
     named = source in plugins.names(plugins.MAP_FORMATS)

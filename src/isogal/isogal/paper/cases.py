@@ -116,7 +116,8 @@ class Plan:
             "imu": {"grade": setting.grade},
             "initial_error": {"heading": setting.heading},
             "gravimeter": {"quantity": setting.quantity, "sigma": setting.sigma},
-            "map": {"source": self.map_path or "synthetic"},
+            # in the paper the map holds where the vehicle goes
+            "map": {"source": self.map_path or "synthetic", "continuation": "none"},
             "matcher": {
                 "name": setting.matcher,
                 "batch_length": setting.batch_length,
@@ -160,7 +161,7 @@ def _map_of(source: str, quantity: str, speed: float, duration: float) -> FieldM
         {
             "route": {"speed": speed, "duration": duration},
             "gravimeter": {"quantity": quantity},
-            "map": {"source": source},
+            "map": {"source": source, "continuation": "none"},
         }
     )
     trajectory = build_trajectory(scenario)

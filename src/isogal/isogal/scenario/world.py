@@ -1,6 +1,8 @@
 """Sections about the map and about how the simulated truth differs from it."""
 
-from pydantic import Field
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from isogal.scenario.section import NonNegative, Positive, Section
 
@@ -15,6 +17,41 @@ class Map(Section):
     variable: str | None = Field(
         None, description="variable in the file, for example ga or dg; null = by quantity"
     )
+    continuation: Literal["auto", "none"] = Field(
+        "auto",
+        description=(
+            "auto: continued from where its values hold to route.height; none: taken as it is"
+            " (but for field: gradient)"
+        ),
+    )
+    level: float | None = Field(
+        None,
+        allow_inf_nan=False,
+        description=(
+            "height at which its values hold, m, counted as route.height is; null = as the map"
+            " says, else 0"
+        ),
+    )
+    terrain: str | None = Field(
+        None,
+        description=(
+            "map of the ground's height (a file, a GGMplus folder or 'synthetic'), if the values"
+            " hold on the ground; route.height then counts from its zero"
+        ),
+    )
+    downward_cutoff: Positive | None = Field(
+        None,
+        description=(
+            "shortest wavelength that is continued downwards, m; null = 2 pi times the way, at"
+            " least two cells"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _one_surface(self) -> "Map":
+        if self.level is not None and self.terrain is not None:
+            raise ValueError("values hold on a level or on terrain: give one of the two")
+        return self
 
 
 class MapError(Section):

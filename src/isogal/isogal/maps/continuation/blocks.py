@@ -1,0 +1,209 @@
+"""From one level to another in blocks: a large map with little memory.
+
+What the field at a height h above a place owes to values farther away than r falls as h / r, so a
+block with a rim is continued by itself. What lies beyond the rim and is not known to it changes
+the result by some 0.07 h / r of the field's standard deviation, over distances of about r
+(measured on the maps of docs/maps.md with rims of 2.5 to 20 km and heights of 100 m to 1 km); that
+is part of sigma. Holes do not spoil a block: they are filled with the nearest value, and what lies
+near them is left out as at the map's edge."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.maps import spectral
+from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET
+from isogal.maps.continuation.level import to_level
+from isogal.maps.error_spectrum import mixed_length
+from isogal.maps.field_map import FieldMap
+
+CONTINUED = (*FADING, *OFFSET, "gravity")
+"""Quantities that `continued` takes: gravity by way of its disturbance."""
+_SIDE_M = 200_000.0
+_SIDE_CELLS = 500
+"""Blocks are as large as both allow."""
+_LEAST_RIM, _WIDEST_RIM = 10_000.0, 50_000.0
+"""m around a block."""
+_RIM_HEIGHTS = 20.0
+"""Rim in heights, within these limits."""
+_BEYOND = 0.07
+"""Error by what is beyond the rim, in standard deviations of the field times height over rim."""
+_STRETCH = 0.15
+"""Share by which the length of a degree of longitude may differ within a block and its rim."""
+
+
+class _Block(NamedTuple):
+    """Some of a map's rows and columns, and those that they are computed from."""
+
+    inner: tuple[slice, slice]
+    outer: tuple[slice, slice]
+
+
+def rim_of(rise: float, cutoff: float | None = None) -> float:
+    """Return how far (m) around a place its value after a rise (m) depends on the map."""
+    rim = min(max(_LEAST_RIM, _RIM_HEIGHTS * abs(rise)), _WIDEST_RIM)
+    return max(rim, EDGE * abs(rise), 3.0 * (cutoff or 0.0))
+
+
+def continued(
+    field_map: FieldMap, height: float, from_height: float, *, cutoff: float | None = None
+) -> FieldMap:
+    """Continue a map from a level to another.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        Of one of `CONTINUED`. Holes and whatever lies within five times the way of one, or of the
+        map's end, have no value in the result.
+    height, from_height : float
+        m above the ellipsoid.
+    cutoff : float, optional
+        Wavelength (m) for the way down, see `isogal.maps.continuation.level`; None = the shortest
+        at which no wave grows more than e times, but two cells at least.
+
+    Returns
+    -------
+    FieldMap
+        Sigma (uniform where the map's own is) and correlation length are those of the result.
+        A map of gravity becomes normal gravity on the ellipsoid and the disturbance at the level,
+        which is what gravity at the level is when the mean change with height is taken off.
+
+    Raises
+    ------
+    InputError
+        Nothing is left of the map, or it lies too near a pole.
+    """
+    rise = height - from_height
+    if rise == 0.0:
+        return field_map
+    if rise < 0.0 and cutoff is None:
+        ends = field_map.latitude[[0, -1]]
+        cell = max(max(field_map.cell_size_m(float(latitude))) for latitude in ends)
+        cutoff = max(2.01 * cell, -2.0 * math.pi * rise)
+    normal = _normal(field_map)
+    source = field_map if normal is None else _disturbance(field_map, normal)
+    values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
+    uniform = isinstance(field_map.sigma, float)
+    sigma = np.zeros((1, 1) if uniform else values.shape)
+    parts: list[tuple[int, float, float | None]] = []
+    rim = rim_of(rise, cutoff)
+    for block in _blocks(field_map, rim):
+        whole = _cut(source, block.outer)
+        if whole is None:
+            continue
+        part, kept = _continued(whole, (height, from_height), cutoff)
+        inner = _relative(block)
+        values[block.inner] = np.where(kept[inner], part.values[inner], np.nan)
+        if not isinstance(part.sigma, float):
+            sigma[block.inner] = part.sigma[inner]
+        mean = float(np.sqrt(np.nanmean(np.square(part.sigma))))
+        parts.append((part.values[inner].size, mean, part.correlation_length))
+    if not np.isfinite(values).any():
+        raise InputError(
+            f"{field_map.provenance or 'map'}: nothing is left of the map {EDGE * abs(rise):g} m"
+            " from its edges and holes"
+        )
+    if normal is not None:
+        values += normal
+    beyond = _BEYOND * abs(rise) / rim * float(np.nanstd(source.values))
+    mean_sigma, length = _errors(parts, (beyond, rim))
+    return replace(
+        field_map,
+        values=values,
+        sigma=mean_sigma if uniform else np.hypot(sigma, beyond),
+        correlation_length=length,
+        quantisation=0.0,
+        provenance=f"{field_map.provenance or 'map'} continued to {height:g} m",
+        height=height,
+    )
+
+
+def _normal(field_map: FieldMap) -> Array | None:
+    """Return normal gravity (n, 1) on the ellipsoid, if the map is one of gravity."""
+    return normal_gravity(field_map.latitude)[:, None] if field_map.quantity == "gravity" else None
+
+
+def _disturbance(field_map: FieldMap, normal: Array) -> FieldMap:
+    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
+
+
+def _continued(
+    part: FieldMap, levels: tuple[float, float], cutoff: float | None
+) -> tuple[FieldMap, Booleans]:
+    """Continue a block and its rim with holes filled; return with it which nodes (n, m) lie far
+    enough from holes and from the map's end."""
+    missing = ~np.isfinite(part.values)
+    kept = spectral.rim_distance(missing, part) > EDGE * abs(levels[0] - levels[1])
+    return to_level(_without_holes(part, missing), *levels, cutoff=cutoff, edge=0.0), kept
+
+
+def _without_holes(part: FieldMap, missing: Booleans) -> FieldMap:
+    """Return a map whose holes have the nearest values."""
+    if not missing.any():
+        return part
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = tuple(distance_transform_edt(missing, return_distances=False, return_indices=True))
+    sigma = part.sigma if isinstance(part.sigma, float) else part.sigma[nearest]
+    return replace(part, values=part.values[nearest], sigma=sigma)
+
+
+def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
+    """Yield blocks that cover a map, each with a rim (m) as far as the map reaches."""
+    n, m = field_map.shape
+    farthest = float(np.abs(field_map.latitude[[0, -1]]).max())
+    cell = field_map.cell_size_m(farthest)
+    # cos(latitude) changes by the share tan(latitude) * d(latitude)
+    tallest = _STRETCH * 6.371e6 / max(math.tan(min(farthest, 1.57)), 1e-3) - 2.0 * rim
+    rows, columns = (
+        max(8, min(_SIDE_CELLS, int(limit / size)))
+        for limit, size in zip((min(_SIDE_M, tallest), 1e9), cell, strict=True)
+    )
+    more = [math.ceil(rim / size) + 1 for size in cell]
+    for top in range(0, n, rows):
+        for side in range(0, m, columns):
+            inner = slice(top, min(top + rows, n)), slice(side, min(side + columns, m))
+            outer = (
+                slice(max(inner[0].start - more[0], 0), inner[0].stop + more[0]),
+                slice(max(inner[1].start - more[1], 0), inner[1].stop + more[1]),
+            )
+            yield _Block(inner, outer)
+
+
+def _cut(field_map: FieldMap, part: tuple[slice, slice]) -> FieldMap | None:
+    """Return a part of a map; None where it has no value."""
+    if not np.isfinite(field_map.values[part]).any():
+        return None
+    return replace(
+        field_map,
+        latitude=field_map.latitude[part[0]],
+        longitude=field_map.longitude[part[1]],
+        values=field_map.values[part],
+        sigma=field_map.sigma if isinstance(field_map.sigma, float) else field_map.sigma[part],
+    )
+
+
+def _relative(block: _Block) -> tuple[slice, slice]:
+    """Return the rows and columns of a block within it and its rim."""
+    first, second = (
+        slice(inner.start - outer.start, inner.stop - outer.start)
+        for inner, outer in zip(*block, strict=True)
+    )
+    return first, second
+
+
+def _errors(
+    parts: list[tuple[int, float, float | None]], beyond: tuple[float, float]
+) -> tuple[float, float | None]:
+    """Return sigma and correlation length (m) of a map from cells, sigma and length of its blocks,
+    and from those of the error by what is beyond their rims."""
+    cells = sum(part[0] for part in parts)
+    errors = [(count / cells * sigma**2, length) for count, sigma, length in parts]
+    errors.append((beyond[0] ** 2, beyond[1]))
+    return math.sqrt(sum(variance for variance, _ in errors)), mixed_length(errors)

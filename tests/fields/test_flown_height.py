@@ -1,0 +1,178 @@
+"""The map at the flown height: what simulation and matcher get, against point masses."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from helpers.point_masses import MGAL, attraction, map_of, mountains, rms
+from isogal.earth.gravity import FREE_AIR, eotvos, normal_gravity
+from isogal.errors import InputError
+from isogal.fields.flown_height import disturbance_for_gradients, read_at_flown_height
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.simulator import true_readings
+from isogal.maps.axes import Window
+from isogal.maps.corridor import corridor_of
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.tiled_map import TiledMap
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+HIGH = 1000.0
+
+
+def written(path, field_map):
+    write_netcdf(field_map, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def low(tmp_path_factory):
+    """Disturbance of point masses on flat ground."""
+    return written(tmp_path_factory.mktemp("low") / "low.nc", map_of(attraction(0.0)))
+
+
+@pytest.fixture(scope="module")
+def high():
+    """The same at the height of the flight."""
+    return map_of(attraction(HIGH))
+
+
+def scenario(path, *more):
+    return load_scenario(
+        None,
+        [f"map.source={path}", "gravimeter.quantity=disturbance", "route.start=[-36.58, 146.92]",
+         "route.end=[-36.42, 147.08]", "route.duration=null", f"route.height={HIGH}", *more],
+    )  # fmt: skip
+
+
+def along(it, field_map):
+    route = build_trajectory(it)
+    return np.asarray(field_map.value(route.latitude, route.longitude))
+
+
+def test_simulated_readings_are_what_the_masses_make_at_the_height(low, high):
+    """Normal gravity and the masses' attraction, less free air and Eötvös, each once."""
+    it = scenario(low)
+    route = build_trajectory(it)
+    field_map = map_for_scenario(it, route, 5000.0)
+    felt = true_readings(it, route, field_map)
+    i = np.arange(it.steps_per_scan, len(route) + 1, it.steps_per_scan)
+    v = route.velocity[i]
+    right = (
+        normal_gravity(route.latitude[i])
+        + high.value(route.latitude[i], route.longitude[i])
+        - FREE_AIR * HIGH
+        - eotvos(route.latitude[i], HIGH, v[:, 0], v[:, 1])
+    )
+    assert rms(felt - right) < 0.03 * MGAL
+    assert rms(along(it, field_map) - along(it, map_of(attraction(0.0)))) > 0.5 * MGAL
+    as_it_is = map_for_scenario(scenario(low, "map.continuation=none"), route, 5000.0)
+    np.testing.assert_allclose(along(it, as_it_is), along(it, map_of(attraction(0.0))), atol=1e-9)
+
+
+def test_from_the_level_that_is_told(low, high, tmp_path):
+    """By the scenario, by the map, downwards."""
+    told = map_for_scenario(scenario(low, "map.level=400", "route.height=1400"), margin=5000.0)
+    says = written(tmp_path / "says.nc", map_of(attraction(HIGH), height=HIGH))
+    for found in (told, map_for_scenario(scenario(says), margin=5000.0)):
+        it = scenario(low)
+        assert rms(along(it, found) - along(it, high)) < 0.03 * MGAL
+    down = map_for_scenario(scenario(says, "route.height=700"), margin=5000.0)
+    it = scenario(low)
+    assert rms(along(it, down) - along(it, map_of(attraction(700.0)))) < 0.05 * MGAL
+    assert down.sigma > 0.0
+
+
+def test_from_the_ground(tmp_path):
+    ground = mountains()
+    terrain = written(
+        tmp_path / "terrain.nc", replace(map_of(ground), unit="m", quantity="height")
+    )
+    low = map_of(attraction(ground, ground))
+    level = float(ground.max()) + 200.0
+    right = map_of(attraction(level, ground))
+    normal = normal_gravity(low.latitude[:, None], ground)
+    gravity = replace(low, values=low.values + normal, quantity="gravity")
+    more = [f"map.terrain={terrain}", f"route.height={level}"]
+    disturbance = scenario(written(tmp_path / "dg.nc", low), *more)
+    found = map_for_scenario(disturbance, margin=5000.0)
+    assert rms(along(disturbance, found) - along(disturbance, right)) < 0.05 * MGAL
+    assert np.shape(found.sigma) == found.values.shape
+    of_gravity = scenario(
+        written(tmp_path / "ga.nc", gravity), *more, "gravimeter.quantity=gravity"
+    )
+    found = map_for_scenario(of_gravity, margin=5000.0)
+    normal = normal_gravity(build_trajectory(of_gravity).latitude)
+    assert rms(along(of_gravity, found) - normal - along(of_gravity, right)) < 0.05 * MGAL
+    with pytest.raises(InputError, match="below the ground"):
+        map_for_scenario(
+            scenario(tmp_path / "dg.nc", more[0], f"route.height={np.median(ground)}"),
+            margin=5000.0,
+        )
+
+
+def test_gravity_above_a_surface_changes_as_the_disturbance_beside_it(low, high, tmp_path):
+    """A vehicle that follows the ground: what the ground's own height adds stays."""
+    import xarray as xr
+
+    rough = 3e-4 * np.sin(np.arange(low_shape()[0]) / 3.0)[:, None] + np.zeros(low_shape())
+    masses = map_of(attraction(0.0))
+    normal = normal_gravity(masses.latitude)[:, None]
+    gravity = replace(masses, values=masses.values + normal + rough, quantity="gravity")
+    one, other = (written(tmp_path / n, m) for n, m in (("ga.nc", gravity), ("dg.nc", masses)))
+    both = tmp_path / "both.nc"
+    with xr.open_dataset(one) as first, xr.open_dataset(other) as second:
+        xr.merge([first, second], combine_attrs="override").to_netcdf(both)
+    it = scenario(both, "gravimeter.quantity=gravity")
+    found = map_for_scenario(it, margin=5000.0)
+    as_it_is = map_for_scenario(scenario(both, "gravimeter.quantity=gravity",
+                                         "map.continuation=none"), margin=5000.0)  # fmt: skip
+    change = along(it, found) - along(it, as_it_is)
+    assert rms(change - along(it, high) + along(it, masses)) < 0.05 * MGAL
+    alone = scenario(one, "gravimeter.quantity=gravity")
+    assert along(alone, map_for_scenario(alone, margin=5000.0)) == pytest.approx(
+        along(it, as_it_is), abs=1e-12
+    )
+
+
+def low_shape():
+    return map_of(attraction(0.0)).values.shape
+
+
+def test_a_tiled_map_is_the_same(low):
+    it = scenario(low)
+    route = build_trajectory(it)
+    whole = map_for_scenario(it, route, 5000.0)
+
+    tiled = TiledMap(
+        partial(read_at_flown_height, it), corridor_of(route.latitude, route.longitude, 5000.0)
+    )
+    difference = along(it, tiled) - along(it, whole)
+    assert rms(difference) < 0.02 * MGAL
+    near = tiled.near(route.latitude[:300], route.longitude[:300])
+    assert near.provenance.endswith("continued to 1000 m")
+
+
+def test_gradients_are_continued_from_the_level_that_is_told(low):
+    it = scenario(low, "field=gradient", "map.level=400")
+    disturbance = map_of(attraction(0.0))
+    assert disturbance_for_gradients(it, disturbance) == (disturbance, 600.0)
+
+
+def test_fields_that_do_not_change_with_height_stay(tmp_path):
+    ground = written(
+        tmp_path / "ground.nc", replace(map_of(mountains()), unit="m", quantity="height")
+    )
+    it = scenario(ground, "field=terrain", "gravimeter.sigma=5", "route.height=4000")
+    window = Window(*np.radians([-36.55, -36.5, 146.95, 147.0]))
+    assert "continued" not in read_at_flown_height(it, window=window).provenance
+
+
+def test_what_cannot_be_continued_names_the_way_out(low):
+    with pytest.raises(InputError, match=r"with map\.continuation: none it is") as e:
+        map_for_scenario(scenario(low, "route.height=45000"), margin=5000.0)
+    assert "\n" not in str(e.value)
+    with pytest.raises(InputError, match="values hold on a level or on terrain: give one"):
+        scenario(low, "map.level=0", "map.terrain=some.nc")
