@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Booleans
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
@@ -83,18 +83,16 @@ def continued(
     if rise == 0.0:
         return field_map
     if rise < 0.0 and cutoff is None:
-        ends = field_map.latitude[[0, -1]]
-        cell = max(max(field_map.cell_size_m(float(latitude))) for latitude in ends)
-        cutoff = max(2.01 * cell, -2.0 * math.pi * rise)
-    normal = _normal(field_map)
-    source = field_map if normal is None else _disturbance(field_map, normal)
+        cutoff = _shortest(field_map, -rise)
+    if field_map.quantity == "gravity":
+        return _of_gravity(field_map, height, from_height, cutoff)
+    rim = rim_of(rise, cutoff)
     values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
     uniform = isinstance(field_map.sigma, float)
     sigma = np.zeros((1, 1) if uniform else values.shape)
     parts: list[tuple[int, float, float | None]] = []
-    rim = rim_of(rise, cutoff)
     for block in _blocks(field_map, rim):
-        whole = _cut(source, block.outer)
+        whole = _cut(field_map, block.outer)
         if whole is None:
             continue
         part, kept = _continued(whole, (height, from_height), cutoff)
@@ -109,9 +107,7 @@ def continued(
             f"{field_map.provenance or 'map'}: nothing is left of the map {EDGE * abs(rise):g} m"
             " from its edges and holes"
         )
-    if normal is not None:
-        values += normal
-    beyond = _BEYOND * abs(rise) / rim * float(np.nanstd(source.values))
+    beyond = _BEYOND * abs(rise) / rim * float(np.nanstd(field_map.values))
     mean_sigma, length = _errors(parts, (beyond, rim))
     return replace(
         field_map,
@@ -124,13 +120,21 @@ def continued(
     )
 
 
-def _normal(field_map: FieldMap) -> Array | None:
-    """Return normal gravity (n, 1) on the ellipsoid, if the map is one of gravity."""
-    return normal_gravity(field_map.latitude)[:, None] if field_map.quantity == "gravity" else None
+def _shortest(field_map: FieldMap, depth: float) -> float:
+    """Return the wavelength (m) to cut off at on the way down by a depth (m)."""
+    ends = field_map.latitude[[0, -1]]
+    cell = max(max(field_map.cell_size_m(float(latitude))) for latitude in ends)
+    return max(2.01 * cell, 2.0 * math.pi * depth)
 
 
-def _disturbance(field_map: FieldMap, normal: Array) -> FieldMap:
-    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
+def _of_gravity(
+    field_map: FieldMap, height: float, from_height: float, cutoff: float | None
+) -> FieldMap:
+    """Continue a map of gravity by way of its disturbance."""
+    normal = normal_gravity(field_map.latitude)[:, None]
+    disturbance = replace(field_map, values=field_map.values - normal, quantity="disturbance")
+    result = continued(disturbance, height, from_height, cutoff=cutoff)
+    return replace(result, values=result.values + normal, quantity="gravity")
 
 
 def _continued(
