@@ -22,6 +22,7 @@ from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Values
 
 CONTINUED = (*FADING, *OFFSET, "gravity")
 """Quantities that `continued` takes: gravity by way of its disturbance."""
@@ -87,21 +88,7 @@ def continued(
     if field_map.quantity == "gravity":
         return _of_gravity(field_map, height, from_height, cutoff)
     rim = rim_of(rise, cutoff)
-    values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
-    uniform = isinstance(field_map.sigma, float)
-    sigma = np.zeros((1, 1) if uniform else values.shape)
-    parts: list[tuple[int, float, float | None]] = []
-    for block in _blocks(field_map, rim):
-        whole = _cut(field_map, block.outer)
-        if whole is None:
-            continue
-        part, kept = _continued(whole, (height, from_height), cutoff)
-        inner = _relative(block)
-        values[block.inner] = np.where(kept[inner], part.values[inner], np.nan)
-        if not isinstance(part.sigma, float):
-            sigma[block.inner] = part.sigma[inner]
-        mean = float(np.sqrt(np.nanmean(np.square(part.sigma))))
-        parts.append((part.values[inner].size, mean, part.correlation_length))
+    values, sigma, parts = _in_blocks(field_map, (height, from_height), cutoff)
     if not np.isfinite(values).any():
         raise InputError(
             f"{field_map.provenance or 'map'}: nothing is left of the map {EDGE * abs(rise):g} m"
@@ -112,12 +99,34 @@ def continued(
     return replace(
         field_map,
         values=values,
-        sigma=mean_sigma if uniform else np.hypot(sigma, beyond),
+        sigma=mean_sigma if sigma is None else np.hypot(sigma, beyond),
         correlation_length=length,
         quantisation=0.0,
         provenance=f"{field_map.provenance or 'map'} continued to {height:g} m",
         height=height,
     )
+
+
+def _in_blocks(
+    field_map: FieldMap, levels: tuple[float, float], cutoff: float | None
+) -> tuple[Values, Array | None, list[tuple[int, float, float | None]]]:
+    """Return values (n, m), sigma (n, m; None = uniform), and cells, sigma and correlation length
+    of each block."""
+    values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
+    sigma = None if isinstance(field_map.sigma, float) else np.zeros(values.shape)
+    parts: list[tuple[int, float, float | None]] = []
+    for block in _blocks(field_map, rim_of(levels[0] - levels[1], cutoff)):
+        whole = _cut(field_map, block.outer)
+        if whole is None:
+            continue
+        part, kept = _continued(whole, levels, cutoff)
+        inner = _relative(block)
+        values[block.inner] = np.where(kept[inner], part.values[inner], np.nan)
+        if sigma is not None and not isinstance(part.sigma, float):
+            sigma[block.inner] = part.sigma[inner]
+        mean = float(np.sqrt(np.nanmean(np.square(part.sigma))))
+        parts.append((part.values[inner].size, mean, part.correlation_length))
+    return values, sigma, parts
 
 
 def _shortest(field_map: FieldMap, depth: float) -> float:
