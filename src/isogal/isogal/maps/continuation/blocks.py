@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Booleans
+from isogal.arrays import Array, Booleans
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
