@@ -101,7 +101,7 @@ def test_readings_are_of_the_true_map(tmp_path):
     for name, field_map in (("fine", fine), ("coarse", coarse)):
         write_netcdf(field_map, tmp_path / f"{name}.nc")
     it = scenario(
-        map={"source": str(tmp_path / "coarse.nc")},
+        map={"source": str(tmp_path / "coarse.nc"), "continuation": "none"},
         truth={"map": {"source": str(tmp_path / "fine.nc")}},
     )
     trajectory = build_trajectory(it)
