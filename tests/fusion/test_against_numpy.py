@@ -77,6 +77,7 @@ def filter_start(random: np.random.Generator, runs: int, sigma: np.ndarray) -> F
         nav.attitude,
         random.normal(0.0, 1e-5, (runs, 3)),
         random.normal(0.0, 1e-8, (runs, 3)),
+        np.zeros((runs, 0)),
         covariance,
     )
 

@@ -10,6 +10,7 @@ from isogal.fusion import sigma_points, ukf
 SIGMA = np.array(
     [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
 )
+SIZE = (0,) * len(SIGMA)
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0)])
@@ -17,9 +18,9 @@ def test_sigma_points_equal_filterpy(parameters):
     covariance = random_covariance(SIGMA)
     factor, points = np.empty((15, 16)), np.empty((15, 32))
     padded = np.pad(covariance, ((0, 0), (0, 1)))
-    assert sigma_points.factorise(padded, factor, np.empty(16))
+    assert sigma_points.factorise(SIZE, padded, factor, np.empty(16))
     spread = sigma_points.merwe_weights(*parameters).spread
-    sigma_points.spread_points(factor, spread, points)
+    sigma_points.spread_points(SIZE, factor, spread, points)
     expected = MerweScaledSigmaPoints(15, *parameters).sigma_points(np.zeros(15), covariance)
     assert not points[:, sigma_points.CENTRE].any()
     np.testing.assert_allclose(points[:, :15].T / SIGMA, expected[1:16] / SIGMA, atol=1e-9)
@@ -31,10 +32,10 @@ def test_factorise_reports_what_is_not_positive_definite(broken):
     covariance = random_covariance(SIGMA)
     covariance[broken, broken] *= -1e-3
     padded = np.pad(covariance, ((0, 0), (0, 1)))
-    assert not sigma_points.factorise(padded, np.empty((15, 16)), np.empty(16))
+    assert not sigma_points.factorise(SIZE, padded, np.empty((15, 16)), np.empty(16))
     covariance[broken, broken] = np.nan
     padded = np.pad(covariance, ((0, 0), (0, 1)))
-    assert not sigma_points.factorise(padded, np.empty((15, 16)), np.empty(16))
+    assert not sigma_points.factorise(SIZE, padded, np.empty((15, 16)), np.empty(16))
 
 
 def filterpy_update(covariance, H, R, z):
@@ -54,7 +55,7 @@ def test_known_height_equals_filterpy():
         padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
     )  # down
     work = np.zeros(16), np.zeros(16)
-    ukf.update_height(state.nominal_of(0), padded, 103.0, 0.1, *work)
+    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, *work)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
     np.testing.assert_allclose(
         padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9

@@ -43,7 +43,7 @@ def fly(runs=(0,), **keys) -> Flight:
 
 
 def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.ndarray:
-    """(15,) error state that leads from one state to another, small angles."""
+    """(15 + M,) error state that leads from one state to another, small angles."""
     latitude, _, height = before.position[run]
     north, east = metres_per_radian(latitude, height)
     w, x, y, z = before.attitude[run]
@@ -60,6 +60,7 @@ def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.n
             2.0 * np.array(turn),
             after.accelerometer_bias[run] - before.accelerometer_bias[run],
             after.gyroscope_bias[run] - before.gyroscope_bias[run],
+            after.auxiliary[run] - before.auxiliary[run],
         ]
     )
 

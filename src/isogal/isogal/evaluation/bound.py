@@ -11,7 +11,8 @@ drift add two more.
 
 A reading of several channels is turned by the eigenvectors of its noise's covariance into as many
 channels with independent noise. Map errors of the channels, independent and equal in sigma and L,
-remain so. Each channel has its own state, and they are taken one after the other.
+remain so. Each channel has its own state, and they are taken one after the other. What the filter
+has as auxiliary states (residual gravity, sensor errors that change) are states here, too.
 
 The vertical accelerometer is left out: with the height known it could measure the east velocity by
 the Eötvös term, but only if gravity along the route were known to the precision of the
@@ -25,8 +26,18 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.compiled import kernel
-from isogal.evaluation.ins_error_model import Segments, divide, initial_covariance, noise_density
+from isogal.evaluation.ins_error_model import (
+    Segments,
+    ageing,
+    divide,
+    fill_auxiliary,
+    initial_covariance,
+    noise_density,
+)
+from isogal.fields.gravity_vector import true_residual_gravity
 from isogal.fields.measured import measured_field
+from isogal.fusion.auxiliary import Auxiliary, auxiliary_of
+from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.matching.batching import fix_due
@@ -44,6 +55,18 @@ class _Readings(NamedTuple):
     """(C,) variances of the channels' noise."""
     used: Booleans
     """(S,) whether the navigator gets, after a scan, what all readings so far say."""
+
+
+class _Ageing(NamedTuple):
+    """What becomes of auxiliary states and of the map's error over S stretches."""
+
+    states: Auxiliary
+    correlation: Array
+    """(S, M)."""
+    half_noise: Array
+    """(S, M)."""
+    map_correlation: Array
+    """(S,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,13 +181,18 @@ def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array)
 def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> BoundResult:
     segments = divide(scenario, trajectory)
     channels = len(readings.noise)
+    gravity = true_residual_gravity(scenario, trajectory)
+    auxiliary = FilterModel.from_scenario(scenario, gravity).auxiliary
     # the navigator's errors, the map's error in each channel, the sensor's bias and drift
-    start = np.zeros((STATES + channels + 2, STATES + channels + 2))
-    start[:STATES, :STATES] = initial_covariance(scenario)
+    m = STATES + len(auxiliary)
+    start = np.zeros((m + channels + 2, m + channels + 2))
+    start[:m, :m] = initial_covariance(scenario, auxiliary)
     bias = _bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
-    start[STATES:, STATES:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
-    correlation = _correlation(scenario, segments)
-    covariance = _riccati(start, segments, noise_density(scenario), correlation, readings)
+    start[m:, m:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
+    aged = _Ageing(
+        auxiliary_of(auxiliary), *ageing(segments, auxiliary), _correlation(scenario, segments)
+    )
+    covariance = _riccati(start, segments, noise_density(scenario), aged, readings)
     time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
     return BoundResult(time, covariance)
 
@@ -185,12 +213,12 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
 
 
 @kernel
-def _riccati(start, segments, density, correlation, readings):  # type: ignore[no-untyped-def]
+def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyped-def]
     """Run the recursion; return the (scans + 1, 2, 2) position covariances.
 
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
-    geometry, force, rotation, dt, per_scan = segments
+    geometry, force, rotation, rate, dt, per_scan = segments
     sensitivity, noise, used = readings
     n, m = start.shape[0], start.shape[0] - noise.shape[0] - 2
     scans = geometry.shape[0] // per_scan
@@ -203,9 +231,16 @@ def _riccati(start, segments, density, correlation, readings):  # type: ignore[n
     half_noise = np.zeros((n, n))
     for k in range(geometry.shape[0]):
         fill_dynamics(F, geometry[k], force[k], rotation[k])
-        _discretise(
-            transition, half_noise, F, rotation[k], density, correlation[k], start[m, m], dt
-        )
+        fill_auxiliary(F, aged.states, force[k], rotation[k], rate[k])
+        _discretise(transition, half_noise, F, rotation[k], density, dt)
+        for j in range(STATES, m):
+            transition[j, j] = aged.correlation[k, j - STATES]
+            half_noise[j, j] = aged.half_noise[k, j - STATES]
+        # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
+        c = aged.map_correlation[k]
+        for j in range(m, n - 2):
+            transition[j, j] = c
+            half_noise[j, j] = start[m, m] * (1.0 - c**2) / (1.0 + c**2)
         # trapezoid: half the noise enters at either end
         P = transition @ (P + half_noise) @ transition.T + half_noise
         P = 0.5 * (P + P.T)
@@ -222,18 +257,15 @@ def _riccati(start, segments, density, correlation, readings):  # type: ignore[n
 
 
 @kernel
-def _discretise(  # type: ignore[no-untyped-def]
-    transition, half_noise, F, rotation, density, correlation, map_variance, dt
-):
-    """Write transition and half of the process noise of one stretch, in place."""
+def _discretise(transition, half_noise, F, rotation, density, dt):  # type: ignore[no-untyped-def]
+    """Write transition and half of the process noise of one stretch, of the navigator's errors and
+    the sensor's bias, in place."""
     m = F.shape[0]
     second = F @ F
     for i in range(m):
         for j in range(m):
             transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]
         transition[i, i] += 1.0
-    for c in range(m, transition.shape[0] - 2):
-        transition[c, c] = correlation
     transition[-2, -2] = transition[-1, -1] = 1.0
     transition[-2, -1] = dt
     for i in range(3):
@@ -245,9 +277,6 @@ def _discretise(  # type: ignore[no-untyped-def]
             if i < 2 and j < 2:
                 half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
             half_noise[4 + i, 4 + j] = 0.5 * dt * rate
-    # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
-    for c in range(m, transition.shape[0] - 2):
-        half_noise[c, c] = map_variance * (1.0 - correlation**2) / (1.0 + correlation**2)
 
 
 @kernel

@@ -1,12 +1,23 @@
 """The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry,
 initial covariance and noise of a scenario."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import radii
+from isogal.fusion.auxiliary import (
+    ACCELEROMETER_SCALE,
+    GRAVITY,
+    GYROSCOPE,
+    GYROSCOPE_SCALE,
+    NONE,
+    AuxiliaryState,
+)
+from isogal.inertial.error_model import STATES
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma
@@ -28,6 +39,8 @@ class Segments(NamedTuple):
     """(S, 3) specific force, NED, m/s²."""
     rotation: Array
     """(S, 3, 3) body to NED."""
+    rate: Array
+    """(S, 3) angular rate, body, rad/s."""
     dt: float
     """s, duration of a stretch."""
     per_scan: int
@@ -56,7 +69,10 @@ def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
         middle(trajectory.height),
     )
     rotation = middle(matrix(trajectory.attitude))
-    force = trajectory.specific_force[: count * size].reshape(count, size, 3).mean(axis=1)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[: count * size].reshape(count, size, 3).mean(axis=1))
+
     meridian, normal = radii(latitude)
     geometry = np.stack(
         [latitude, velocity[:, 0], velocity[:, 1], 1 / (meridian + height), 1 / (normal + height)],
@@ -64,16 +80,17 @@ def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
     )
     return Segments(
         geometry,
-        np.einsum("sij,sj->si", rotation, force),
+        np.einsum("sij,sj->si", rotation, mean(trajectory.specific_force)),
         rotation,
+        mean(trajectory.angular_rate),
         size * trajectory.dt,
         steps // size,
     )
 
 
-def initial_covariance(scenario: Scenario) -> Array:
-    """Return the covariance (13, 13) of the error at the start: the scenario's initial errors, and
-    the biases of the IMU."""
+def initial_covariance(scenario: Scenario, auxiliary: Sequence[AuxiliaryState] = ()) -> Array:
+    """Return the covariance (13 + M, 13 + M) of the error at the start: the scenario's initial
+    errors, the biases of the IMU, and auxiliary states."""
     sigma, sensors = scenario.initial_error, scenario.imu.sensors
     start = [
         sigma.position,
@@ -84,10 +101,63 @@ def initial_covariance(scenario: Scenario) -> Array:
         sigma.tilt,
         sigma.heading,
     ]
-    return np.diag(np.square([*start, *bias_sigma(sensors)]))
+    more = [state.sigma for state in auxiliary]
+    return np.diag(np.square([*start, *bias_sigma(sensors), *more]))
 
 
 def noise_density(scenario: Scenario) -> Array:
     """Return power spectral densities (6,) per body axis: accelerometers (m²/s³), then gyroscopes
     (rad²/s)."""
     return np.square(imu_noise_density(scenario.imu.sensors, 1.0 / scenario.imu.rate))
+
+
+def ageing(segments: Segments, auxiliary: Sequence[AuxiliaryState]) -> tuple[Array, Array]:
+    """Return what becomes of auxiliary states over each stretch.
+
+    Returns
+    -------
+    correlation : (S, M) array
+        Of each state at the two ends of a stretch.
+    half_noise : (S, M) array
+        Half of the variance that comes in, for half of it at either end: c² (P + q) + q keeps a
+        steady variance P.
+    """
+    distance = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2]) * segments.dt
+    correlation = np.empty((len(distance), len(auxiliary)))
+    half_noise = np.empty_like(correlation)
+    for j, state in enumerate(auxiliary):
+        c = np.exp(-segments.dt / state.time - distance / state.length)
+        correlation[:, j] = c
+        half_noise[:, j] = (
+            state.sigma**2 * (1.0 - c**2) / (1.0 + c**2) + 0.5 * state.walk**2 * segments.dt
+        )
+    return correlation, half_noise
+
+
+@kernel
+def fill_auxiliary(F, auxiliary, force, rotation, rate):  # type: ignore[no-untyped-def]
+    """Write into the columns of F behind the first 13 how auxiliary states enter velocity and
+    attitude, in place.
+
+    `force` (3,) NED, m/s²; `rotation` (3, 3) body to NED; `rate` (3,) body, rad/s."""
+    for j in range(len(auxiliary.enters)):
+        enters, axis, at = auxiliary.enters[j], auxiliary.axis[j], STATES + j
+        if enters == NONE:
+            continue
+        if enters == GRAVITY:
+            if axis < 2:
+                F[2 + axis, at] = 1.0
+            continue
+        size = 1.0
+        if enters == ACCELEROMETER_SCALE:
+            size = 0.0
+            for i in range(3):
+                size += rotation[i, axis] * force[i]
+        elif enters == GYROSCOPE_SCALE:
+            size = rate[axis]
+        turns = enters in (GYROSCOPE, GYROSCOPE_SCALE)
+        for i in range(3):
+            if turns:
+                F[4 + i, at] = rotation[i, axis] * size
+            elif i < 2:
+                F[2 + i, at] = rotation[i, axis] * size

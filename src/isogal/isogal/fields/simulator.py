@@ -26,7 +26,7 @@ class ReadingSimulator:
         self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
     ) -> None:
         """Draw all readings; raises InputError as `true_readings` does."""
-        self.index = i = _scans(scenario, trajectory)
+        self.index = i = scan_index(scenario, trajectory)
         """(scans,) index into the trajectory of each scan."""
         field = _measured(scenario, field_map)
         channels = field.channels
@@ -64,7 +64,7 @@ def true_readings(
         The map does not cover the route, the instrument does not measure its quantity, or no such
         instrument can be there.
     """
-    i = _scans(scenario, trajectory) if index is None else index
+    i = scan_index(scenario, trajectory) if index is None else index
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
     missing = ~np.isfinite(value.reshape(len(i), -1)).all(axis=1)
@@ -80,7 +80,8 @@ def true_readings(
     return _measured(scenario, field_map).reduction(scenario).raw(value, at)
 
 
-def _scans(scenario: Scenario, trajectory: Trajectory) -> Integers:
+def scan_index(scenario: Scenario, trajectory: Trajectory) -> Integers:
+    """Return (scans,) index into the trajectory of each scan."""
     return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
 
 
@@ -107,7 +108,7 @@ def _late(
 ) -> Array:
     """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
     one measures at the scans."""
-    scans = _scans(scenario, trajectory)
+    scans = scan_index(scenario, trajectory)
     every = np.arange(len(trajectory) + 1)
     truth = true_readings(scenario, trajectory, field_map, every)
     error = felt - truth[scans]  # of the map

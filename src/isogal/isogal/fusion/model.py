@@ -6,8 +6,13 @@ from typing import Literal
 
 import numpy as np
 
+from isogal.fields.known_gravity import KnownGravity
+from isogal.fusion import gravity_states
+from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
+from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.gravity import Compensation, no_compensation
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma, noise_density
 
@@ -40,19 +45,45 @@ class FilterModel:
     kappa: float = 0.0
     filter: Literal["compiled", "reference"] = "compiled"
     """Who filters: `isogal.fusion.ukf` or `isogal.fusion.reference`."""
+    auxiliary: tuple[AuxiliaryState, ...] = ()
+    """The states beside the fifteen, in their order."""
+    compensation: Compensation = field(default_factory=no_compensation, repr=False, compare=False)
+    """Horizontal gravity that the strapdown takes off."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
     """The same as the compiled filter takes it."""
 
     def __post_init__(self) -> None:
         scaling = self.alpha, self.beta, self.kappa
         assumptions = Assumptions(
-            self.dt, np.array(self.noise), self.height_sigma, merwe_weights(*scaling), scaling
+            self.dt,
+            np.array(self.noise),
+            self.height_sigma,
+            merwe_weights(*scaling, self.states),
+            scaling,
+            auxiliary_of(self.auxiliary),
+            self.compensation,
         )
         object.__setattr__(self, "assumptions", assumptions)
 
+    @property
+    def states(self) -> int:
+        """Number of states, the auxiliary ones included."""
+        return FILTER_STATES + len(self.auxiliary)
+
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> "FilterModel":
-        """Return the model that agrees with what the scenario's simulation draws from."""
+    def from_scenario(
+        cls, scenario: Scenario, gravity: KnownGravity | None = None
+    ) -> "FilterModel":
+        """Return the model that agrees with what a scenario says of sensors and errors.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        gravity : KnownGravity, optional
+            What the navigator knows of horizontal gravity; default: that there is none beside
+            normal gravity.
+        """
+        gravity = gravity or KnownGravity()
         sensors, initial = scenario.imu.sensors, scenario.initial_error
         noise = noise_density(sensors, 1.0 / scenario.imu.rate).tolist()
         position, velocity = (
@@ -70,4 +101,6 @@ class FilterModel:
             initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
             dt=1.0 / scenario.imu.rate,
             filter=scenario.fusion.filter,
+            auxiliary=gravity_states.states(gravity),
+            compensation=gravity.compensation,
         )

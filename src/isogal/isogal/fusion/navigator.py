@@ -127,6 +127,51 @@ def _bounded(matrix: Array, covariance: Array) -> Array:
     return np.asarray((back * np.maximum(values, LEAST_APPLIED)) @ back.T, dtype=np.float64)
 
 
+def update_linear(
+    state: FilterState, run: int, H: Array, innovation: Array, R: Array
+) -> tuple[Array, float]:
+    """Update one run with a measurement that is linear in its error state, in place: z = h(x) + v,
+    where h changes by H xi if the state moves by the error state xi.
+
+    Parameters
+    ----------
+    H : (m, 15 + M) array
+    innovation : (m,) array
+        Measured minus predicted.
+    R : (m, m) array
+        Covariance of v.
+
+    Returns
+    -------
+    correction : (15 + M,) array
+        By which the state was moved.
+    nis : float
+        Normalised innovation squared.
+
+    Raises
+    ------
+    ValueError
+        Not finite, or the innovation's covariance is not positive definite; the state is as it
+        was.
+    """
+    if not (np.isfinite(innovation).all() and np.isfinite(H).all() and np.isfinite(R).all()):
+        raise ValueError("measurement is not finite")
+    P = state.covariance[run]
+    cross = P @ H.T
+    S = H @ cross + 0.5 * (R + R.T)
+    try:
+        np.linalg.cholesky(0.5 * (R + R.T))
+        np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        raise ValueError("covariance of the measurement is not positive definite") from None
+    solved = np.linalg.solve(S, np.column_stack([innovation, cross.T]))
+    correction = cross @ solved[:, 0]
+    reduced = P - cross @ solved[:, 1:]
+    state.covariance[run] = 0.5 * (reduced + reduced.T)
+    move(state.nominal_of(run), correction)
+    return correction, float(innovation @ solved[:, 0])
+
+
 def update_position(
     state: FilterState,
     model: FilterModel,

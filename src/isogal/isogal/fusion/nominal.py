@@ -22,6 +22,8 @@ class Nominal(NamedTuple):
     """(R, 3) m/s², body."""
     gyroscope_bias: Array
     """(R, 3) rad/s, body."""
+    auxiliary: Array
+    """(R, M) of the auxiliary states (`isogal.fusion.auxiliary`)."""
 
 
 @kernel(**INLINE)
@@ -33,13 +35,14 @@ def of_run(nominal, run):  # type: ignore[no-untyped-def]
         nominal.attitude[run],
         nominal.accelerometer_bias[run],
         nominal.gyroscope_bias[run],
+        nominal.auxiliary[run],
     )
 
 
 @kernel(**INLINE)
 def move(nominal, error):  # type: ignore[no-untyped-def]
-    """Add an error state (15,) to the state of one run, in place: position over the local radii,
-    attitude by the quaternion of the rotation vector on the left, the rest by addition."""
+    """Add an error state (15 + M,) to the state of one run, in place: position over the local
+    radii, attitude by the quaternion of the rotation vector on the left, the rest by addition."""
     position, attitude = nominal.position, nominal.attitude
     m, n = curvature(math.sin(position[0]))
     position[1] += error[1] / ((n + position[2]) * math.cos(position[0]))
@@ -53,3 +56,5 @@ def move(nominal, error):  # type: ignore[no-untyped-def]
         nominal.velocity[i] += error[3 + i]
         nominal.accelerometer_bias[i] += error[9 + i]
         nominal.gyroscope_bias[i] += error[12 + i]
+    for j in range(len(nominal.auxiliary)):
+        nominal.auxiliary[j] += error[15 + j]

@@ -10,9 +10,11 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.auxiliary import Auxiliary, add_input
 from isogal.fusion.nominal import Nominal, move, of_run
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.gravity import horizontal_gravity
 from isogal.inertial.rotations import matrix, multiply, to_rotation_vector
 from isogal.inertial.strapdown import step
 
@@ -78,10 +80,9 @@ def update_position(
 
 
 def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:
-    points = MerweScaledSigmaPoints(FILTER_STATES, *assumptions.scaling)
-    unscented = UnscentedKalmanFilter(
-        FILTER_STATES, 1, assumptions.dt, hx=None, fx=None, points=points
-    )
+    size = len(covariance)
+    points = MerweScaledSigmaPoints(size, *assumptions.scaling)
+    unscented = UnscentedKalmanFilter(size, 1, assumptions.dt, hx=None, fx=None, points=points)
     unscented.P = covariance.copy()
     unscented.R *= assumptions.height_sigma**2
     return unscented
@@ -96,34 +97,52 @@ def _predict(
 ) -> Nominal:
     """Predict over one interval; return the nominal state at its end, which filterpy's x is
     relative to then."""
-    centre = _after(state, force, rate, assumptions.dt)
+    correlation, power = _ageing(assumptions.auxiliary, state.velocity, assumptions.dt)
+    centre = _after(state, force, rate, correlation, assumptions)
 
     def process(error: Array, dt: float) -> Array:
         moved = Nominal(*(array.copy() for array in state))
         move(moved, error)
-        return _difference(_after(moved, force, rate, dt), centre)
+        return _difference(_after(moved, force, rate, correlation, assumptions), centre)
 
-    axes, power = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
-    unscented.x = np.zeros(FILTER_STATES)
-    unscented.Q = np.zeros((FILTER_STATES, FILTER_STATES))
-    unscented.Q[3:6, 3:6] = axes @ np.diag(power[:3]) @ axes.T
-    unscented.Q[6:9, 6:9] = axes @ np.diag(power[3:]) @ axes.T
+    axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
+    unscented.x = np.zeros(len(unscented.P))
+    unscented.Q = np.zeros_like(unscented.P)
+    unscented.Q[3:6, 3:6] = axes @ np.diag(noise[:3]) @ axes.T
+    unscented.Q[6:9, 6:9] = axes @ np.diag(noise[3:]) @ axes.T
+    unscented.Q[FILTER_STATES:, FILTER_STATES:] = np.diag(power)
     unscented.predict(fx=process)
     return centre
 
 
-def _after(state: Nominal, force: Array, rate: Array, dt: float) -> Nominal:
+def _ageing(auxiliary: Auxiliary, velocity: Array, dt: float) -> tuple[Array, Array]:
+    """Return (M,) the correlation of auxiliary states over an interval, and the variance that
+    comes in."""
+    distance = np.hypot(velocity[0], velocity[1]) * dt
+    correlation = np.exp(-dt * auxiliary.per_second - distance * auxiliary.per_metre)
+    return correlation, auxiliary.variance * (1.0 - correlation**2) + auxiliary.walk * dt
+
+
+def _after(
+    state: Nominal, force: Array, rate: Array, correlation: Array, assumptions: Assumptions
+) -> Nominal:
     """Return the state after one interval of the strapdown."""
-    felt = tuple((force - state.accelerometer_bias).tolist())
-    turned = tuple((rate - state.gyroscope_bias).tolist())
+    total = np.zeros(9)
+    for j, value in enumerate(state.auxiliary):
+        add_input(assumptions.auxiliary, j, value, force, rate, total)
+    known = horizontal_gravity(assumptions.compensation, state.position)
+    gravity = tuple((np.array([known[0], known[1], 0.0]) + total[:3]).tolist())
+    felt = tuple((force - state.accelerometer_bias - total[3:6]).tolist())
+    turned = tuple((rate - state.gyroscope_bias - total[6:]).tolist())
     start = (tuple(array.tolist()) for array in state[:3])
-    position, velocity, attitude = (np.array(part) for part in step(*start, felt, turned, dt))
+    after = step(*start, felt, turned, gravity, assumptions.dt)
+    position, velocity, attitude = (np.array(part) for part in after)
     biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
-    return Nominal(position, velocity, attitude, *biases)
+    return Nominal(position, velocity, attitude, *biases, correlation * state.auxiliary)
 
 
 def _difference(state: Nominal, centre: Nominal) -> Array:
-    """Return the error state (15,) that leads from one state to another."""
+    """Return the error state (15 + M,) that leads from one state to another."""
     north, east = metres_per_radian(centre.position[0], centre.position[2])
     w, x, y, z = centre.attitude.tolist()
     turn = to_rotation_vector(*multiply(*state.attitude.tolist(), w, -x, -y, -z))
@@ -134,5 +153,6 @@ def _difference(state: Nominal, centre: Nominal) -> Array:
             turn,
             state.accelerometer_bias - centre.accelerometer_bias,
             state.gyroscope_bias - centre.gyroscope_bias,
+            state.auxiliary - centre.auxiliary,
         ]
     )

@@ -7,8 +7,10 @@ point is the nominal state moved by an error state, and goes through the full st
 The thirty sigma points of a run are the lanes of vector instructions: loops over `LANES` contain
 neither branches nor calls, and the work arrays are made where the loops are inlined, since only
 arrays of known shape let the compiler see that rows do not overlap. Lane 15 is the centre, lanes 0
-to 14 are the points along the columns of the covariance's factor, 16 to 30 those opposite; lane 31
-is the centre once more."""
+to 14 are the points along the first columns of the covariance's factor, 16 to 30 those opposite;
+lane 31 is the centre once more. The columns of auxiliary states, where there are any, follow in
+`auxiliary.tail_points`, without lanes: N below is the number of all states, W that of columns in
+memory, and `size` has the length N, so that it is known when a kernel is compiled."""
 
 import math
 from functools import cache
@@ -29,7 +31,7 @@ from isogal.inertial.rotations import (
 )
 from isogal.inertial.strapdown import step_at
 
-N = FILTER_STATES
+CORE = FILTER_STATES
 HALF, LANES, CENTRE = 16, 32, 15
 NAVIGATION = 9
 """Error states that change over an interval: all but the biases."""
@@ -48,39 +50,46 @@ class Weights(NamedTuple):
 
 
 @cache
-def merwe_weights(alpha: float, beta: float, kappa: float) -> Weights:
-    """Return what filterpy's scaled sigma points are for fifteen states (van der Merwe 2004, eq.
+def merwe_weights(alpha: float, beta: float, kappa: float, states: int = CORE) -> Weights:
+    """Return what filterpy's scaled sigma points are for so many states (van der Merwe 2004, eq.
     3.2)."""
     from filterpy.kalman import MerweScaledSigmaPoints
 
-    scaled = MerweScaledSigmaPoints(N, alpha, beta, kappa)
-    of_unit_covariance = scaled.sigma_points(np.zeros(N), np.eye(N))
+    scaled = MerweScaledSigmaPoints(states, alpha, beta, kappa)
+    of_unit_covariance = scaled.sigma_points(np.zeros(states), np.eye(states))
     return Weights(float(of_unit_covariance[1, 0]), float(scaled.Wc[0]), float(scaled.Wc[1]))
 
 
 @kernel(**INLINE)
-def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
-    """Replace row k of `work` (15, 16) by column k of the lower Cholesky factor; return False
+def columns(size):  # type: ignore[no-untyped-def]
+    """Return W, the number of states rounded up to whole vectors."""
+    return (len(size) + 3) // 4 * 4
+
+
+@kernel(**INLINE)
+def factorise(size, matrix, work, pivots):  # type: ignore[no-untyped-def]
+    """Replace row k of `work` (N, W) by column k of the lower Cholesky factor; return False
     where `matrix` is not positive definite.
 
     Rows are eliminated from top to bottom, square roots come last: they would only lengthen the
     chain of dependent operations."""
-    for i in range(N):
-        for j in range(HALF):
+    n, width = len(size), columns(size)
+    for i in range(n):
+        for j in range(width):
             work[i, j] = matrix[i, j]
     definite = True
-    for k in range(N):
+    for k in range(n):
         pivot = work[k, k]
         definite = definite and pivot > 0.0
         inverse = 1.0 / pivot
-        for i in range(k + 1, N):
+        for i in range(k + 1, n):
             ratio = work[k, i] * inverse
-            for j in range(HALF):
+            for j in range(width):
                 work[i, j] -= ratio * work[k, j]
         pivots[k] = pivot
-    for k in range(N):
+    for k in range(n):
         scale = 1.0 / math.sqrt(pivots[k])
-        for j in range(HALF):
+        for j in range(width):
             work[k, j] *= scale
         for j in range(k):
             work[k, j] = 0.0
@@ -88,25 +97,31 @@ def factorise(matrix, work, pivots):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def spread_points(factor, spread, points):  # type: ignore[no-untyped-def]
-    """Write the error states of the sigma points (15, 32): spread times a column of the factor,
-    and its opposite."""
-    for i in range(N):
+def spread_points(size, factor, spread, points):  # type: ignore[no-untyped-def]
+    """Write the error states of the sigma points (N, 32): spread times a column of the factor, and
+    its opposite."""
+    for i in range(len(size)):
         for j in range(HALF):
             points[i, j] = 0.0
-        for j in range(i + 1):
+        for j in range(min(i + 1, CORE)):
             points[i, j] = spread * factor[j, i]
         for j in range(HALF):
             points[i, HALF + j] = -points[i, j]
 
 
 @kernel(**INLINE)
-def propagate_points(nominal, force, rate, dt, points, ends):  # type: ignore[no-untyped-def]
+def propagate_points(  # type: ignore[no-untyped-def]
+    nominal, force, rate, gravity, dt, points, pushes, ends
+):
     """Move the nominal state by each point's error and take the result through the strapdown.
 
-    `force`, `rate` (3,) are the interval's means as measured; `ends` (10, 32) gets position,
-    velocity and attitude of each point."""
-    position, velocity, attitude, ba, bg = nominal
+    `force`, `rate` (3,) are the interval's means as measured, without what the auxiliary states
+    take off them; `gravity` is what the navigator knows of gravity beside normal gravity: to
+    north, east and down (m/s²), and the derivatives of the first two by north and by east (1/s²).
+    `pushes` (9, 32) is what the auxiliary part of each point adds (`auxiliary.spread_input`),
+    `ends` (10, 32) gets position, velocity and attitude of each point."""
+    position, velocity, attitude, ba, bg, _ = nominal
+    (gn, ge, gd), (gn_n, gn_e, ge_n, ge_e) = gravity
     s, c = math.sin(position[0]), math.cos(position[0])
     m, n = curvature(s)
     per_north, per_east = 1.0 / (m + position[2]), 1.0 / ((n + position[2]) * c)
@@ -133,8 +148,21 @@ def propagate_points(nominal, force, rate, dt, points, ends):  # type: ignore[no
             (lat + turn, lon + points[1, i] * per_east, h - points[2, i]),
             (vn + points[3, i], ve + points[4, i], vd + points[5, i]),
             (bw, bx, by, bz),
-            (fx - points[9, i], fy - points[10, i], fz - points[11, i]),
-            (wx - points[12, i], wy - points[13, i], wz - points[14, i]),
+            (
+                fx - points[9, i] - pushes[3, i],
+                fy - points[10, i] - pushes[4, i],
+                fz - points[11, i] - pushes[5, i],
+            ),
+            (
+                wx - points[12, i] - pushes[6, i],
+                wy - points[13, i] - pushes[7, i],
+                wz - points[14, i] - pushes[8, i],
+            ),
+            (
+                gn + gn_n * points[0, i] + gn_e * points[1, i] + pushes[0, i],
+                ge + ge_n * points[0, i] + ge_e * points[1, i] + pushes[1, i],
+                gd + pushes[2, i],
+            ),
             dt,
         )
         ends[0, i], ends[1, i], ends[2, i] = place
@@ -171,35 +199,44 @@ def errors_of(ends, points):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def moments(points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
-    """Write mean (16,) and covariance (15, 16) of the points, by halves of sums (`even`) and
-    differences of opposite points (`odd`).
+def moments(size, points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
+    """Write mean (W,) and covariance (N, W) of the points, by halves of sums (`even`) and
+    differences of opposite points (`odd`, whose rows 16 on `auxiliary.tail_points` has written).
 
     With p and m a point and its opposite, p p' + m m' = 2 (e e' + o o'), e = (p + m) / 2, o = (p -
-    m) / 2. Biases are constant over the interval, so their e is zero and their covariance stays;
-    that of the others with them takes the odd part only."""
-    for i in range(N):
+    m) / 2. Biases and auxiliary states are constant over the interval, so their e is zero and
+    their covariance stays; that of the others with them takes the odd part only."""
+    n, width = len(size), columns(size)
+    for i in range(n):
         for j in range(HALF):
             odd[j, i] = 0.5 * (points[i, j] - points[i, HALF + j])
             even[j, i] = 0.5 * (points[i, j] + points[i, HALF + j])
-    for i in range(HALF):
+    for i in range(width):
         mean[i] = 0.0
-    for j in range(N):
-        for i in range(HALF):
+    for j in range(CORE):
+        for i in range(width):
             mean[i] += even[j, i]
-    for i in range(HALF):
+    for i in range(width):
         mean[i] *= 2.0 * weights.other
     for a in range(NAVIGATION):
-        for b in range(HALF):
+        for b in range(width):
             covariance[a, b] = weights.centre * mean[a] * mean[b]
-    for j in range(N):
-        for i in range(HALF):
+    for j in range(CORE):
+        for i in range(width):
             even[j, i] -= mean[i]
-        for b in range(HALF):
+        for b in range(width):
             o = 2.0 * weights.other * odd[j, b]
             e = 2.0 * weights.other * even[j, b]
             for a in range(NAVIGATION):
                 covariance[a, b] += odd[j, a] * o + even[j, a] * e
-    for a in range(NAVIGATION, N):
+    for j in range(HALF, n + 1):
+        for b in range(width):
+            # the spread is not in these points: their weight is 2 other spread² = 1; their even
+            # part is that of the centre, zero, less the mean
+            o = odd[j, b]
+            e = 2.0 * weights.other * mean[b]
+            for a in range(NAVIGATION):
+                covariance[a, b] += odd[j, a] * o + mean[a] * e
+    for a in range(NAVIGATION, n):
         for b in range(NAVIGATION):
             covariance[a, b] = covariance[b, a]

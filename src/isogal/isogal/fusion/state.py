@@ -28,23 +28,28 @@ class FilterState:
     """(R, 3) m/s², body."""
     gyroscope_bias: Array
     """(R, 3) rad/s, body."""
+    auxiliary: Array
+    """(R, M) of the auxiliary states (`FilterModel.auxiliary`)."""
     covariance: Array
-    """(R, 15, 15) of the filter's error state (`isogal.inertial.error_state`)."""
+    """(R, 15 + M, 15 + M) of the filter's error state (`isogal.inertial.error_state`), then of the
+    auxiliary states."""
 
     def __len__(self) -> int:
         return self.position.shape[0]
 
     @classmethod
     def start(cls, nav: NavState, model: FilterModel) -> "FilterState":
-        """Return the state at the start: biases zero, covariance diagonal."""
-        runs = len(nav)
-        covariance = np.tile(np.diag(np.square(model.initial_sigma)), (runs, 1, 1))
+        """Return the state at the start: biases and auxiliary states zero, covariance diagonal."""
+        runs, auxiliary = len(nav), [state.sigma for state in model.auxiliary]
+        sigma = np.array([*model.initial_sigma, *auxiliary])
+        covariance = np.tile(np.diag(sigma**2), (runs, 1, 1))
         return cls(
             nav.position.copy(),
             nav.velocity.copy(),
             nav.attitude.copy(),
             np.zeros((runs, 3)),
             np.zeros((runs, 3)),
+            np.zeros((runs, len(auxiliary))),
             covariance,
         )
 
@@ -67,6 +72,7 @@ class FilterState:
             self.attitude,
             self.accelerometer_bias,
             self.gyroscope_bias,
+            self.auxiliary,
         )
 
     def arrays(self) -> tuple[Array, ...]:

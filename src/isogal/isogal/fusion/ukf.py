@@ -1,8 +1,8 @@
-"""The 15-state unscented Kalman filter as compiled functions over runs (docs/mathematics.md,
-section 3.5).
+"""The unscented Kalman filter as compiled functions over runs (docs/mathematics.md, section 3.5).
 
-The error state is that of `isogal.inertial.error_state`: the small-rotation filter of Crassidis
-(2006) with the rotation vector as attitude parameter. Every sigma point goes through the full
+The error state is that of `isogal.inertial.error_state`, fifteen states, and any number of
+auxiliary states (`auxiliary`) after them: the small-rotation filter of Crassidis (2006) with the
+rotation vector as attitude parameter. Every sigma point goes through the full
 strapdown step (`sigma_points`). Updates are linear in the error state (position, height), where
 the unscented and the Kalman update are the same formula."""
 
@@ -14,19 +14,24 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
+from isogal.fusion.auxiliary import Auxiliary, add_input, age, spread_input, tail_points
 from isogal.fusion.nominal import move, of_run
 from isogal.fusion.sigma_points import (
     CENTRE,
     HALF,
     LANES,
-    N,
     Weights,
+    columns,
     errors_of,
     factorise,
     moments,
     propagate_points,
     spread_points,
 )
+from isogal.fusion.sigma_points import (
+    CORE as N,
+)
+from isogal.inertial.gravity import Compensation, horizontal_gravity
 from isogal.inertial.rotations import INLINE, rotate
 
 
@@ -43,6 +48,9 @@ class Assumptions(NamedTuple):
     weights: Weights
     scaling: tuple[float, float, float]
     """alpha, beta, kappa of the scaled transform, which the weights follow from."""
+    auxiliary: Auxiliary
+    compensation: Compensation
+    """Horizontal gravity that the strapdown takes off."""
 
 
 @kernel(**INLINE)
@@ -63,17 +71,19 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def update_height(nominal, covariance, height, sigma, gain, error):  # type: ignore[no-untyped-def]
-    """Update one run with a known height (m), in place; `gain` (16,) and `error` (16,) are work
+def update_height(  # type: ignore[no-untyped-def]
+    size, nominal, covariance, height, sigma, gain, error
+):
+    """Update one run with a known height (m), in place; `gain` (W,) and `error` (W,) are work
     space."""
     inverse = 1.0 / (covariance[2, 2] + sigma * sigma)
     innovation = nominal.position[2] - height  # measured minus predicted, positive down
-    for i in range(HALF):
+    for i in range(columns(size)):
         gain[i] = covariance[2, i]
         error[i] = gain[i] * (innovation * inverse)
-    for a in range(N):
+    for a in range(len(size)):
         scaled = gain[a] * inverse
-        for b in range(HALF):
+        for b in range(columns(size)):
             covariance[a, b] -= scaled * gain[b]
     move(nominal, error)
 
@@ -100,12 +110,13 @@ def update_position(  # type: ignore[no-untyped-def]
         return y0, y1, math.nan
     i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
     a0, a1 = i00 * y0 + i01 * y1, i01 * y0 + i11 * y1
-    error = np.empty(N)
-    column = np.empty((N, 2))
-    for i in range(N):
+    size = covariance.shape[0]
+    error = np.empty(size)
+    column = np.empty((size, 2))
+    for i in range(size):
         column[i, 0], column[i, 1] = covariance[i, 0], covariance[i, 1]
         error[i] = column[i, 0] * a0 + column[i, 1] * a1
-    for a in range(N):
+    for a in range(size):
         k0 = column[a, 0] * i00 + column[a, 1] * i01
         k1 = column[a, 0] * i01 + column[a, 1] * i11
         for b in range(a + 1):
@@ -124,29 +135,52 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     known height after each. A run whose covariance is no longer positive definite stops at that
     step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights, _ = assumptions
+    dt, noise, height_sigma, weights, _, auxiliary, compensation = assumptions
+    size = auxiliary.size
+    n, width = len(size), columns(size)
     done = np.empty(runs, np.int64)
-    P = np.zeros((N, HALF))
-    factor = np.empty((N, HALF))
-    even = np.zeros((HALF, HALF))
-    odd = np.zeros((HALF, HALF))
-    points = np.zeros((N, LANES))
+    P = np.zeros((n, width))
+    factor = np.empty((n, width))
+    even = np.zeros((HALF, width))
+    odd = np.zeros((n + 1, width))
+    points = np.zeros((n, LANES))
+    pushes = np.zeros((9, LANES))
     ends = np.empty((10, LANES))
-    mean = np.zeros(HALF)
-    gain = np.zeros(HALF)
+    mean = np.zeros(width)
+    gain = np.zeros(width)
+    total = np.zeros(9)
     for r in range(runs):
         state = of_run(nominal, r)
         x, v, q = state.position, state.velocity, state.attitude
-        P[:, :N] = covariance[r]
+        P[:, :n] = covariance[r]
         done[r] = steps
         for k in range(steps):
-            if not factorise(P, factor, gain):
+            if not factorise(size, P, factor, gain):
                 done[r] = k
                 break
-            spread_points(factor, weights.spread, points)
-            propagate_points(state, force[r, k], rate[r, k], dt, points, ends)
+            spread_points(size, factor, weights.spread, points)
+            f, w = force[r, k], rate[r, k]
+            for i in range(9):
+                total[i] = 0.0
+            for j in range(n - N):
+                add_input(auxiliary, j, state.auxiliary[j], f, w, total)
+            gn, ge, gn_n, gn_e, ge_n, ge_e = horizontal_gravity(compensation, x)
+            if n > N:
+                spread_input(auxiliary, f, w, points, pushes)
+            propagate_points(
+                state,
+                (f[0] - total[3], f[1] - total[4], f[2] - total[5]),
+                (w[0] - total[6], w[1] - total[7], w[2] - total[8]),
+                ((gn + total[0], ge + total[1], total[2]), (gn_n, gn_e, ge_n, ge_e)),
+                dt,
+                points,
+                pushes,
+                ends,
+            )
+            tail_points(auxiliary, q, f, w, dt, factor, odd, total)
             errors_of(ends, points)
-            moments(points, even, odd, weights, mean, P)
+            moments(size, points, even, odd, weights, mean, P)
+            age(auxiliary, state.auxiliary, v, dt, P)
             for i in range(3):
                 x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
             for i in range(4):
@@ -154,8 +188,8 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
             add_noise(q, noise, dt, P)
             move(state, mean)
             if height_sigma > 0.0:
-                update_height(state, P, height[k], height_sigma, gain, mean)
-        for i in range(N):
-            for j in range(N):
+                update_height(size, state, P, height[k], height_sigma, gain, mean)
+        for i in range(n):
+            for j in range(n):
                 covariance[r, i, j] = 0.5 * (P[i, j] + P[j, i])
     return done

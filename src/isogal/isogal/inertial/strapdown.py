@@ -14,6 +14,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
+from isogal.inertial.gravity import Compensation, horizontal_gravity, no_compensation
 from isogal.inertial.rotations import INLINE, from_short_rotation_vector, multiply, rotate
 
 
@@ -69,18 +70,21 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def step(position, velocity, attitude, force, rate, dt):  # type: ignore[no-untyped-def]
+def step(position, velocity, attitude, force, rate, gravity, dt):  # type: ignore[no-untyped-def]
     """Advance one state by one interval (see the module for the method).
 
     Tuples in: position (latitude rad, longitude rad, height m), velocity (north, east, down; m/s),
-    attitude (w, x, y, z), and the interval's mean specific force (m/s²) and angular rate (rad/s)
-    in body axes. Tuples out: position, velocity, attitude."""
+    attitude (w, x, y, z), the interval's mean specific force (m/s²) and angular rate (rad/s) in
+    body axes, and gravity beside normal gravity (north, east, down; m/s²). Tuples out: position,
+    velocity, attitude."""
     sine, cosine = np.sin(position[0]), np.cos(position[0])
-    return step_at(sine, cosine, position, velocity, attitude, force, rate, dt)
+    return step_at(sine, cosine, position, velocity, attitude, force, rate, gravity, dt)
 
 
 @kernel(**INLINE)
-def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignore[no-untyped-def]
+def step_at(  # type: ignore[no-untyped-def]
+    s, c, position, velocity, attitude, force, rate, gravity, dt
+):
     """`step` with the sine and cosine of the latitude given: without calls, so that loops over it
     are vectorised."""
     lat, lon, h = position
@@ -88,6 +92,7 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
     qw, qx, qy, qz = attitude
     fx, fy, fz = force
     wx, wy, wz = rate
+    gn, ge, gd = gravity
     # increments in the navigation axes of the interval's start
     un, ue, ud = rotate(qw, qx, qy, qz, fx * dt, fy * dt, fz * dt)
     an, ae, ad = rotate(qw, qx, qy, qz, wx * dt, wy * dt, wz * dt)
@@ -97,9 +102,9 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
     inv_m, inv_n, g, en, ed, tn, te, td = _earth(s, c, h, vn, ve)
     on, oe, od = 2.0 * en + tn, te, 2.0 * ed + td
     half = 0.5 * dt
-    vn_m = vn + 0.5 * un - half * (oe * vd - od * ve)
-    ve_m = ve + 0.5 * ue - half * (od * vn - on * vd)
-    vd_m = vd + 0.5 * ud - half * (on * ve - oe * vn) + half * g
+    vn_m = vn + 0.5 * un - half * (oe * vd - od * ve - gn)
+    ve_m = ve + 0.5 * ue - half * (od * vn - on * vd - ge)
+    vd_m = vd + 0.5 * ud - half * (on * ve - oe * vn) + half * (g + gd)
     d_lat = half * 0.5 * (vn + vn_m) * inv_m
     s_m = s + d_lat * (c - 0.5 * d_lat * s)
     c_m = c - d_lat * (s + 0.5 * d_lat * c)
@@ -128,9 +133,9 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
         + (an * be - ae * bn + zn * ce - ze * cn) * (1.0 / 6.0)
         - (zn * be - ze * bn) * (1.0 / 3.0)
     )
-    vn1 = vn + un - dt * (oe * vd_m - od * ve_m)
-    ve1 = ve + ue - dt * (od * vn_m - on * vd_m)
-    vd1 = vd + ud - dt * (on * ve_m - oe * vn_m) + dt * g
+    vn1 = vn + un - dt * (oe * vd_m - od * ve_m - gn)
+    ve1 = ve + ue - dt * (od * vn_m - on * vd_m - ge)
+    vd1 = vd + ud - dt * (on * ve_m - oe * vn_m) + dt * (g + gd)
 
     lat1 = lat + half * (vn + vn1) * inv_m
     lon1 = lon + half * (ve + ve1) * inv_n / c_m
@@ -153,7 +158,9 @@ def step_at(s, c, position, velocity, attitude, force, rate, dt):  # type: ignor
 
 
 @kernel(error_model="numpy")
-def _propagate(state, force, rate, dt, height, history):  # type: ignore[no-untyped-def]
+def _propagate(  # type: ignore[no-untyped-def]
+    state, force, rate, dt, height, compensation, history
+):
     """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
     1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
     positions, velocities, attitudes = state
@@ -165,8 +172,15 @@ def _propagate(state, force, rate, dt, height, history):  # type: ignore[no-unty
         attitude = (q[0], q[1], q[2], q[3])
         for k in range(steps):
             f, w = force[r, k], rate[r, k]
+            gravity = horizontal_gravity(compensation, position)
             position, velocity, attitude = step(
-                position, velocity, attitude, (f[0], f[1], f[2]), (w[0], w[1], w[2]), dt
+                position,
+                velocity,
+                attitude,
+                (f[0], f[1], f[2]),
+                (w[0], w[1], w[2]),
+                (gravity[0], gravity[1], 0.0),
+                dt,
             )
             if height.shape[0] > 0:  # known height: the vertical channel follows it
                 velocity = (velocity[0], velocity[1], (height[k] - height[k + 1]) / dt)
@@ -184,6 +198,7 @@ def propagate(
     angular_rate: Array,
     dt: float,
     known_height: Array | None = None,
+    compensation: Compensation | None = None,
     history: bool = False,
 ) -> tuple[NavState, Array]:
     """Run the strapdown over S intervals for R runs.
@@ -199,6 +214,8 @@ def propagate(
     known_height : (S + 1,) array, optional
         Height (m) at the start and after each interval, which the vertical channel then follows:
         by itself it is unstable (docs/mathematics.md, section 3.4).
+    compensation : Compensation, optional
+        Horizontal gravity that is taken off; default: none.
     history : bool
         Whether to return latitude and longitude (rad) after each interval.
 
@@ -213,5 +230,6 @@ def propagate(
         np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
     )
     arrays = end.position, end.velocity, end.attitude
-    _propagate(arrays, specific_force, angular_rate, dt, height, track)
+    compensation = compensation or no_compensation()
+    _propagate(arrays, specific_force, angular_rate, dt, height, compensation, track)
     return end, track

@@ -14,6 +14,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
+from isogal.fields.gravity_vector import felt_and_known_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator
@@ -22,6 +23,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import NavigatorRun, propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_difference
+from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder, fix_due
@@ -42,13 +44,23 @@ their states."""
 
 
 def simulate_unaided(
-    scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, imu: ImuData
+    scenario: Scenario,
+    runs: Sequence[int],
+    trajectory: Trajectory,
+    imu: ImuData,
+    compensation: Compensation | None = None,
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
     scan, of the world (`Scenario.world`) that the inertial data are of."""
     start = draw_initial_state(scenario, trajectory, runs)
     _, track = propagate_ins(
-        start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+        start,
+        imu.specific_force,
+        imu.angular_rate,
+        trajectory.dt,
+        trajectory.height,
+        compensation,
+        history=True,
     )
     stride = scenario.steps_per_scan
     index = np.arange(0, len(trajectory) + 1, stride)
@@ -118,11 +130,12 @@ class _ClosedLoop:
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
         world = scenario.world
-        self.imu = simulate_imu(world, trajectory, runs)
-        self.unaided = simulate_unaided(world, runs, trajectory, self.imu)
+        gravity, known = felt_and_known_gravity(scenario, trajectory, field_map, runs)
+        self.imu = simulate_imu(world, trajectory, runs, gravity)
+        self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
         source = true_map(scenario, trajectory, field_map)
         self.felt = ReadingSimulator(world, trajectory, source, runs).felt
-        self.model = FilterModel.from_scenario(scenario)
+        self.model = FilterModel.from_scenario(scenario, known)
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""

@@ -32,7 +32,7 @@ from isogal.scenario.messages import describe, known_keys
 from isogal.scenario.model import Scenario
 from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import InitialError, Route
-from isogal.scenario.world import Map, MapError
+from isogal.scenario.world import Gravity, Map, MapError
 
 __all__ = [
     "TENSOR_COMPONENTS",
@@ -40,6 +40,7 @@ __all__ = [
     "Fusion",
     "Gradiometer",
     "Gravimeter",
+    "Gravity",
     "Imu",
     "ImuErrors",
     "InitialError",

@@ -14,7 +14,7 @@ from isogal.scenario.section import Section
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
 from isogal.scenario.truth import true_scenario
 from isogal.scenario.vehicle import InitialError, Route
-from isogal.scenario.world import Map, MapError
+from isogal.scenario.world import Gravity, Map, MapError
 
 FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
 
@@ -37,6 +37,7 @@ class Scenario(Section):
     gradiometer: Gradiometer = Gradiometer()
     map: Map = Map()
     map_error: MapError = MapError()
+    gravity: Gravity = Gravity()
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
     truth: dict[str, Any] = Field(

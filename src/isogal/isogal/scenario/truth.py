@@ -26,6 +26,7 @@ SECTIONS = (
     "altimeter",
     "gradiometer",
     "map",
+    "gravity",
 )
 """Sections of a scenario that `truth` may repeat."""
 SHARED = (

@@ -72,3 +72,26 @@ class MapError(Section):
             " per m; zero at the route's start"
         ),
     )
+
+
+class Gravity(Section):
+    """The gravity vector that the inertial sensors feel, and what the strapdown knows of it."""
+
+    field: Literal["normal", "map"] = Field(
+        "normal",
+        description="gravity that the vehicle feels: normal gravity, or also the map's vector",
+    )
+    compensation: Literal["none", "map"] = Field(
+        "map",
+        description="horizontal gravity that the strapdown takes off at its own position",
+    )
+    compensated_share: float = Field(
+        1.0, ge=0.0, le=1.0, description="share of it that is taken off, for studies"
+    )
+    residual_sigma: NonNegative | Literal["auto"] = Field(
+        "auto",
+        description="1-sigma of each horizontal component that is left, m/s², or auto",
+    )
+    residual_correlation_length: Positive | Literal["auto"] = Field(
+        "auto", description="its correlation length along the track, m, or auto"
+    )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.inertial.rotations import matrix
 from isogal.scenario import ImuErrors, Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
@@ -27,14 +28,34 @@ class ImuData:
     """(R, K, 3) rad/s."""
 
 
-def simulate_imu(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> ImuData:
-    """Return what the inertial sensors read over the trajectory's intervals."""
+def simulate_imu(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    runs: Sequence[int],
+    gravity: Array | None = None,
+) -> ImuData:
+    """Return what the inertial sensors read over the trajectory's intervals.
+
+    Parameters
+    ----------
+    scenario, trajectory, runs
+        What is simulated.
+    gravity : (R, K, 3) array, optional
+        Gravity beside normal gravity, north, east, down, mean over each interval, m/s²: an
+        accelerometer feels its negative.
+    """
     errors = scenario.imu.sensors
+    ends = matrix(trajectory.attitude)
+    to_navigation = 0.5 * (ends[1:] + ends[:-1])
     truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)
     for i, run in enumerate(runs):
-        readings = _readings(errors, truth, trajectory.dt, scenario.seed, run)
+        felt = truth
+        if gravity is not None:
+            felt = truth.copy()
+            felt[:, :3] -= np.einsum("kij,ki->kj", to_navigation, gravity[i])
+        readings = _readings(errors, felt, trajectory.dt, scenario.seed, run)
         force[i], rate[i] = readings[:, :3], readings[:, 3:]
     return ImuData(force, rate)
 
