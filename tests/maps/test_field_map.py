@@ -1,6 +1,7 @@
 """FieldMap: validation, metres, windows."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,3 +142,19 @@ def test_windows_that_miss_the_map_are_refused():
         wave_map().window(*np.radians([10.0, 11.0, 145.0, 146.0]))
     with pytest.raises(InputError, match="has nothing at"):
         wave_map().window(*np.radians([-37.0, -36.5, 20.0, 21.0]))
+
+
+def test_correlation_lengths_at_each_node(small_map):
+    lengths = 500.0 + np.arange(small_map.values.size, dtype=float).reshape(small_map.shape)
+    told = replace(small_map, correlation_lengths=lengths, correlation_length=700.0)
+    here = told.latitude[5], told.longitude[7]
+    assert told.correlation_length_at(*here) == pytest.approx(lengths[5, 7])
+    part = told.window(here[0], here[0], here[1], here[1])
+    assert part.correlation_lengths.shape == part.shape
+    assert part.correlation_length_at(*here) == pytest.approx(lengths[5, 7])
+    assert told.thinned(2, 3).correlation_lengths.shape == told.thinned(2, 3).shape
+    assert replace(small_map, correlation_length=9.0).correlation_length_at(*here) == 9.0
+    assert np.isnan(replace(small_map, correlation_length=None).correlation_length_at(*here))
+    for wrong in (lengths[1:], -lengths):
+        with pytest.raises(InputError, match="correlation lengths must be > 0 m"):
+            replace(small_map, correlation_lengths=wrong)

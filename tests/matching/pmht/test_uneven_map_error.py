@@ -138,3 +138,30 @@ def test_pmht_does_not_choose_a_place_by_the_map_error_of_another():
     deviation = np.sqrt(posterior[0, 0])
     assert abs((posterior @ fix.information.vector - error)[0]) < 2.0 * deviation
     assert 200.0 < deviation < 600.0
+
+
+def test_lengths_that_the_map_says_at_each_node_count():
+    batch = batch_on_the_plane()
+    lengths = np.linspace(300.0, 5000.0, PLANE.values.shape[0])[:, None] * np.ones(
+        PLANE.values.shape[1]
+    )
+    told = replace(UNEVEN, correlation_lengths=lengths, correlation_length=2000.0)
+    likelihood = BatchLikelihood.of(batch, told, NOISE)
+    there = told.correlation_length_at(batch.latitude, batch.longitude)
+    sigma = np.sqrt(np.diag(likelihood.covariance) - batch.sigma**2)
+    square = 0.5 * (there[0] ** 2 + there[-1] ** 2)
+    north, east = metres_per_radian(batch.latitude[0])
+    distance = np.hypot(
+        (batch.latitude[-1] - batch.latitude[0]) * north,
+        (batch.longitude[-1] - batch.longitude[0]) * east,
+    )
+    expected = there[0] * there[-1] / square * np.exp(-distance / np.sqrt(square))
+    found = likelihood.covariance[0, -1] / sigma[0] / sigma[-1]
+    assert found == pytest.approx(expected, rel=0.01)
+    assert np.linalg.eigvalsh(likelihood.covariance)[0] > 0.0
+    # an error smaller than what is assumed has the length that is assumed
+    even = NoiseModel(map_sigma=1e-4, correlation_length=LENGTH)
+    np.testing.assert_allclose(
+        BatchLikelihood.of(batch, told, even).covariance,
+        BatchLikelihood.of(batch, UNEVEN, even).covariance,
+    )

@@ -26,4 +26,5 @@ Where maps come from:
     ggmplus              folders of GGMplus tiles, and their mirrors
     synthetic            the synthetic map
     continuation         a map at another height
+    gridding             a map from survey readings
 """

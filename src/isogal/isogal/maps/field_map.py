@@ -51,6 +51,9 @@ class FieldMap:
         1-sigma of the map's error, in `unit`; 0 = taken as exact.
     correlation_length : float or None
         Of that error, m; None = unknown.
+    correlation_lengths : (n, m) or None
+        The same at each node, where it differs from place to place; `correlation_length` is then
+        the usual one.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str
@@ -82,6 +85,7 @@ class FieldMap:
     file_unit: str = ""
     file_factor: float = 1.0
     height: float | None = None
+    correlation_lengths: Array | None = None
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -131,6 +135,15 @@ class FieldMap:
             if (sigma < 0.0).any():
                 raise InputError(f"{where}: sigma must be >= 0")
             object.__setattr__(self, "sigma", sigma)
+        if self.correlation_lengths is not None:
+            lengths = np.ascontiguousarray(self.correlation_lengths, dtype=np.float64)
+            if drop and lengths.ndim == 2:
+                lengths = np.ascontiguousarray(lengths[:, :-1])
+            if lengths.shape != self.values.shape or (lengths <= 0.0).any():
+                raise InputError(
+                    f"{where}: correlation lengths must be > 0 m and have the shape of the values"
+                )
+            object.__setattr__(self, "correlation_lengths", lengths)
         length = self.correlation_length
         if length is not None and not (math.isfinite(length) and length > 0.0):
             raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
@@ -197,6 +210,15 @@ class FieldMap:
             return np.full(shape, self.sigma)[()]
         return bilinear_at(self.grid._replace(values=self.sigma), lat, lon).reshape(shape)[()]
 
+    def correlation_length_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Return the correlation length (m) of the map's error at points (rad), linear between
+        nodes; NaN where the map does not say it."""
+        lat, lon, shape = flat_points(latitude, longitude)
+        if self.correlation_lengths is None:
+            return np.full(shape, self.correlation_length or math.nan)[()]
+        grid = self.grid._replace(values=self.correlation_lengths)
+        return bilinear_at(grid, lat, lon).reshape(shape)[()]
+
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
         return np.isfinite(self.value(latitude, longitude))
@@ -234,6 +256,9 @@ class FieldMap:
             longitude=part.longitude(dlon),
             values=cut(self.values),
             sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
+            correlation_lengths=(
+                None if self.correlation_lengths is None else cut(self.correlation_lengths)
+            ),
         )
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
@@ -254,6 +279,11 @@ class FieldMap:
             longitude=self.longitude[::columns],
             values=self.values[::rows, ::columns],
             sigma=self.sigma if isinstance(self.sigma, float) else self.sigma[::rows, ::columns],
+            correlation_lengths=(
+                None
+                if self.correlation_lengths is None
+                else self.correlation_lengths[::rows, ::columns]
+            ),
         )
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":

@@ -344,4 +344,7 @@ def _without_margin(part: FieldMap, tile: Window) -> FieldMap:
         longitude=longitude[columns],
         values=part.values[rows, columns],
         sigma=part.sigma if isinstance(part.sigma, float) else part.sigma[rows, columns],
+        correlation_lengths=(
+            None if part.correlation_lengths is None else part.correlation_lengths[rows, columns]
+        ),
     )

@@ -61,6 +61,7 @@ def trimmed(field_map: FieldMap) -> FieldMap:
         longitude=field_map.longitude[cut[1]],
         values=field_map.values[cut],
         sigma=field_map.sigma if isinstance(field_map.sigma, float) else field_map.sigma[cut],
+        correlation_lengths=None,
     )
 
 

@@ -76,6 +76,7 @@ def from_terrain(
         values=result,
         sigma=sigma,
         correlation_length=length,
+        correlation_lengths=None,
         quantisation=0.0,
         provenance=f"{where} continued from the ground to {height:g} m",
         height=height,

@@ -103,6 +103,9 @@ def _read(
         "height": number_of(data, "height_m"),
     }
     sigma: Any = number_of(data, "error_sigma") or 0.0
+    lengths = dataset.variables.get(f"{data.name}_error_length")
+    if lengths is not None and set(lengths.dimensions) == set(data.dimensions):
+        attributes["correlation_lengths"] = grid.read(lengths, part)
     beside = sigma_variable(dataset, data)
     if beside is not None:
         sigma = grid.read(beside, part)

@@ -80,3 +80,8 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             sigma.units = unit
             sigma.long_name = f"1-sigma error of {name}"
             sigma[:] = field_map.sigma
+        if field_map.correlation_lengths is not None:
+            length = dataset.createVariable(f"{name}_error_length", "f4", ("lat", "lon"), **kwargs)
+            length.units = "m"
+            length.long_name = f"correlation length of the error of {name}"
+            length[:] = field_map.correlation_lengths

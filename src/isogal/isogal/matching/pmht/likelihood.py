@@ -129,7 +129,7 @@ class BatchLikelihood:
             longitude,
             white,
             map_sigma,
-            correlation_lengths(field_map, channel, noise),
+            correlation_lengths(field_map, channel, noise, latitude, longitude),
             noise.bias_sigma,
             channel if len(maps) > 1 else None,
             None if batch.filter_path is None else batch.filter_path.part(rows),

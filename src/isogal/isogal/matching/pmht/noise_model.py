@@ -39,8 +39,8 @@ def residual_covariance(
     rad, the rest in the map's unit and m.
 
     Map errors and biases of different channels (T,) are independent; a correlation length (T, 1)
-    is the same for all rows of a channel. Map errors of readings that are a mean over a path are
-    means over it as well.
+    is the same for all rows of a channel, one that differs from place to place is (T,). Map errors
+    of readings that are a mean over a path are means over it as well.
     """
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
@@ -48,11 +48,24 @@ def residual_covariance(
         apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         distance = symmetric(distance)
-        shape = np.exp(-distance / correlation_length)
+        shape = _correlation(distance, correlation_length)
         if filter_path is not None:
             shape = _mean_over(filter_path, latitude, longitude, correlation_length)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
+
+
+def _correlation(distance: Array, length: float | Array) -> Array:
+    """Return (N, N) the correlation of map errors at distances (m): exp(-d / L).
+
+    Where L differs from row to row, (N,), it is with l² = (L_i² + L_j²) / 2 between rows i and j
+    L_i L_j / l² exp(-d / l), which is positive definite (Paciorek & Schervish 2006, Environmetrics
+    17(5), theorem 1, for the exponential in the plane).
+    """
+    if isinstance(length, np.ndarray) and length.ndim == 1:
+        square = 0.5 * (length[:, None] ** 2 + length**2)
+        return np.asarray(np.outer(length, length) / square * np.exp(-distance / np.sqrt(square)))
+    return np.asarray(np.exp(-distance / length))
 
 
 def _mean_over(
@@ -68,18 +81,28 @@ def _mean_over(
     length = correlation_length
     if not isinstance(length, float):
         length = np.repeat(length, len(weight), axis=0)
-    shape = np.exp(-distance / length).reshape(*nodes.shape[:2], *nodes.shape[:2])
+    shape = _correlation(distance, length).reshape(*nodes.shape[:2], *nodes.shape[:2])
     return symmetric(np.einsum("ikjl,k,l->ij", shape, weight, weight))
 
 
 def correlation_lengths(
-    field_map: FieldMap | ChannelMap, channel: Integers, noise: NoiseModel
+    field_map: FieldMap | ChannelMap,
+    channel: Integers,
+    noise: NoiseModel,
+    latitude: Array,
+    longitude: Array,
 ) -> float | Array:
-    """Return what is assumed, or (T, 1) the length that a channel's map says of an error that is
-    larger than what is assumed.
+    """Return what is assumed. Where the map says of its error that it is larger than that, and
+    over which length it holds together: (T,) that length at places (rad), or (T, 1) that of each
+    channel.
     """
     if isinstance(field_map, FieldMap):
-        return noise.correlation_length
+        if field_map.correlation_lengths is None or not (
+            np.nanmean(field_map.sigma) > noise.map_sigma
+        ):
+            return noise.correlation_length
+        there = np.asarray(field_map.correlation_length_at(latitude, longitude))
+        return np.where(np.isfinite(there), there, noise.correlation_length)
     length = [
         one.correlation_length
         if one.correlation_length and np.nanmean(one.sigma) > noise.map_sigma

@@ -1,0 +1,14 @@
+"""From survey readings to a map with its own 1-sigma and correlation length at every node
+(docs/maps.md, "From survey readings to a map").
+
+    survey          readings at points or along lines, and the plane they are taken to
+    reading         from CSV, Geosoft XYZ or NetCDF files
+    text_table      tables of text with named columns
+    reduction       trend, and means in blocks
+    levelling       where lines cross, and an offset for each line
+    covariance      learnt from the readings
+    kriging         the field and its uncertainty from the nearest readings
+    validation      readings left out and predicted from the others
+    amplitude       where errors are larger or smaller than the covariance says
+    gridder         all of it, one after the other
+"""

@@ -1,0 +1,311 @@
+"""From survey readings to a map with its own 1-sigma and correlation length at every node."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.field_map import FieldMap
+from isogal.maps.gridding.amplitude import Amplitude
+from isogal.maps.gridding.covariance import Covariance, learn
+from isogal.maps.gridding.kriging import GROUP, Kriging, groups
+from isogal.maps.gridding.levelling import cross_overs, levelled
+from isogal.maps.gridding.reduction import Trend, block_reduced
+from isogal.maps.gridding.survey import Plane, Survey
+from isogal.maps.gridding.validation import LeftOut, leave_out
+
+METHODS = {"kriging": "matern", "sources": "harmonic"}
+"""Ways of gridding, and their covariances."""
+_UNKNOWN = 0.95
+"""Nodes whose 1-sigma is at least this share of the field's own have no value."""
+_MOST_NODES = 4_000_000
+_FEWEST_LINES = 4  # that lines are left out of
+
+
+@dataclass(frozen=True, slots=True)
+class GridSettings:
+    """How a survey is gridded.
+
+    Raises
+    ------
+    InputError
+        A setting is out of range.
+    """
+
+    method: str = "kriging"
+    spacing: float | None = None
+    """m between nodes; None = a third of the shortest correlation length."""
+    block: float | None = None
+    """m, side of the blocks that readings are averaged in; None = half the spacing where that is
+    given, else none; 0 = none."""
+    trend: int = 1
+    """Degree of the polynomial taken off first."""
+    height: float | None = None
+    """m above the ellipsoid, of the map; None = that of the readings."""
+    level: bool = False
+    """Whether lines are levelled at their crossings."""
+    left_out: str | None = None
+    """`lines` or `blocks`; None = lines where the survey has some."""
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method '{self.method}': must be one of {', '.join(METHODS)}")
+        if self.height is not None and self.method != "sources":
+            raise InputError("a map at a chosen height needs the method sources")
+        if self.left_out not in (None, "lines", "blocks"):
+            raise InputError(f"left out '{self.left_out}': must be lines or blocks")
+        if not 0 <= self.trend <= 3:
+            raise InputError(f"degree of the trend must be 0 to 3, is {self.trend}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What was learnt from a survey, without its map."""
+
+    survey: Survey
+    """As gridded: levelled, in blocks."""
+    plane: Plane
+    floor: float
+    """m above the ellipsoid: heights of places count from here."""
+    trend: Trend
+    kriging: Kriging
+    amplitude: Amplitude
+    left_out: LeftOut
+    """With the amplitude."""
+    report: dict[str, object] = field(default_factory=dict)
+
+    def at(
+        self, latitude: Array, longitude: Array, height: Array | float | None = None
+    ) -> tuple[Array, Array]:
+        """Return the field and the 1-sigma of its error at places (P,), rad and m above the
+        ellipsoid (sources only)."""
+        places = self.places(latitude, longitude, height)
+        found = self.kriging.at(places)
+        sigma = np.sqrt(found.variance * self.amplitude.at(places))
+        return found.mean + self.trend.at(places), sigma
+
+    def places(
+        self, latitude: Array, longitude: Array, height: Array | float | None = None
+    ) -> Array:
+        """Return (P, 3) places as the kriging takes them."""
+        turned = (
+            self.plane.longitude
+            + np.remainder(longitude - self.plane.longitude + math.pi, 2.0 * math.pi)
+            - math.pi
+        )
+        east, north = self.plane.project(latitude, turned)
+        up = self.default_height if height is None else height
+        return np.stack([east, north, np.broadcast_to(up, east.shape) - self.floor], axis=1)
+
+    @property
+    def default_height(self) -> float:
+        """Of a map whose height nobody has chosen, m: the median of the readings'."""
+        return self.floor + float(np.median(self.kriging.places[:, 2]))
+
+    @property
+    def covariance(self) -> Covariance:
+        """Of the field."""
+        return self.kriging.covariance
+
+
+def learn_model(survey: Survey, settings: GridSettings) -> Model:
+    """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
+
+    Raises
+    ------
+    InputError
+        Settings that do not fit the survey: no heights, no lines, no crossings.
+    """
+    kind, by = METHODS[settings.method], _left_out_by(survey, settings)
+    survey, report = _prepared(survey, settings)
+    plane = Plane.of(survey.latitude, survey.longitude)
+    floor = 0.0 if survey.height is None else float(survey.height.min())
+    up = np.zeros(len(survey)) if survey.height is None else survey.height - floor
+    places = np.column_stack([plane.points(survey), up])
+    trend = Trend.fitted(places, survey.value, settings.trend)
+    value = survey.value - trend.at(places)
+    covariance = learn(places, value, survey.sigma, survey.line, kind=kind)
+    kriging = Kriging(places, value, covariance, survey.sigma, survey.line)
+    shortest = _shortest(covariance)
+    out = leave_out(kriging, by, 2.0 * shortest)
+    errors = np.stack([out.error**2, out.variance - out.noise, out.noise])
+    amplitude = Amplitude.learnt(places, value, (out.rows, out.part), errors, shortest)
+    honest = out.scaled(amplitude.at(places[out.rows], out.part[out.rows]))
+    report |= {
+        "covariance": covariance.describe(),
+        "left_out": {"by": by} | honest.figures(),
+        "amplitude": amplitude.describe(),
+    }
+    return Model(survey, plane, floor, trend, kriging, amplitude, honest, report)
+
+
+def _left_out_by(survey: Survey, settings: GridSettings) -> str:
+    """Return whether lines or blocks are left out; raises InputError where the survey lacks what
+    is asked for."""
+    if METHODS[settings.method] == "harmonic" and survey.height is None:
+        raise InputError(f"{survey.where}: has no column height, which method sources needs")
+    by = settings.left_out or ("blocks" if survey.line is None else "lines")
+    if by == "lines":
+        if survey.line is None:
+            raise InputError(f"{survey.where}: has no column line; leave out blocks")
+        if np.unique(survey.line).size < _FEWEST_LINES:
+            return "blocks"
+    return by
+
+
+def _prepared(survey: Survey, settings: GridSettings) -> tuple[Survey, dict[str, object]]:
+    """Return the survey levelled and in blocks, as asked for, and what there is to say of that."""
+    report: dict[str, object] = {"readings": len(survey)}
+    if survey.line is not None:
+        report["lines"] = int(np.unique(survey.line).size)
+    if settings.level:
+        crossings = cross_overs(survey)
+        survey = levelled(survey, crossings)
+        report["cross_overs"] = {
+            "before": crossings.figures(),
+            "after": cross_overs(survey).figures(),
+        }
+    block = settings.block
+    if block is None:
+        block = 0.5 * settings.spacing if settings.spacing else 0.0
+    plane = Plane.of(survey.latitude, survey.longitude)
+    survey = block_reduced(survey, plane.points(survey), block)
+    return survey, report | {"blocks": len(survey)}
+
+
+def _shortest(covariance: Covariance) -> float:
+    """Return the distance (m) that matters across the strike."""
+    across = min(covariance.length) / math.sqrt(max(covariance.ratio, 1.0 / covariance.ratio))
+    return across if covariance.kind == "matern" else 2.0 * across
+
+
+def grid_survey(
+    survey: Survey,
+    settings: GridSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[FieldMap, Model]:
+    """Make a map of a survey.
+
+    Parameters
+    ----------
+    survey : Survey
+    settings : GridSettings
+    progress : function, optional
+        Called with the number of nodes that are done, and of all.
+
+    Raises
+    ------
+    InputError
+        Settings that do not fit, or more nodes than are made at once.
+    """
+    model = learn_model(survey, settings)
+    field_map = grid_model(model, settings, progress)
+    return field_map, model
+
+
+def grid_model(
+    model: Model,
+    settings: GridSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> FieldMap:
+    """Make a map of what was learnt (`grid_survey`)."""
+    latitude, longitude = _nodes(model, settings)
+    count = latitude.size * longitude.size
+    grid_lat, grid_lon = np.meshgrid(latitude, longitude, indexing="ij")
+    places = model.places(grid_lat.ravel(), grid_lon.ravel(), settings.height)
+    values, variance, length = (np.full(count, np.nan) for _ in range(3))
+    done = 0
+    for rows in groups(places, GROUP):
+        values[rows], covariance = model.kriging.together(places[rows])
+        variance[rows] = np.maximum(np.diag(covariance), 0.0)
+        length[rows] = error_lengths(places[rows], covariance)
+        done += rows.size
+        if progress is not None:
+            progress(done, count)
+    unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
+    values += model.trend.at(places)
+    sigma = np.sqrt(variance * model.amplitude.at(places))
+    for one in (values, sigma, length):
+        one[unknown] = np.nan
+    shape, survey = (latitude.size, longitude.size), model.survey
+    return FieldMap(
+        latitude,
+        longitude,
+        values.reshape(shape),
+        unit=survey.unit,
+        quantity=survey.quantity,
+        sigma=sigma.reshape(shape),
+        correlation_length=float(np.nanmedian(length)),
+        correlation_lengths=length.reshape(shape),
+        provenance=f"{settings.method} of {model.report['readings']} readings of {survey.where}",
+        file_unit=survey.file_unit,
+        file_factor=survey.file_factor,
+        height=_level(model, settings),
+    )
+
+
+def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
+    """Return the map's axes, rad; raises InputError where there would be too many nodes, or the
+    height is below the readings."""
+    plane, survey = model.plane, model.survey
+    if settings.height is not None and settings.height < model.floor:
+        raise InputError(
+            f"{survey.where}: height {settings.height:g} m is below the lowest reading"
+            f" ({model.floor:.0f} m)"
+        )
+    spacing = settings.spacing or _shortest(model.covariance) / 3.0
+    latitude = _axis(survey.latitude, spacing / plane.north_scale)
+    longitude = _axis(survey.longitude, spacing / plane.east_scale)
+    count = latitude.size * longitude.size
+    if count > _MOST_NODES:
+        raise InputError(
+            f"{survey.where}: nodes {spacing:.4g} m apart would be {count:,}, at most"
+            f" {_MOST_NODES:,} are made; give a larger --spacing"
+        )
+    return latitude, longitude
+
+
+def _axis(readings: Array, step: float) -> Array:
+    """Return nodes from before the first reading to after the last."""
+    low, high = float(readings.min()), float(readings.max())
+    count = max(math.ceil((high - low) / step), 3) + 1
+    from_middle = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
+    return np.asarray(0.5 * (low + high) + step * from_middle, dtype=np.float64)
+
+
+def _level(model: Model, settings: GridSettings) -> float | None:
+    """Return the height of the map, where it lies on one level."""
+    height = model.survey.height
+    if settings.method == "sources":
+        return model.default_height if settings.height is None else settings.height
+    if height is not None and float(np.std(height)) < 20.0:
+        return float(np.median(height))
+    return None
+
+
+def error_lengths(places: Array, covariance: Array) -> Array:
+    """Return (P,) the distance (m) at which the errors at places hold together as exp(-d / L)
+    does, by their covariance (P, P) among each other.
+
+    It is matched where the correlation is next to exp(-1), in the mean of the places around.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.clip(covariance / np.outer(sigma, sigma), 1e-3, 1.0 - 1e-9)
+    square = (places[:, None, 0] - places[:, 0]) ** 2 + (places[:, None, 1] - places[:, 1]) ** 2
+    distance = np.sqrt(square)
+    np.fill_diagonal(distance, np.inf)
+    decay = -np.log(correlation)
+    weight = np.exp(-((np.log(decay) / 0.5) ** 2))  # next to exp(-1)
+    weight[~np.isfinite(distance)] = 0.0
+    nearest = np.argmin(np.where(np.isfinite(distance), distance, np.inf), axis=1)
+    index = np.arange(len(places))
+    single = distance[index, nearest] / decay[index, nearest]
+    total = weight.sum(axis=1)
+    length = np.where(np.isfinite(distance), distance, 0.0) / decay
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (weight * length).sum(axis=1) / total
+    chosen: Array = np.where(total > 1.0, mean, single).astype(np.float64)
+    return chosen

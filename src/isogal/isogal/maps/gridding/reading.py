@@ -1,0 +1,184 @@
+"""Survey readings from files: CSV and other tables of text, Geosoft XYZ, NetCDF."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.formats.netcdf_variable import quantity_in, text_of
+from isogal.maps.gridding.survey import Survey, survey_of
+from isogal.maps.gridding.text_table import TextTable, read_table
+from isogal.maps.quantities import quantity_of
+
+_NAMES = {
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "long", "lng"),
+    "x": ("x", "easting", "east", "e"),
+    "y": ("y", "northing", "north", "n"),
+    "height": ("height", "altitude", "alt", "elevation", "height_m", "gpsalt", "gps_height"),
+    "sigma": ("sigma", "std", "standard_deviation", "uncertainty"),
+    "line": ("line", "line_number", "flight_line", "fltline", "track"),
+}
+"""Names of columns, in any case."""
+
+
+def read_survey(
+    path: str | Path,
+    variable: str | None = None,
+    *,
+    quantity: str | None = None,
+    unit: str | None = None,
+    crs: str | None = None,
+) -> Survey:
+    """Read a survey; the format is known by the file's suffix.
+
+    Columns are known by their names (`_NAMES`). NetCDF needs variables of one dimension.
+
+    Parameters
+    ----------
+    path : path
+        ``.nc``, ``.nc4``, ``.cdf``, else text.
+    variable : str, optional
+        Column of the values; needed where it is not the only one that can be.
+    quantity, unit : str, optional
+        What the file does not say.
+    crs : str, optional
+        System of columns x and y, as ``EPSG:N``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks columns, does not say what it holds, or holds what cannot
+        be.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if path.suffix.casefold() in (".nc", ".nc4", ".cdf"):
+        columns, said = _netcdf(path, variable)
+    else:
+        columns, said = _text(read_table(path), variable, str(path))
+    if columns.get("latitude") is None:
+        columns |= _geographic(columns, crs, str(path))
+    return survey_of(
+        columns,
+        unit=unit or said.get("unit"),
+        quantity=quantity or said.get("quantity"),
+        where=f"{path}:{said['name']}",
+    )
+
+
+Columns = dict[str, Array | None]
+
+
+def _assign(names: Sequence[str]) -> dict[str, str]:
+    """Return which of some names means which column."""
+    by_name = {name.casefold(): name for name in names}
+    return {
+        kind: next(by_name[alias] for alias in aliases if alias in by_name)
+        for kind, aliases in _NAMES.items()
+        if any(alias in by_name for alias in aliases)
+    }
+
+
+def _value(
+    names: Sequence[str],
+    used: dict[str, str],
+    known: dict[str, str | None],
+    variable: str | None,
+    where: str,
+) -> str:
+    """Return which of some names is the column of values."""
+    if variable is not None:
+        found = [name for name in names if name.casefold() == variable.casefold()]
+        if not found:
+            raise InputError(
+                f"{where}: has no column '{variable}'; it has {', '.join(names) or 'none'}"
+            )
+        return found[0]
+    others = [name for name in names if name not in used.values()]
+    telling = [name for name in others if known.get(name) not in (None, "height")]
+    if len(telling) == 1 or len(others) == 1:
+        return telling[0] if len(telling) == 1 else others[0]
+    raise InputError(
+        f"{where}: does not say which column holds the values; give --variable, one of"
+        f" {', '.join(telling or others) or '(it has no other column)'}"
+    )
+
+
+def _require_places(used: dict[str, str], names: Sequence[str], where: str) -> None:
+    for pair in (("latitude", "longitude"), ("x", "y")):
+        if all(kind in used for kind in pair):
+            return
+    raise InputError(
+        f"{where}: has no columns latitude and longitude (or x and y, with --crs); it has"
+        f" {', '.join(names) or 'none'}"
+    )
+
+
+def _text(table: TextTable, variable: str | None, where: str) -> tuple[Columns, dict[str, Any]]:
+    plain = [re.sub(r"[\[(].*", "", name).strip() for name in table.names]
+    used = _assign(plain)
+    _require_places(used, plain, where)
+    name = _value(plain, used, {one: quantity_of(one) for one in plain}, variable, where)
+    columns: Columns = {kind: table.numbers[:, plain.index(own)] for kind, own in used.items()}
+    columns["value"] = table.numbers[:, plain.index(name)]
+    if table.line is not None and "line" not in columns:
+        columns["line"] = table.line
+    bracket = re.search(r"[\[(](.+?)[\])]", table.names[plain.index(name)])
+    said = {"name": name, "quantity": quantity_of(name)}
+    return columns, said | ({"unit": bracket.group(1)} if bracket else {})
+
+
+def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
+    import netCDF4
+
+    where = str(path)
+    try:
+        with netCDF4.Dataset(where) as dataset:
+            flat = {
+                name: data
+                for name, data in dataset.variables.items()
+                if data.ndim == 1 and np.dtype(data.dtype).kind in "iuf"
+            }
+            used = _assign(list(flat))
+            _require_places(used, list(flat), where)
+            dimension = flat[used.get("latitude", used.get("y", ""))].dimensions
+            flat = {name: data for name, data in flat.items() if data.dimensions == dimension}
+            known = {name: quantity_in(data) for name, data in flat.items()}
+            name = _value(list(flat), used, known, variable, where)
+
+            def numbers(own: str) -> Array:
+                return np.ma.filled(flat[own][:].astype(np.float64), np.nan)
+
+            columns: Columns = {
+                kind: numbers(own) for kind, own in used.items() if own in flat and own != name
+            }
+            columns["value"] = numbers(name)
+            said = {"name": name, "unit": text_of(flat[name], "units"), "quantity": known[name]}
+            return columns, said
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        raise InputError(f"{where}: cannot be read as NetCDF: {reason}") from None
+
+
+def _geographic(columns: Columns, crs: str | None, where: str) -> Columns:
+    """Return latitude and longitude (deg) of columns x and y."""
+    import pyproj
+
+    if crs is None:
+        raise InputError(f"{where}: has columns x and y; say their system (--crs EPSG:N)")
+    try:
+        turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"--crs {crs}: is no coordinate system that is known") from None
+    longitude, latitude = turn.transform(columns["x"], columns["y"])
+    finite = np.isfinite(longitude) & np.isfinite(latitude)
+    return {
+        "latitude": np.where(finite, latitude, np.nan),
+        "longitude": np.where(finite, longitude, np.nan),
+    }

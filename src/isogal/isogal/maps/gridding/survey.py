@@ -1,0 +1,216 @@
+"""Survey readings at scattered points or along lines, and what must be true of them before a map
+is made of them."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.maps.assemble import said
+from isogal.maps.quantities import QUANTITIES, check_plausible
+
+FEWEST = 30
+"""Readings that a covariance can be learnt from."""
+_WIDEST = 10.0  # deg; beyond, one plane is too crude
+_SAME_PLACE = 0.5  # m
+_MOST_DUPLICATES = 0.2  # of all readings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """N readings of one field, in the unit inside.
+
+    Raises
+    ------
+    InputError
+        Too few of them, on one line only, or spread over too much of the Earth.
+    """
+
+    latitude: Array
+    """(N,) rad."""
+    longitude: Array
+    """(N,) rad, continuous (no jumps of whole circles)."""
+    value: Array
+    """(N,)"""
+    unit: str
+    quantity: str
+    where: str
+    """File, for messages and provenance."""
+    height: Array | None = None
+    """(N,) m above the ellipsoid."""
+    sigma: Array | None = None
+    """(N,) 1-sigma of the readings."""
+    line: Integers | None = None
+    """(N,) number of the survey line of each reading; None = stations."""
+    file_unit: str = ""
+    file_factor: float = 1.0
+    """See `isogal.maps.field_map.FieldMap`."""
+
+    def __post_init__(self) -> None:
+        if self.value.size < FEWEST:
+            raise InputError(
+                f"{self.where}: has {self.value.size} readings; at least {FEWEST} are needed"
+            )
+        for name, axis in (("latitude", self.latitude), ("longitude", self.longitude)):
+            if np.degrees(np.ptp(axis)) > _WIDEST:
+                raise InputError(
+                    f"{self.where}: {name}s span {np.degrees(np.ptp(axis)):.3g} deg; at most"
+                    f" {_WIDEST:g} are gridded at once"
+                )
+        self._check_extent()
+
+    def _check_extent(self) -> None:
+        """Refuse readings that lie on one straight line, whose field across it nobody knows."""
+        places = Plane.of(self.latitude, self.longitude).points(self)
+        length, width = np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[::-1].clip(0.0))
+        if width < 1e-2 * length or length == 0.0:
+            raise InputError(
+                f"{self.where}: the readings lie on one line (spread {length:.3g} m along,"
+                f" {width:.3g} m across); a map needs readings on both sides"
+            )
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+    def part(self, chosen: Booleans | Integers) -> "Survey":
+        """Return some of the readings."""
+        cut: dict[str, Any] = {
+            name: None if getattr(self, name) is None else getattr(self, name)[chosen]
+            for name in ("latitude", "longitude", "value", "height", "sigma", "line")
+        }
+        return replace(self, **cut)
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A plane that a survey of a few hundred kilometres is small enough for.
+
+    Equirectangular about the middle: distances to the east are off by tan(latitude) times the
+    angle (rad) to the middle's latitude, 1 % for 40 km at 60 deg. That changes the covariances
+    of the readings slightly, and not where they lie.
+    """
+
+    latitude: float
+    """Of the middle, rad."""
+    longitude: float
+    north_scale: float
+    """m per rad."""
+    east_scale: float
+
+    @classmethod
+    def of(cls, latitude: Array, longitude: Array) -> "Plane":
+        """Return the plane about the middle of some points (rad)."""
+        middle = [0.5 * float(axis.min() + axis.max()) for axis in (latitude, longitude)]
+        north, east = metres_per_radian(middle[0])
+        return cls(middle[0], middle[1], float(north), float(east))
+
+    def project(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
+        """Return east and north (m) of points (rad)."""
+        return (
+            (longitude - self.longitude) * self.east_scale,
+            (latitude - self.latitude) * self.north_scale,
+        )
+
+    def points(self, survey: Survey) -> Array:
+        """Return the readings' (N, 2) east and north, m."""
+        return np.stack(self.project(survey.latitude, survey.longitude), axis=1)
+
+
+def survey_of(
+    columns: dict[str, Array | None],
+    *,
+    unit: str | None,
+    quantity: str | None,
+    where: str,
+) -> Survey:
+    """Return a survey from the columns of a file.
+
+    Parameters
+    ----------
+    columns : dict
+        ``latitude`` and ``longitude`` (deg), ``value`` and, where there are such, ``height``
+        (m), ``sigma`` (unit of the value) and ``line``. Rows with a coordinate or value that is
+        NaN are left out.
+    unit, quantity : str or None
+        As the file says or the user gave; None = not known.
+    where : str
+
+    Raises
+    ------
+    InputError
+        Unit or quantity not known, impossible numbers, duplicates that contradict each other.
+    """
+    quantity, unit, factor = said(quantity, unit, where)
+    latitude, longitude, value = (columns[name] for name in ("latitude", "longitude", "value"))
+    assert latitude is not None and longitude is not None and value is not None
+    keep = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(value)
+    if not keep.any():
+        raise InputError(f"{where}: has no reading at all (all missing)")
+    if np.abs(latitude[keep]).max() > 90.0 or np.abs(longitude[keep]).max() > 360.0:
+        raise InputError(
+            f"{where}: coordinates reach {np.abs(latitude[keep]).max():.6g} and"
+            f" {np.abs(longitude[keep]).max():.6g}, which are no latitudes and longitudes (deg);"
+            " are they swapped or projected (--crs)?"
+        )
+    check_plausible((float(value[keep].min()), float(value[keep].max())), quantity, factor, where)
+
+    def column(name: str) -> Array | None:
+        one = columns.get(name)
+        return None if one is None or not np.isfinite(one[keep]).all() else one[keep]
+
+    line, sigma = column("line"), column("sigma")
+    return without_duplicates(
+        Survey(
+            np.radians(latitude[keep]),
+            np.unwrap(np.radians(longitude[keep])),
+            value[keep] * factor,
+            unit=QUANTITIES[quantity].unit,
+            quantity=quantity,
+            where=where,
+            height=column("height"),
+            sigma=None if sigma is None else sigma * factor,
+            line=None if line is None else np.rint(line).astype(np.int64),
+            file_unit=unit,
+            file_factor=factor,
+        )
+    )
+
+
+def without_duplicates(survey: Survey) -> Survey:
+    """Return the survey with readings at the same place (and height) taken as one, their mean.
+
+    Raises
+    ------
+    InputError
+        So many readings stand at the place of another that the file must be wrong, or one differs
+        from another at its place by more than readings usually do anywhere.
+    """
+    places = Plane.of(survey.latitude, survey.longitude).points(survey)
+    up = np.zeros(len(survey)) if survey.height is None else survey.height
+    cells = np.rint(np.column_stack([places, up]) / _SAME_PLACE).astype(np.int64)
+    _, first, group, count = np.unique(
+        cells, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    if count.max() == 1:
+        return survey
+    group = group.reshape(-1)
+    mean = np.bincount(group, survey.value) / count
+    several = int((count[group] > 1).sum())
+    if several > _MOST_DUPLICATES * len(survey):
+        raise InputError(
+            f"{survey.where}: {several} of {len(survey)} readings are duplicates, at the same"
+            " place as others; are the columns right, or is the file joined with itself?"
+        )
+    off = np.abs(survey.value - mean[group])
+    worst = int(np.argmax(off))
+    if 2.0 * off[worst] > float(np.std(survey.value)):
+        raise InputError(
+            f"{survey.where}: duplicate readings contradict each other: at latitude"
+            f" {np.degrees(survey.latitude[worst]):.6f}, longitude"
+            f" {np.degrees(survey.longitude[worst]):.6f} they differ by"
+            f" {2.0 * off[worst] / survey.file_factor:.4g} {survey.file_unit}"
+        )
+    return replace(survey.part(first), value=mean)

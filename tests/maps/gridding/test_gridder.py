@@ -1,0 +1,159 @@
+"""Maps of surveys of a field whose covariance is known."""
+
+import numpy as np
+import pytest
+
+from helpers.point_masses import MGAL
+from helpers.surveys import (
+    EAST,
+    LATITUDE,
+    LONGITUDE,
+    NORTH,
+    drawn,
+    flight_lines,
+    scattered,
+    survey_at,
+)
+from isogal.errors import InputError
+from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.gridding.gridder import GridSettings, error_lengths, grid_survey, learn_model
+from isogal.maps.gridding.kriging import Kriging
+
+
+@pytest.fixture(scope="module")
+def stations():
+    """500 stations, 400 more that were left out of the survey, and what was learnt."""
+    places = scattered(900, 14e3, seed=1)
+    field, readings = drawn(places, seed=2)
+    return places, field, learn_model(survey_at(places[:500], readings[:500]), GridSettings())
+
+
+def test_places_between_stations_are_as_uncertain_as_it_says(stations):
+    places, field, model = stations
+    out = places[500:]
+    mean, sigma = model.at(LATITUDE + out[:, 1] / NORTH, LONGITUDE + out[:, 0] / EAST)
+    ratio = ((field[500:] - mean) / sigma) ** 2
+    # errors of neighbours hold together: of some 150 independent ones, 3 sigma is 0.35
+    assert 0.65 < ratio.mean() < 1.35
+    assert np.sqrt(np.mean((field[500:] - mean) ** 2)) < 0.35 * np.std(field)
+    near = sigma < np.median(sigma)
+    assert 0.5 < ratio[near].mean() < 1.5
+
+
+def test_covariance_of_the_field_is_found(stations):
+    covariance = stations[2].covariance
+    apart = np.array([[0.0, 0.0, 0.0], [1500.0, 0.0, 0.0], [0.0, 3000.0, 0.0]])
+    found = covariance.between(apart, apart)[0]
+    assert found[1] / found[0] == pytest.approx(0.78, abs=0.12)
+    assert found[2] / found[0] == pytest.approx(0.48, abs=0.15)
+    assert 0.0 < covariance.noise < 0.1e-4
+
+
+def test_a_map_says_its_error_at_every_node(tmp_path):
+    places = scattered(250, 9e3, seed=3)
+    _, readings = drawn(places, seed=4)
+    done = []
+    field_map, _ = grid_survey(
+        survey_at(places, readings),
+        GridSettings(spacing=900.0, block=0.0),
+        lambda *progress: done.append(progress),
+    )
+    assert done[-1] == (field_map.values.size,) * 2
+    assert field_map.sigma.shape == field_map.correlation_lengths.shape == field_map.shape
+    assert field_map.correlation_length == pytest.approx(
+        np.nanmedian(field_map.correlation_lengths)
+    )
+    write_netcdf(field_map, tmp_path / "map.nc")
+    again = read_netcdf(tmp_path / "map.nc")
+    np.testing.assert_allclose(again.correlation_lengths, field_map.correlation_lengths, rtol=1e-6)
+    here = field_map.latitude[10], field_map.longitude[8]
+    assert again.correlation_length_at(*here) == pytest.approx(
+        float(field_map.correlation_lengths[10, 8])
+    )
+    assert again.height is None
+
+
+def test_between_lines_it_is_worse_than_on_them_and_says_so():
+    places, line = flight_lines(9, 3000.0, 300.0, 9e3)
+    between = np.array([[x, 1500.0] for x in np.arange(-8e3, 8e3, 400.0)])
+    field, readings = drawn(np.concatenate([places, between]), seed=5)
+    model = learn_model(survey_at(places, readings[: len(places)], line=line), GridSettings())
+    assert model.report["left_out"]["by"] == "lines"
+    on, beside = (
+        model.at(LATITUDE + p[:, 1] / NORTH, LONGITUDE + p[:, 0] / EAST)
+        for p in (places[line == 4], between)
+    )
+    assert np.median(beside[1]) > 4.0 * np.median(on[1])
+    assert 0.3 < np.mean(((field[len(places) :] - beside[0]) / beside[1]) ** 2) < 2.0
+
+
+def test_sources_continue_upward():
+    # a point mass 4 km below the lowest reading, seen from between 0 and 400 m
+    places = scattered(400, 15e3, seed=6)
+    height = np.random.default_rng(7).uniform(0.0, 400.0, 400)
+
+    def attraction(at, up):
+        rise = up + 4000.0
+        return 20.0 * MGAL * 4000.0**2 * rise / (at[:, 0] ** 2 + at[:, 1] ** 2 + rise**2) ** 1.5
+
+    value = attraction(places, height) + 0.01 * MGAL * np.random.default_rng(8).standard_normal(
+        400
+    )
+    survey = survey_at(places, value, height=height)
+    settings = GridSettings("sources", spacing=1500.0, block=0.0, height=2000.0, trend=0)
+    field_map, _ = grid_survey(survey, settings)
+    assert field_map.height == 2000.0
+    at = scattered(60, 8e3, seed=9)
+    found = field_map.value(LATITUDE + at[:, 1] / NORTH, LONGITUDE + at[:, 0] / EAST)
+    error = found - attraction(at, np.full(60, 2000.0))
+    assert np.sqrt(np.mean(error**2)) < 0.1 * MGAL
+    with pytest.raises(InputError, match="below the lowest reading"):
+        grid_survey(survey, GridSettings("sources", height=-50.0))
+
+
+def test_groups_agree_where_they_meet(stations):
+    kriging = stations[2].kriging
+    few = Kriging(kriging.places, kriging.value, kriging.covariance)
+    at = np.column_stack([np.full(40, 100.0), np.linspace(-9e3, 9e3, 40), np.zeros(40)])
+    together = few.at(at)
+    alone = [few.at(one[None]) for one in at]
+    np.testing.assert_allclose([a.mean[0] for a in alone], together.mean, atol=1e-9)
+    np.testing.assert_allclose([a.variance[0] for a in alone], together.variance, atol=1e-13)
+
+
+def test_error_lengths_of_an_exponential_covariance():
+    grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2) * 300.0
+    distance = np.hypot(*(grid[:, None] - grid).T)
+    lengths = error_lengths(grid, 4.0 * np.exp(-distance / 800.0))
+    np.testing.assert_allclose(lengths, 800.0, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"method": "spline"}, "must be one of kriging, sources"),
+        ({"height": 100.0}, "needs the method sources"),
+        ({"left_out": "points"}, "must be lines or blocks"),
+        ({"trend": 7}, "must be 0 to 3"),
+    ],
+)
+def test_settings_are_checked(settings, message):
+    with pytest.raises(InputError, match=message):
+        GridSettings(**settings)
+
+
+def test_a_survey_must_have_what_is_asked_for():
+    places = scattered(60, 5e3, seed=10)
+    survey = survey_at(places, drawn(places, seed=11)[1])
+    for settings, message in (
+        (GridSettings("sources"), "no column height"),
+        (GridSettings(left_out="lines"), "no column line"),
+        (GridSettings(level=True), "no column line"),
+    ):
+        with pytest.raises(InputError, match=message):
+            learn_model(survey, settings)
+    with pytest.raises(InputError, match="larger --spacing"):
+        grid_survey(survey, GridSettings(spacing=2.0, block=0.0))
+    with pytest.raises(InputError, match="all the same"):
+        learn_model(survey_at(places, np.full(60, 1e-5)), GridSettings())

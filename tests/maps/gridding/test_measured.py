@@ -1,0 +1,35 @@
+"""Maps of measured stations and lines, against readings that were held back from them."""
+
+import netCDF4
+import numpy as np
+import pytest
+
+from isogal.maps.gridding.gridder import GridSettings, learn_model
+from isogal.maps.gridding.reading import read_survey
+from isogal.maps.load import load_map
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("name", "rest", "variable"),
+    [
+        ("clear_lake_gravity", "stations", "bouguer_disturbance"),
+        ("scotland_magnetic", "lines", "magnetic_anomaly"),
+    ],
+)
+def test_readings_held_back_are_as_near_as_the_map_says(shared_data, name, rest, variable):
+    survey = shared_data / f"{name}_survey.nc"
+    if not survey.is_file():
+        pytest.skip(f"{survey.name} is not among the shared test data")
+    model = learn_model(read_survey(survey, variable), GridSettings())
+    with netCDF4.Dataset(shared_data / f"{name}_{rest}.nc") as dataset:
+        place = [np.radians(np.ma.filled(dataset[key][:], np.nan)) for key in ("lat", "lon")]
+        value = np.ma.filled(dataset[variable][:].astype(float), np.nan)
+    found, sigma = model.at(*place)
+    error = value - found
+    expected = sigma**2 + model.covariance.noise**2 + model.covariance.line**2
+    assert 0.8 < np.mean(error**2 / expected) < 1.2
+    shipped = load_map(shared_data / f"{name}_map.nc", variable).value(*place)
+    known = np.isfinite(shipped)
+    assert np.sqrt(np.mean(error[known] ** 2)) <= np.sqrt(np.mean((value - shipped)[known] ** 2))

@@ -1,0 +1,124 @@
+"""Surveys from files, and files that are refused."""
+
+import netCDF4
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.maps.gridding.reading import read_survey
+
+N = 60
+LAT = -36.5 + 0.1 * np.sin(np.arange(N))
+LON = 147.0 + 0.1 * np.cos(1.7 * np.arange(N))
+VALUE = 10.0 * np.sin(0.4 * np.arange(N))
+
+
+def rows(*columns):
+    return [",".join(f"{x:.7f}" for x in row) for row in zip(*columns, strict=True)]
+
+
+def written(path, header, lines):
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+def test_csv_with_a_unit_in_its_header(tmp_path):
+    path = written(
+        tmp_path / "a.csv",
+        "lat,lon,altitude,line,dg[mGal]",
+        rows(LAT, LON, 100.0 + VALUE, np.arange(N) // 10, VALUE),
+    )
+    survey = read_survey(path)
+    assert (survey.quantity, survey.unit, survey.file_unit) == ("disturbance", "m/s²", "mGal")
+    np.testing.assert_allclose(survey.value, 1e-5 * VALUE, atol=1e-11)
+    np.testing.assert_allclose(np.degrees(survey.latitude), LAT, atol=1e-7)
+    np.testing.assert_allclose(survey.height, 100.0 + VALUE, atol=1e-6)
+    np.testing.assert_array_equal(survey.line, np.arange(N) // 10)
+
+
+def test_geosoft_lines_comments_and_missing_numbers(tmp_path):
+    text = ["/ made by hand", "/ lon lat alt mag"]
+    for k in range(N):
+        if k % 20 == 0:
+            text.append(f"{'Tie' if k == 40 else 'Line'} {k}.1")
+        value = "*" if k == 7 else f"{VALUE[k]:.4f}"
+        text.append(f"  {LON[k]:.7f}  {LAT[k]:.7f}  305.5  {value}")
+    path = written(tmp_path / "a.xyz", text[0], text[1:])
+    survey = read_survey(path, quantity="magnetic_anomaly", unit="nT")
+    assert len(survey) == N - 1
+    np.testing.assert_array_equal(np.unique(survey.line, return_counts=True)[1], [19, 20, 20])
+    assert set(survey.height) == {305.5}
+
+
+def test_projected_coordinates_need_their_system(tmp_path):
+    import pyproj
+
+    x, y = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32755", always_xy=True).transform(
+        LON, LAT
+    )
+    path = written(tmp_path / "a.csv", "x,y,dg[mGal]", rows(x, y, VALUE))
+    survey = read_survey(path, crs="EPSG:32755")
+    np.testing.assert_allclose(np.degrees(survey.latitude), LAT, atol=1e-7)
+    for crs, message in ((None, "--crs EPSG:N"), ("EPSG:nine", "no coordinate system")):
+        with pytest.raises(InputError, match=message):
+            read_survey(path, crs=crs)
+
+
+def test_netcdf_of_one_dimension(tmp_path):
+    path = tmp_path / "a.nc"
+    with netCDF4.Dataset(path, "w") as dataset:
+        dataset.createDimension("station", N)
+        for name, values in (("lat", LAT), ("lon", LON), ("dg", VALUE), ("height", 5.0 + LAT)):
+            dataset.createVariable(name, "f8", ("station",))[:] = values
+        dataset["dg"].units = "mGal"
+    survey = read_survey(path)
+    np.testing.assert_allclose(survey.value, 1e-5 * VALUE, atol=1e-12)
+    assert survey.height is not None
+    with pytest.raises(InputError, match="no column 'tmi'"):
+        read_survey(path, "tmi")
+    path.write_bytes(b"CDF, cut short")
+    with pytest.raises(InputError, match="cannot be read as NetCDF"):
+        read_survey(path)
+
+
+GOOD = rows(LAT, LON, VALUE)
+
+
+@pytest.mark.parametrize(
+    ("header", "lines", "message"),
+    [
+        ("lat,lon,dg[mGal]", [], "has no readings"),
+        ("lat,lon,dg[mGal]", GOOD[:20], "at least 30 are needed"),
+        ("lat,lon,dg", GOOD, "does not say its unit"),
+        ("lat,lon,dg[Gal]", rows(LAT, LON, 500.0 * VALUE), "cannot be a disturbance map"),
+        ("lat,lon,dg[nT]", GOOD, "does not fit a disturbance map"),
+        ("lat,lon,a,b", rows(LAT, LON, VALUE, VALUE), "--variable, one of a, b"),
+        ("north,up,dg[mGal]", GOOD, "no columns latitude and longitude"),
+        ("lat,lon,dg[mGal]", rows(LON, LAT, VALUE), "swapped or projected"),
+        ("lat,lon,dg[mGal]", [*GOOD, "1,2"], "row 62 has 2 cells"),
+        ("lat,lon,dg[mGal]", [*GOOD, "1,2,high"], "row 62 holds 'high'"),
+        ("lat,lon,dg[mGal]", [*GOOD, *GOOD], "120 of 120 readings are duplicates"),
+        (
+            "lat,lon,dg[mGal]",
+            [*GOOD, GOOD[4].rsplit(",", 1)[0] + ",99.0"],
+            "contradict each other",
+        ),
+        (
+            "lat,lon,dg[mGal]",
+            rows(-36.0 + 0.001 * np.arange(N), 147.0 + 0.002 * np.arange(N), VALUE),
+            "lie on one line",
+        ),
+        ("lat,lon,dg[mGal]", rows(LAT + np.arange(N), LON, VALUE), "at most 10"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path, header, lines, message):
+    path = written(tmp_path / "bad.csv", header, lines)
+    with pytest.raises(InputError, match=message) as caught:
+        read_survey(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_readings_taken_twice_count_once(tmp_path):
+    survey = read_survey(written(tmp_path / "a.csv", "lat,lon,dg[mGal]", [*GOOD, GOOD[3]]))
+    assert len(survey) == N
