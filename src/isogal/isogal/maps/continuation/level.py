@@ -78,7 +78,6 @@ def to_level(
         values=result[0],
         sigma=sigma,
         correlation_length=length,
-        correlation_lengths=None,
         quantisation=0.0,
         provenance=f"{where} continued to {height:g} m",
         height=height,
