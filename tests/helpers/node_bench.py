@@ -29,7 +29,8 @@ from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.health import figures_of
-from isogal_ros.nodes.spin import Interrupt, make_executor
+from isogal_ros.nodes.signals import Interrupt
+from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
 

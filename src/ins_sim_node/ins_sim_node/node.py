@@ -47,6 +47,7 @@ class InsSimNode(GraphNode):
         self.begun = time.monotonic()
         """When the first step was published."""
         self._moved = self.begun
+        self._pace_ended = False
         self._outputs = Outputs(self, self.vehicle)
         self._peers = Peers(self, self.settings.peers)
         self._answers: LockStep | None = None
@@ -64,9 +65,16 @@ class InsSimNode(GraphNode):
             if self.step >= 0:
                 self._set_pace()
 
+    def on_activate(self, state: Any) -> Any:
+        """Go on; waiting begins anew."""
+        self._moved = time.monotonic()
+        return super().on_activate(state)
+
     def _watch(self) -> None:
         """Begin when all is ready; fail where the graph does not come up or has stopped
         answering."""
+        if not self.active:
+            return
         waited = time.monotonic() - self._moved
         if self.step < 0:
             self._watch_start(waited)
@@ -79,6 +87,18 @@ class InsSimNode(GraphNode):
                 f"no answer to the step at {to_seconds(self._answers.ns):.3f} s within"
                 f" {self.settings.reply_timeout:g} s: {self._answers.missing()}"
             )
+
+    def _say_arrived(self) -> None:
+        if self._pace_ended:
+            return
+        self._pace_ended = True
+        figures = self._outputs.progress(
+            from_seconds(self.vehicle.trajectory.time[-1]), time.monotonic() - self.begun
+        )
+        self.get_logger().info(
+            f"arrived after {figures['simulated']:.0f} s at {figures['speed']:.0f} x real time;"
+            f" position error {figures['position error']:.0f} m"
+        )
 
     def _watch_start(self, waited: float) -> None:
         if self._answers is not None:
@@ -96,6 +116,8 @@ class InsSimNode(GraphNode):
 
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
+        end = self.vehicle.trajectory.time[-1]
+        self.get_logger().info(f"begun: {end:.0f} s to go")
         if self._answers is not None:
             self.destroy_subscription(self._diagnostics)
         self._advance()
@@ -122,10 +144,11 @@ class InsSimNode(GraphNode):
 
     def _advance(self) -> None:
         """Publish the next step, or end."""
-        if self.finished:
+        if self.finished or not self.active:
             return
         if self.step >= len(self.vehicle):
             self.health.state(OK, "finished")
+            self._say_arrived()
             self._pace.end()
             self.finished = self.settings.exit_at_end
             return

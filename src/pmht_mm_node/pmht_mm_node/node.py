@@ -18,14 +18,18 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import OK, status
+from isogal_ros.nodes.health import status
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import run_node
 from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.survival import Survival
+from pmht_mm_node.verdict import Verdict, line
 from pmht_mm_node.warm_up import warm_up
+
+LOG_EVERY = 5.0
+"""s of wall time between lines about fixes."""
 
 
 class PmhtMmNode(GraphNode):
@@ -48,6 +52,7 @@ class PmhtMmNode(GraphNode):
         self.taken = 0
         """Readings received, whatever became of them."""
         self._fixes = self._declined = 0
+        self._verdict = Verdict()
         field = measured_field(self.scenario)
         self._channels = field.channels is not None
         self._matcher, self._memory = build_matcher(self.scenario.matcher, self._channels), None
@@ -144,7 +149,11 @@ class PmhtMmNode(GraphNode):
 
     def _say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Publish what became of a batch, with the matcher's own figures."""
-        self.health.state(OK, "matching")
+        self._verdict.take(fix)
+        if self._verdict.found:
+            self.get_logger().warning("the navigator was lost and has been told where it is")
+        self.health.state(self._verdict.level, self._verdict.text)
+        self.get_logger().info(line(ns, fix), throttle_duration_sec=LOG_EVERY)
         figures = {
             "stamp": f"{to_seconds(ns):.9f}",
             "published": fix.published,
@@ -152,7 +161,12 @@ class PmhtMmNode(GraphNode):
             **fix.diagnostics,
         }
         self.health.publish(
-            status(f"{self.health.name}: batch", OK, fix.reason or "fix published", figures)
+            status(
+                f"{self.health.name}: batch",
+                self._verdict.level,
+                fix.reason or "fix published",
+                figures,
+            )
         )
 
 

@@ -1,18 +1,22 @@
 """Fixes applied to the filter, and their figures in the diagnostics."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
-from isogal.fusion.buffered import BufferedNavigator
+from isogal.fusion.buffered import BufferedNavigator, UpdateResult
 from isogal.fusion.fix import apply_fix
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
-from isogal_ros.nodes.health import Health
+from isogal_ros.nodes.health import WARN, Health
+
+IMPROBABLE = 23.0
+"""Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
 
 
 class Corrections:
@@ -22,10 +26,13 @@ class Corrections:
     ----------
     health : Health
         Gets the figures of the last fix.
+    info : callable, optional
+        Logs a line.
     """
 
-    def __init__(self, health: Health) -> None:
-        self._health = health
+    def __init__(self, health: Health, info: Callable[[str], None] = lambda text: None) -> None:
+        self._health, self._info = health, info
+        self._odd = 0
         self._accepted = self._refused = 0
 
     def apply(self, navigator: BufferedNavigator | None, content: Any) -> None:
@@ -56,8 +63,21 @@ class Corrections:
             "normalised innovation squared": float(result.nis),
             "age of the last fix": float(result.late),
         }
+        self._judge(result)
         if not result.accepted:
             raise BadMessageError(result.reason or "refused")
+
+    def _judge(self, result: UpdateResult) -> None:
+        """Say where the fixes do not fit the navigator, one after the other."""
+        odd = result.accepted and result.nis > IMPROBABLE
+        self._odd = self._odd + 1 if odd else 0
+        if self._odd >= 2:
+            self._health.state(
+                WARN, f"{self._odd} fixes in a row are improbable for the navigator"
+            )
+        if result.accepted:
+            moved = float(np.hypot(*result.innovation))
+            self._info(f"{result.late:.0f} s old fix taken; {moved:.0f} m from the estimate")
 
 
 def read_fix(message: Any) -> Fix:

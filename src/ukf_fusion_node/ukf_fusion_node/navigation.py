@@ -115,6 +115,8 @@ class Navigation:
             self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion
         )
         self.ns, self._placed = ns, None
+        sigma = float(np.sqrt(np.trace(state.covariance[0, :2, :2])))
+        self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 
     def place(self, state: FilterState) -> None:
         """Navigate from a state on: from now, or from the first sample if there was none."""

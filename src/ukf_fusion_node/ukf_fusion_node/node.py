@@ -39,7 +39,7 @@ class UkfFusionNode(GraphNode):
         """IMU samples received, those that were dropped included."""
         self.answered = 0
         """Fixes that were applied or dropped."""
-        self._corrections = Corrections(self.health)
+        self._corrections = Corrections(self.health, self._info)
         self._navigation = Navigation(self)
         self._outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
@@ -67,6 +67,9 @@ class UkfFusionNode(GraphNode):
             self._settle()
         self._navigation.keep()
         self.health.tick(ns)
+
+    def _info(self, text: str) -> None:
+        self.get_logger().info(text, throttle_duration_sec=5.0)
 
     def _take_pose(self, message: Any) -> None:
         start = self._navigation.start_state()

@@ -14,7 +14,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import GraphError, Plan
-from isogal_ros.nodes.spin import Interrupt
+from isogal_ros.nodes.signals import Interrupt
 from ukf_fusion_node.node import UkfFusionNode
 
 ONE_IN_10000 = 18.4

@@ -21,7 +21,7 @@ from isogal_ros.graph.shared_memory import (
     shared_memory,
     sweep_shared_memory,
 )
-from isogal_ros.nodes.spin import Interrupt
+from isogal_ros.nodes.signals import Interrupt
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.replay import replay
-from isogal_ros.nodes.spin import Interrupt
+from isogal_ros.nodes.signals import Interrupt
 
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sample"
 

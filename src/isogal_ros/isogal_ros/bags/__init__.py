@@ -7,3 +7,7 @@ definitions  what are the definitions of the recorded message types?
 reader       how is a bag read, whole or cut off?
 collect      which messages does the record of a run need?
 record       how do they become that record?"""
+
+from isogal_ros.nodes.signals import end_quietly
+
+end_quietly("isogal_recorder", "isogal_ros.bags.recorder")

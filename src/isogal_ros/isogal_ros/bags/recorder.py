@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import yaml
 from pydantic import Field
@@ -52,6 +52,7 @@ class RecorderNode(GraphNode):
         self.writer = BagWriter(
             Path(self.settings.bag), texts, self.settings.replace, self.settings.compress
         )
+        self.get_logger().info(f"records into {self.writer.path}")
         self._now = 0
         self._written = 0
         for topic in all_topics(self.scenario):
@@ -62,6 +63,8 @@ class RecorderNode(GraphNode):
         has_header = hasattr(topic.type, "header")
 
         def write(data: bytes) -> None:
+            if not self.active:
+                return
             if is_clock or has_header:
                 self._now = max(self._now, peek_ns(data))
             try:
@@ -86,21 +89,33 @@ class RecorderNode(GraphNode):
         self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
 
     def _beat(self) -> None:
+        if self.active:
+            self._tell()
+        super()._beat()
+
+    def _tell(self) -> None:
         if self.writer.messages != self._written:
             self._written = self.writer.messages
             self.writer.flush()
         self.health.figures |= {"messages": self.writer.messages, "bag": self.settings.bag}
         self.health.state(OK, "recording")
-        super()._beat()
 
-    def received(self) -> int:
+    def received(self) -> int | None:
         """Count the messages written."""
-        return self.writer.messages
+        return self.writer.messages if self.configured else None
 
-    def close(self, timeout: float = 5.0) -> None:
-        """Destroy the node and finish the bag."""
-        super().close(timeout)
+    def on_cleanup(self, state: Any) -> Any:
+        """Finish the bag."""
         self.writer.close()
+        return super().on_cleanup(state)
+
+    def close(self, timeout: float = 1.0) -> None:
+        """Destroy the node and finish the bag."""
+        if self.configured:
+            self.get_logger().info(f"{self.writer.messages} messages recorded")
+        super().close(timeout)
+        if self.configured:
+            self.writer.close()
 
 
 def _with_history(profile: QoSProfile) -> QoSProfile:

@@ -83,8 +83,9 @@ def local_context(domain: int) -> Iterator[Context]:
     for name, value in DEFAULTS.items():
         os.environ.setdefault(name, value)
     context = Context()
-    # without log files, which would go to the user's home folder
-    arguments = ["--ros-args", "--disable-external-lib-logs"]
+    # without log files, which would go to the user's home folder, and without lines between
+    # those of the command
+    arguments = ["--ros-args", "--disable-external-lib-logs", "--log-level", "warn"]
     rclpy.init(
         args=arguments,
         context=context,

@@ -7,7 +7,8 @@ from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import claim_domain, local_context
 from isogal_ros.graph.plan import GraphError, Outcome, Plan, node_class
 from isogal_ros.graph.progress import Report, ReportTimer, progress_of
-from isogal_ros.nodes.spin import Interrupt, drain, make_executor
+from isogal_ros.nodes.signals import Interrupt
+from isogal_ros.nodes.spin import drain, make_executor
 
 
 def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:

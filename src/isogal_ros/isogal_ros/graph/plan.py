@@ -46,6 +46,8 @@ class Plan:
         if name == topics.INS_SIM:
             values |= {"rate": float(self.rate), "lock_step": self.lock_step}
         if name == RECORDER:
+            # it ends last, and must have all of what the others have published
+            values |= {"closing_time": 20.0}
             values |= {"bag": str(self.bag), "replace": True}
         return values
 

@@ -22,7 +22,8 @@ from isogal_ros.graph.progress import Report, ReportTimer, progress_of
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
 from isogal_ros.nodes.base import PARENT
 from isogal_ros.nodes.health import figures_of
-from isogal_ros.nodes.spin import Interrupt, make_executor
+from isogal_ros.nodes.signals import Interrupt
+from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0

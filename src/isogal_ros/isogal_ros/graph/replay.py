@@ -21,7 +21,8 @@ from isogal_ros.graph.progress import Progress, Report, ReportTimer
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import peek_ns, set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.spin import Interrupt, drain, make_executor
+from isogal_ros.nodes.signals import Interrupt
+from isogal_ros.nodes.spin import drain, make_executor
 from isogal_ros.parameters.values import node_values
 
 FEEDER = "isogal_replay"

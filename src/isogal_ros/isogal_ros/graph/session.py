@@ -21,7 +21,7 @@ from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.replay import Replay, replay
-from isogal_ros.nodes.spin import interrupts
+from isogal_ros.nodes.signals import interrupts
 
 Summary = dict[str, Any]
 

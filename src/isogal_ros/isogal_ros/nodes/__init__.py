@@ -6,4 +6,6 @@ health      what does a node report of itself on /diagnostics?
 nav_sample  what is a state of the navigator?
 nav_buffer  what was the state of a stamp, and how did a fix change it?
 nav_queue   which readings wait for the navigator's state of their stamp?
+lifecycle   which states has a node?
+signals     how does a process end when it is asked to?
 spin        how is a node run until its end?"""

@@ -10,14 +10,14 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR, OK, STARTING, Health
+from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
+from isogal_ros.nodes.lifecycle import ManagedNode
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
@@ -33,12 +33,21 @@ class NodeSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    autostart: bool = Field(
+        True, description="activate the node when it is made; false: by its lifecycle services"
+    )
     run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
     recorders: int = Field(
         0, ge=0, le=100, description="recorders that must listen before the node is ready"
     )
     peers: tuple[str, ...] = Field(
         topics.NODES, description="nodes of the graph that must listen before the node is ready"
+    )
+    closing_time: float = Field(
+        2.0,
+        gt=0.0,
+        le=60.0,
+        description="s of wall time in which the node ends when it is asked to",
     )
     checkpoint: str = Field(
         "",
@@ -52,7 +61,7 @@ class NodeSettings(BaseModel):
     diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
 
 
-class GraphNode(Node):
+class GraphNode(ManagedNode):
     """A node with the parameters of some sections of the scenario and its own.
 
     Parameters
@@ -102,13 +111,16 @@ class GraphNode(Node):
         self._ready = False
         try:
             specs = self._declare(name)
+            self._said = self.advertise(topics.DIAGNOSTICS)
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
-                self.advertise(topics.DIAGNOSTICS),
+                self._said,
                 from_seconds(self.settings.diagnostics_period),
+                self.log,
             )
-            self.setup()
-            on_change(self, specs, self.changed)
+            on_change(self, specs, self._change)
+            if self.settings.autostart:
+                self.start()
         except BaseException:
             self.destroy_node()
             raise
@@ -137,6 +149,10 @@ class GraphNode(Node):
     def setup(self) -> None:
         """Make publishers and subscriptions; the scenario, settings and health are there."""
 
+    def _change(self, values: dict[str, Any]) -> None:
+        if self.configured:
+            self.changed(values)
+
     def changed(self, values: dict[str, Any]) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
 
@@ -155,6 +171,8 @@ class GraphNode(Node):
         """Subscribe; a message with which the handler fails is dropped and counted."""
 
         def guarded(message: Any) -> None:
+            if not self.active:
+                return
             try:
                 handler(message)
             except BadMessageError as error:
@@ -172,6 +190,16 @@ class GraphNode(Node):
         """Whether every publisher has had the listeners that the graph needs."""
         return self._ready
 
+    def log(self, level: bytes, text: str) -> None:
+        """Log a line at a level of the diagnostics."""
+        logger = self.get_logger()  # which takes one level for each line of code
+        if level == OK:
+            logger.info(text)
+        elif level == WARN:
+            logger.warning(text)
+        else:
+            logger.error(text)
+
     def missing_listeners(self) -> list[str]:
         """Say which topics have too few listeners."""
         missing = []
@@ -184,7 +212,6 @@ class GraphNode(Node):
     def fail(self, message: str) -> None:
         """End with an error: diagnostics, one line in the log, exit code 1."""
         self.health.state(ERROR, message)
-        self.get_logger().fatal(message)
         self.exit_code, self.failure = 1, message
         self.finished = True
 
@@ -193,7 +220,18 @@ class GraphNode(Node):
         ends."""
         return None
 
-    def close(self, timeout: float = 5.0) -> None:
+    def on_cleanup(self, state: Any) -> Any:
+        """Destroy what `setup` made."""
+        self._expected = {key: item for key, item in self._expected.items() if key is self._said}
+        self._ready = False
+        self._readiness.reset()
+        return super().on_cleanup(state)
+
+    def ended(self) -> None:
+        """Note that the node was shut down."""
+        self.finished = True
+
+    def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then
         destroy the node."""
         deadline = time.monotonic() + timeout
@@ -202,15 +240,18 @@ class GraphNode(Node):
         self.destroy_node()
 
     def _check_ready(self) -> None:
+        if not self.active:
+            return
         missing = self.missing_listeners()
         self.health.figures["ready"] = not missing
         if missing:
             self.health.figures["waiting for listeners"] = ", ".join(missing)
             return
         self._ready = True
+        self._readiness.cancel()
+        self.get_logger().info("ready")
         if "waiting for listeners" in self.health.figures:
             self.health.figures["waiting for listeners"] = "none"
-        self.destroy_timer(self._readiness)
         if self.health.message == STARTING:
             self.health.state(OK, "ready")
 

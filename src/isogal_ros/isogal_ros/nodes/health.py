@@ -1,5 +1,7 @@
 """What a node reports of itself on /diagnostics."""
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,15 +14,24 @@ STARTING = "starting"
 """What a node says before anything else."""
 
 
+def _mute(_level: bytes, _text: str) -> None:
+    """Log nothing."""
+
+
 class Health:
     """State, figures and counts of dropped messages of one node, published once a period and on
     change.
 
+    What it says is logged as well, where it is another than before but for its numbers.
+
     A drop raises the level to WARN until a whole period has passed without one; the counts stay.
     """
 
-    def __init__(self, name: str, publisher: Any, period_ns: int) -> None:
+    def __init__(
+        self, name: str, publisher: Any, period_ns: int, log: Callable[[bytes, str], None] = _mute
+    ) -> None:
         self.name = name
+        self._log = log
         self.figures: dict[str, Any] = {}
         """Shown as key-value pairs."""
         self.dropped: dict[str, int] = {}
@@ -29,6 +40,7 @@ class Health:
         self._period = period_ns
         self._level, self._message = OK, STARTING
         self._reasons: dict[str, str] = {}
+        self._kinds: dict[tuple[str, str], int] = {}
         self._stamp = 0
         self._last: int | None = None
         self._published = 0
@@ -48,6 +60,10 @@ class Health:
     def state(self, level: bytes, message: str) -> None:
         """Set the node's own state; a change is published at once."""
         if (level, message) != (self._level, self._message):
+            if level != OK and _shape(message) != _shape(self._message):
+                self._log(level, message)
+            elif level == OK and self._level != OK:
+                self._log(level, f"{message} again")
             self._level, self._message = level, message
             self.publish()
 
@@ -57,7 +73,16 @@ class Health:
         known = self._reasons.get(topic)
         self._reasons[topic] = reason
         if known is None or _shape(known) != _shape(reason):
+            self._say_drop(topic, reason)
             self.publish()
+
+    def _say_drop(self, topic: str, reason: str) -> None:
+        """Log the first drop of its kind, then each time there are ten times as many."""
+        kind = topic, _shape(reason)
+        count = self._kinds[kind] = self._kinds.get(kind, 0) + 1
+        if math.log10(count).is_integer():
+            times = f" ({count} times)" if count > 1 else ""
+            self._log(WARN, f"{topic}: message dropped: {reason}{times}")
 
     def tick(self, stamp_ns: int) -> None:
         """Note the time of the data; publishes when a period has passed since the last time it

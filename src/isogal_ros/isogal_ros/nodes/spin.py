@@ -1,11 +1,10 @@
 """Running nodes: one node per process for `ros2 run` and launch files, or several in one
 process."""
 
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -14,9 +13,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
+from isogal_ros.nodes.signals import INTERRUPTED, Interrupt, interrupts
 
-INTERRUPTED = 130
-"""Exit code of a process that was interrupted before it had begun."""
+DRAIN = 10.0
+"""s that a node which has nothing left to do may take what is under way."""
 
 
 def make_executor(context: Context | None = None) -> Any:
@@ -32,34 +32,7 @@ def make_executor(context: Context | None = None) -> Any:
     return EventsExecutor(context=context)
 
 
-class Interrupt:
-    """True once SIGINT or SIGTERM came."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def __bool__(self) -> bool:
-        return self.count > 0
-
-    def __call__(self, _number: int, _frame: Any = None) -> None:
-        """Handle a signal."""
-        self.count += 1
-
-
-@contextmanager
-def interrupts() -> Iterator[Interrupt]:
-    """Note SIGINT and SIGTERM instead of ending at once, so that what was published arrives before
-    the process ends."""
-    interrupt = Interrupt()
-    old = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interrupt
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)
-
-
-def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = 10.0) -> None:
+def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = DRAIN) -> None:
     """Let a node that counts its messages (`GraphNode.received`) take those that are under way,
     until none has come for `quiet` s, for at most `limit` s."""
     if node.received() is None:
@@ -87,25 +60,36 @@ def run_node(name: str, make: Callable[[], Any], args: Sequence[str] | None = No
     rclpy.init(
         args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO
     )
-    try:
-        # while the node is being made there is nothing to end in good order: signals end it at
-        # once
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        node = make()
-        with interrupts() as interrupt:
-            executor = make_executor()
-            executor.add_node(node)
-            with suppress(ExternalShutdownException):
-                while not (interrupt or node.finished) and rclpy.ok():
-                    executor.spin_once(timeout_sec=0.2)
-            drain(node, executor)
-            executor.remove_node(node)
-            node.close()
-            return int(node.exit_code)
-    except InputError as error:
-        print(f"{name}: {str(error).removeprefix(f'{name}: ')}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
+    with interrupts() as interrupt:
+        try:
+            return _run(make, interrupt)
+        except InputError as error:
+            print(f"{name}: {str(error).removeprefix(f'{name}: ')}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        finally:
+            interrupt.ends_at_once = False
+            rclpy.try_shutdown()
+
+
+def _run(make: Callable[[], Any], interrupt: Interrupt) -> int:
+    # while the node is being made there is nothing to end in good order
+    interrupt.ends_at_once = True
+    node = make()
+    interrupt.ends_at_once = False
+    if interrupt:
+        node.destroy_node()
         return INTERRUPTED
-    finally:
-        rclpy.try_shutdown()
+    executor = make_executor()
+    executor.add_node(node)
+    with suppress(ExternalShutdownException):
+        while not (interrupt or node.finished) and rclpy.ok():
+            executor.spin_once(timeout_sec=0.2)
+    # the signal to end is followed by a harder one: half of the time for what is under way, half
+    # for what was published
+    patience = node.settings.closing_time
+    drain(node, executor, limit=0.5 * patience if interrupt else DRAIN)
+    executor.remove_node(node)
+    node.close(0.5 * patience)
+    return int(node.exit_code)

@@ -1,0 +1,57 @@
+"""What a matcher's batches, one after the other, say of the navigator and the map."""
+
+import math
+
+import numpy as np
+
+from isogal.matching.interfaces import Fix
+from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.health import ERROR, OK, WARN
+
+FEW, MANY = 3, 10
+"""Batches in a row without a fix after which that is a warning, and an error."""
+MISFIT = "agree"
+"""In the reason of a batch whose readings the map does not explain."""
+
+
+class Verdict:
+    """Level and text for the diagnostics, batch by batch."""
+
+    def __init__(self) -> None:
+        self.level: bytes = OK
+        self.text = "matching"
+        self.found = False
+        """Whether the last batch has found a navigator that was lost."""
+        self._without = self._misfits = 0
+        self._lost = False
+
+    def take(self, fix: Fix) -> None:
+        """Judge the next batch."""
+        self.found = fix.published and (self._lost or fix.reset)
+        self._lost = (self._lost or fix.reset) and not fix.published
+        self._without = 0 if fix.published else self._without + 1
+        misfit = not fix.published and MISFIT in (fix.reason or "")
+        self._misfits = self._misfits + 1 if misfit else 0
+        self.level, self.text = self._judge(fix)
+
+    def _judge(self, fix: Fix) -> tuple[bytes, str]:
+        why = f"{self._without} batches without a fix: {fix.reason}"
+        if self._lost:
+            return ERROR, f"the navigator is lost: {fix.reason}"
+        if self.found:
+            return WARN, "the navigator was lost and has been told where it is"
+        if "search_batches" in fix.diagnostics:
+            return WARN, "the navigator may be lost: its place is being searched for"
+        if self._misfits >= FEW or self._without >= MANY:
+            return ERROR, why
+        if self._misfits or self._without >= FEW:
+            return WARN, why
+        return OK, "matching"
+
+
+def line(ns: int, fix: Fix) -> str:
+    """Return what the log says of a batch."""
+    if not fix.published:
+        return f"{to_seconds(ns):.0f} s: no fix: {fix.reason}"
+    sigma = math.sqrt(float(np.trace(fix.covariance)))
+    return f"{to_seconds(ns):.0f} s: fix with a 1-sigma of {sigma:.0f} m"

@@ -1,0 +1,34 @@
+"""What the matcher's node says of batches in a row."""
+
+import numpy as np
+import pytest
+
+from isogal.matching.interfaces import Fix
+from isogal_ros.nodes.health import ERROR, OK, WARN
+from pmht_mm_node.verdict import FEW, MANY, Verdict, line
+
+GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
+FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
+MISFIT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "readings and map do not agree")
+LOST = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "do not agree; navigator lost", reset=True)
+SEARCH = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"search_batches": 2.0})
+
+
+@pytest.mark.parametrize(("fixes", "levels"), [
+    ([GOOD, FLAT, GOOD], [OK, OK, OK]),
+    ([FLAT] * MANY, [OK] * (FEW - 1) + [WARN] * (MANY - FEW) + [ERROR]),
+    ([MISFIT] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
+    ([LOST, FLAT, GOOD, GOOD], [ERROR, ERROR, WARN, OK]),
+    ([SEARCH, GOOD], [WARN, OK]),
+])  # fmt: skip
+def test_levels(fixes, levels) -> None:
+    verdict, got = Verdict(), []
+    for fix in fixes:
+        verdict.take(fix)
+        got.append(verdict.level)
+    assert got == levels
+
+
+def test_lines() -> None:
+    assert line(10**10, GOOD) == "10 s: fix with a 1-sigma of 5 m"
+    assert line(10**10, FLAT) == "10 s: no fix: too few features"
