@@ -32,7 +32,7 @@ class InsSimNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher",
-        "truth",
+        "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)
@@ -131,7 +131,7 @@ class InsSimNode(GraphNode):
         """Go by the wall clock, or as fast as answers come; without lock-step there are no answers
         to go by."""
         if self.rate > 0.0:
-            self._pace.set(self.rate * self.scenario.imu.rate)
+            self._pace.set(self.rate * self.scenario.navigation_rate)
         elif self._answers is None:
             self._pace.set(math.inf)
         else:

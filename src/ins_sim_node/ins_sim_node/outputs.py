@@ -5,13 +5,14 @@ import time
 
 from rclpy.serialization import deserialize_message
 
+from isogal.arrays import Array
 from isogal.sensors.vehicle import SimulatedVehicle
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamps import set_stamp, to_seconds
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.1
@@ -26,6 +27,7 @@ class Outputs:
         self._error = math.nan
         """m, horizontal, of the navigator when it was last compared."""
         self._compared = 0.0
+        self._step_ns = from_seconds(vehicle.trajectory.dt)
         self._frame = map_frame(node.scenario)
         self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
@@ -40,16 +42,13 @@ class Outputs:
         self._m_imu.orientation_covariance[0] = -1.0  # no orientation
 
     def publish(self, k: int, ns: int) -> None:
-        """Publish step k: the clock, then the IMU, so that the filter works while the rest is
-        made. The start (k = 0) has no sample."""
+        """Publish step k: the clock, then the IMU's samples of the step, so that the filter works
+        while the rest is made. The start (k = 0) has no sample."""
         run = self._vehicle
         set_stamp(self._m_clock.clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
-            fill_imu(
-                self._m_imu, ns, run.imu.specific_force[0, k - 1], run.imu.angular_rate[0, k - 1]
-            )
-            self._imu.publish(self._m_imu)
+            self._publish_samples(run.samples[k - 1], ns)
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)
         fill_fix(self._m_ins, ns, run.unaided[k, 0], run.unaided[k, 1], height)
@@ -57,6 +56,14 @@ class Outputs:
         self._truth_odom.publish(self._m_odom)
         self._ins_fix.publish(self._m_ins)
         self._truth_fix.publish(self._m_truth)
+
+    def _publish_samples(self, samples: Array, ns: int) -> None:
+        """Publish the samples (n, 6) of a step that ends at a stamp."""
+        interval = self._step_ns / len(samples)
+        for j, sample in enumerate(samples):
+            stamp = ns - round((len(samples) - 1 - j) * interval)
+            fill_imu(self._m_imu, stamp, sample[:3], sample[3:])
+            self._imu.publish(self._m_imu)
 
     def compare(self, odometry: bytes) -> None:
         """Measure the distance of a serialised nav/odom from the truth last

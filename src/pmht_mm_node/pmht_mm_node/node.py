@@ -38,7 +38,7 @@ class PmhtMmNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "matcher",
+        "map", "matcher", "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",

@@ -28,7 +28,7 @@ class UkfFusionNode(GraphNode):
     each fix."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "route", "imu", "initial_error", "fusion", "truth",
+        "seed", "route", "imu", "initial_error", "gravimeter", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings

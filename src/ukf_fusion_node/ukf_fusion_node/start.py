@@ -31,8 +31,8 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
         if np.isnan(value).any() and not np.isnan(value).all():
             raise InputError(f"{name}: give all three numbers, or none")
     given = {name: value for name, value in parts.items() if not np.isnan(value).any()}
-    # two samples of the route are enough to know its start
-    route = scenario.route.model_copy(update={"duration": 2.0 / scenario.imu.rate})
+    # two steps of the route are enough to know its start
+    route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
     short = scenario.model_copy(update={"route": route})
     state = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
     if "start_position" in given:

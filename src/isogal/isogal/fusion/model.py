@@ -99,7 +99,7 @@ class FilterModel:
                 *noise[3:],
             ),
             initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
-            dt=1.0 / scenario.imu.rate,
+            dt=1.0 / scenario.navigation_rate,
             filter=scenario.fusion.filter,
             auxiliary=gravity_states.states(gravity),
             compensation=gravity.compensation,

@@ -1,6 +1,7 @@
 """Attitude, strapdown navigation and its errors.
 
 rotations       quaternions and rotation vectors
+preintegration  samples of a fast IMU for the strapdown
 strapdown       position, velocity and attitude from specific force and angular rate
 error_state     the navigator's error as a vector: order of the states, difference of estimates
 error_model     linear dynamics of that error

@@ -143,11 +143,12 @@ def fitting(scenario: Scenario, duration: float) -> int:
     """Return how many runs of a scenario of so many seconds can be computed together within
     `MEMORY`, at least one.
 
-    A run holds six IMU readings and the unaided track of every IMU interval, and about 100 numbers
-    of every scan. All runs share the truth, the random numbers of the run being simulated, and the
+    A run holds six IMU readings and the unaided track of every step, and about 100 numbers of
+    every scan. All runs share the truth, the samples of the run being simulated, and the
     covariance of the map's error between all scans."""
-    intervals, scans = duration * scenario.imu.rate, duration / scenario.gravimeter.interval
-    shared = 8 * (40 * intervals + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
+    intervals, scans = duration * scenario.navigation_rate, duration / scenario.gravimeter.interval
+    samples = duration * scenario.imu.rate
+    shared = 8 * (40 * samples + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
     each = 8 * (9 * intervals + 100 * scans) + 200_000
     return max(1, int((MEMORY - shared) / each))
 

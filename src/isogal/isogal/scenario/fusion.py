@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from isogal.scenario.section import Section
+from isogal.scenario.section import Positive, Section
 
 
 class Fusion(Section):
@@ -13,4 +13,13 @@ class Fusion(Section):
     filter: Literal["compiled", "reference"] = Field(
         "compiled",
         description="which unscented filter: Isogal's, or filterpy's to compare it with (slow)",
+    )
+    rate: Positive | None = Field(
+        None,
+        le=400.0,
+        description=(
+            "steps of the navigator per second, Hz, of which imu.rate is a multiple: samples"
+            " between are pre-integrated; null = imu.rate up to 10 Hz, the lowest possible from 1"
+            " Hz on for a faster IMU"
+        ),
     )

@@ -1,5 +1,6 @@
 """The whole scenario."""
 
+import math
 from functools import partial
 from typing import Annotated, Any
 
@@ -16,6 +17,8 @@ from isogal.scenario.truth import true_scenario
 from isogal.scenario.vehicle import InitialError, Route
 from isogal.scenario.world import Gravity, Map, MapError
 
+FASTEST_STEPS = 10.0
+"""Hz: up to this rate every IMU sample is a step of the navigator, unless it is told another."""
 FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
 
 
@@ -56,6 +59,15 @@ class Scenario(Section):
                 f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU"
                 f" samples (1/{self.imu.rate} s)"
             )
+        rate, of_step = self.fusion.rate, self.samples_per_step
+        if rate is not None and (
+            abs(of_step * rate - self.imu.rate) > 1e-9 * rate or round(steps) % of_step
+        ):
+            raise ValueError(
+                f"fusion.rate ({rate:g} Hz): imu.rate ({self.imu.rate:g} Hz) must be a multiple of"
+                f" it, and gravimeter.interval ({self.gravimeter.interval:g} s) a whole number of"
+                " its steps"
+            )
         return self
 
     @model_validator(mode="after")
@@ -76,6 +88,21 @@ class Scenario(Section):
         return self.field or self.gravimeter.quantity
 
     @property
+    def samples_per_step(self) -> int:
+        """IMU samples in a step of the navigator."""
+        if self.fusion.rate is not None:
+            return max(1, round(self.imu.rate / self.fusion.rate))
+        if self.imu.rate <= FASTEST_STEPS:
+            return 1
+        of_scan = round(self.gravimeter.interval * self.imu.rate)
+        return max(n for n in range(1, math.floor(self.imu.rate) + 1) if of_scan % n == 0)
+
+    @property
+    def navigation_rate(self) -> float:
+        """Steps of the navigator per second, Hz."""
+        return self.imu.rate / self.samples_per_step
+
+    @property
     def steps_per_scan(self) -> int:
-        """IMU samples from one gravimeter reading to the next."""
-        return round(self.gravimeter.interval * self.imu.rate)
+        """Steps of the navigator from one gravimeter reading to the next."""
+        return round(self.gravimeter.interval * self.imu.rate) // self.samples_per_step

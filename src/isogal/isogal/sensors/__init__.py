@@ -2,6 +2,7 @@
 
 trajectory      the true route, and what a perfect inertial sensor measures on it
 imu             inertial sensors with the errors of a data sheet
+imu_truth       what a perfect IMU measures that is faster than the navigator
 imu_model       what a navigator assumes of them
 initial         the navigator's first state, with its errors
 vehicle         one run of a simulated vehicle: route, inertial sensors, unaided INS

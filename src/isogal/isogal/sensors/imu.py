@@ -12,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.inertial.preintegration import preintegrate
 from isogal.inertial.rotations import matrix
 from isogal.scenario import ImuErrors, Scenario
 from isogal.seeds import generator
+from isogal.sensors.imu_truth import true_samples
 from isogal.sensors.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuData:
-    """Readings of R runs: means over each of K intervals, body axes."""
+    """Inertial data of R runs: means over each of K steps of the navigator, body axes."""
 
     specific_force: Array
     """(R, K, 3) m/s²."""
@@ -34,30 +36,47 @@ def simulate_imu(
     runs: Sequence[int],
     gravity: Array | None = None,
 ) -> ImuData:
-    """Return what the inertial sensors read over the trajectory's intervals.
+    """Return what the navigators get over the trajectory's steps: the readings of the inertial
+    sensors, or what pre-integration makes of the samples of a faster IMU.
 
     Parameters
     ----------
     scenario, trajectory, runs
         What is simulated.
     gravity : (R, K, 3) array, optional
-        Gravity beside normal gravity, north, east, down, mean over each interval, m/s²: an
+        Gravity beside normal gravity, north, east, down, mean over each step, m/s²: an
         accelerometer feels its negative.
     """
-    errors = scenario.imu.sensors
-    ends = matrix(trajectory.attitude)
-    to_navigation = 0.5 * (ends[1:] + ends[:-1])
-    truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)
+    ends = np.arange(len(trajectory) + 1) * scenario.samples_per_step
+    duration = np.full(ends[-1], 1.0 / scenario.imu.rate)
     for i, run in enumerate(runs):
-        felt = truth
-        if gravity is not None:
-            felt = truth.copy()
-            felt[:, :3] -= np.einsum("kij,ki->kj", to_navigation, gravity[i])
-        readings = _readings(errors, felt, trajectory.dt, scenario.seed, run)
-        force[i], rate[i] = readings[:, :3], readings[:, 3:]
+        beside = None if gravity is None else gravity[i]
+        readings = simulate_samples(scenario, trajectory, run, beside)
+        force_of_run, rate_of_run = readings[None, :, :3], readings[None, :, 3:]
+        if scenario.samples_per_step > 1:
+            force_of_run, rate_of_run = preintegrate(force_of_run, rate_of_run, duration, ends)
+        force[i], rate[i] = force_of_run[0], rate_of_run[0]
     return ImuData(force, rate)
+
+
+def simulate_samples(
+    scenario: Scenario, trajectory: Trajectory, run: int, gravity: Array | None = None
+) -> Array:
+    """Return one run's readings (K n, 6) of specific force (m/s²) and angular rate (rad/s), body
+    axes, n of them in each of the trajectory's K steps; gravity (K, 3) as in `simulate_imu`."""
+    n = scenario.samples_per_step
+    if n > 1:
+        truth = true_samples(scenario)
+    else:
+        truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
+    if gravity is not None:
+        ends = matrix(trajectory.attitude)
+        to_navigation = 0.5 * (ends[1:] + ends[:-1])
+        truth = truth.copy()
+        truth[:, :3] -= np.repeat(np.einsum("kij,ki->kj", to_navigation, gravity), n, axis=0)
+    return _readings(scenario.imu.sensors, truth, 1.0 / scenario.imu.rate, scenario.seed, run)
 
 
 def _readings(errors: ImuErrors, truth: Array, dt: float, seed: int, run: int) -> Array:

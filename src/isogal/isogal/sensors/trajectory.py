@@ -1,8 +1,8 @@
 """The true route, and what a perfect IMU measures on it (docs/mathematics.md, section 3.1).
 
-The vehicle stays level and points along its course. Within an IMU interval heading rate and
-acceleration are constant; position follows by a fourth-order Runge-Kutta step, and the IMU's means
-over the interval by three-point Gauss-Legendre quadrature of the continuous specific force and
+The vehicle stays level and points along its course. Within a step of the navigator heading rate
+and acceleration are constant; position follows by a fourth-order Runge-Kutta step, and the IMU's
+means over the step by three-point Gauss-Legendre quadrature of the continuous specific force and
 angular rate, so the readings do not share the strapdown's approximations."""
 
 import math
@@ -22,8 +22,8 @@ from isogal.scenario import Route, Scenario
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Truth at the K + 1 ends of K IMU intervals, and the perfect IMU's means over the
-    intervals."""
+    """Truth at the K + 1 ends of K steps of the navigator, and a perfect IMU's means over the
+    steps."""
 
     time: Array
     """(K + 1,) s."""
@@ -44,11 +44,11 @@ class Trajectory:
 
     @property
     def dt(self) -> float:
-        """IMU interval, s."""
+        """Step of the navigator, s."""
         return float(self.time[1] - self.time[0])
 
     def __len__(self) -> int:
-        """Count the IMU intervals K."""
+        """Count the steps K."""
         return self.specific_force.shape[0]
 
 
@@ -60,11 +60,46 @@ def build_trajectory(scenario: Scenario) -> Trajectory:
     InputError
         The route is shorter than the duration asked for.
     """
-    return _build(scenario.route, scenario.imu.rate)
+    return _build(scenario.route, scenario.navigation_rate)
 
 
 @lru_cache(maxsize=8)
 def _build(route: Route, rate: float) -> Trajectory:
+    rows, rates = drive(route, rate)
+    lat, lon, heading, speed = rows.T
+    start, dt = np.stack([lat[:-1], heading[:-1], speed[:-1]], axis=1), 1.0 / rate
+    force, angular_rate = sensor_means(start, lat[1:], rates, route.height, dt)
+    k = len(rates)
+    return Trajectory(
+        time=np.arange(k + 1, dtype=np.float64) * dt,
+        latitude=lat,
+        longitude=lon,
+        height=np.full(k + 1, route.height),
+        velocity=np.stack(
+            [speed * np.cos(heading), speed * np.sin(heading), np.zeros(k + 1)], axis=-1
+        ),
+        attitude=from_heading(heading),
+        specific_force=force,
+        angular_rate=angular_rate,
+    )
+
+
+@lru_cache(maxsize=8)
+def drive(route: Route, rate: float) -> tuple[Array, Array]:
+    """Return how a route is driven in K steps at a rate (Hz).
+
+    Returns
+    -------
+    (K + 1, 4) array
+        Latitude, longitude (rad), heading (rad), speed (m/s) at the ends of the steps.
+    (K, 2) array
+        Heading rate (rad/s) and acceleration (m/s²) in each step.
+
+    Raises
+    ------
+    InputError
+        See `build_trajectory`.
+    """
     dt = 1.0 / rate
     guide = _Guide(route, dt)
     steps = None if route.duration is None else round(route.duration * rate)
@@ -94,7 +129,7 @@ def _build(route: Route, rate: float) -> Trajectory:
         rates.append((turn, acceleration))
     if len(rates) < 2:
         raise InputError("route: must last at least two IMU samples")
-    return _with_sensors(np.array(rows), np.array(rates), route.height, dt)
+    return np.array(rows), np.array(rates)
 
 
 def _position_rates(
@@ -131,18 +166,34 @@ def _runge_kutta(
     )
 
 
-def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajectory:
-    lat, lon, heading, speed = rows.T
+def sensor_means(
+    start: Array, end_latitude: Array, rates: Array, height: float, dt: float
+) -> tuple[Array, Array]:
+    """Return the means of specific force (K, 3; m/s²) and angular rate (K, 3; rad/s) over K steps
+    of dt (s), body axes.
+
+    Parameters
+    ----------
+    start : (K, 3) array
+        Latitude (rad), heading (rad), speed (m/s) at the start of each step.
+    end_latitude : (K,) array
+        rad, at its end.
+    rates : (K, 2) array
+        Heading rate (rad/s) and acceleration (m/s²) in it.
+    height : float
+        m.
+    """
+    lat, heading, speed = start.T
     turn, acceleration = rates.T
     nodes, weights = np.polynomial.legendre.leggauss(3)
     force = np.zeros((len(rates), 3))
     rate = np.zeros((len(rates), 3))
     for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
-        psi = heading[:-1] + turn * node * dt
-        v = speed[:-1] + acceleration * node * dt
+        psi = heading + turn * node * dt
+        v = speed + acceleration * node * dt
         # latitude within the interval by linear interpolation: 1e-9 rad change gravity by 1e-11
         # m/s² only
-        phi = lat[:-1] + node * (lat[1:] - lat[:-1])
+        phi = lat + node * (end_latitude - lat)
         s, c = np.sin(phi), np.cos(phi)
         w2 = 1.0 - E2 * s * s
         n = A / np.sqrt(w2)
@@ -161,19 +212,7 @@ def _with_sensors(rows: Array, rates: Array, height: float, dt: float) -> Trajec
         rate += weight * (
             _to_body(earth + transport, psi) + np.stack([0 * turn, 0 * turn, turn], axis=-1)
         )
-    k = len(rates)
-    return Trajectory(
-        time=np.arange(k + 1, dtype=np.float64) * dt,
-        latitude=lat,
-        longitude=lon,
-        height=np.full(k + 1, height),
-        velocity=np.stack(
-            [speed * np.cos(heading), speed * np.sin(heading), np.zeros(k + 1)], axis=-1
-        ),
-        attitude=from_heading(heading),
-        specific_force=force,
-        angular_rate=rate,
-    )
+    return force, rate
 
 
 def _to_body(vector: Array, heading: Array) -> Array:

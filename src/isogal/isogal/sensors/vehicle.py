@@ -9,7 +9,7 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario
-from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -23,6 +23,10 @@ class SimulatedVehicle:
     """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD
     to NED."""
     imu: ImuData
+    """What the navigator gets over the steps."""
+    samples: Array
+    """(K, n, 6) specific force (m/s²) and angular rate (rad/s) of the n IMU samples of each
+    step."""
     unaided: Array
     """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
     turn_rate: Array
@@ -53,7 +57,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         ]
     )
     unaided = np.concatenate([start.position[:, :2], track[0]])
-    return SimulatedVehicle(trajectory, states, imu, unaided, _turn_rate(trajectory))
+    samples = simulate_samples(scenario, trajectory, run).reshape(len(trajectory), -1, 6)
+    return SimulatedVehicle(trajectory, states, imu, samples, unaided, _turn_rate(trajectory))
 
 
 def _turn_rate(trajectory: Trajectory) -> Array:

@@ -64,7 +64,7 @@ class NavBuffer:
         self._newest = -1
         self._newest_covariance = -1
         self._frame = map_frame(scenario)
-        self._interval = from_seconds(1.0 / scenario.imu.rate)
+        self._interval = from_seconds(1.0 / scenario.navigation_rate)
         self._stamps: dict[int, _Stamp] = {}
         self._arrived = arrived
         node.listen(topics.NAV_FIX, lambda data: self._take(data, True), raw=True)
