@@ -1,5 +1,6 @@
 """The filter of a node from its start on: where it begins, gaps, and what survives a restart."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import FilterDivergenceError
 from isogal.fusion.outage import UnknownMotion
+from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -16,6 +18,9 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from ukf_fusion_node.start import initial_state, start_ns
+
+SAID_NS = 1_000_000_000
+"""How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
 
 
 class Navigation:
@@ -32,6 +37,9 @@ class Navigation:
         self._height = node.scenario.route.height
         self._log = node.get_logger()
         self.model = FilterModel.from_scenario(node.scenario)
+        self._sample = 1.0 / node.scenario.imu.rate
+        of_step = node.scenario.samples_per_step
+        self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None
         self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
         self._motion = UnknownMotion(
             node.settings.outage_acceleration, node.settings.outage_turn_rate
@@ -40,6 +48,7 @@ class Navigation:
         self._from_start = True
         self._placed: FilterState | None = None
         self._gaps = 0
+        self._noted = -SAID_NS
         self.navigator: BufferedNavigator | None = None
         """None = it has no start yet."""
         self.ns = -1
@@ -64,7 +73,7 @@ class Navigation:
     def begin(self, ns: int) -> bool:
         """Begin with the first sample (its stamp), if there is something to begin with; return
         whether it has begun at the start itself, which is then to be published."""
-        first = ns - from_seconds(self.model.dt)
+        first = ns - from_seconds(self._sample)
         fresh = False
         if self._placed is not None:
             self._set(first, self._placed)
@@ -81,6 +90,8 @@ class Navigation:
                 self._wait(first, start)
         else:
             self._health.state(ERROR, "waits for a pose on initialpose")
+        if self._stream is not None:
+            self._stream.begin(self.ns)
         return fresh
 
     def _wait(self, first: int, start: int) -> None:
@@ -138,11 +149,27 @@ class Navigation:
         """Return a state to be changed: the newest, or where there is none that of the start."""
         return (self._start if self.navigator is None else self.state).copy()
 
-    def sample(self, ns: int, force: Array, rate: Array) -> None:
-        """Advance with a sample; raises BadMessageError where it cannot be used."""
+    def sample(self, ns: int, force: Array, rate: Array) -> Iterator[None]:
+        """Take a sample: advance by each step that ends with it, and yield after each.
+
+        Raises
+        ------
+        BadMessageError
+            It cannot be used.
+        """
+        require_later(ns, self.ns if self._stream is None else self._stream.ns)
+        if self._stream is None:
+            self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
+            yield
+            return
+        missing = self._stream.missing
+        for step in self._stream.take(ns, force, rate):
+            self._advance(step.ns, step.force, step.rate, step.missing)
+            yield
+        self._note_samples(self._stream, self._stream.missing - missing)
+
+    def _advance(self, ns: int, force: Array, rate: Array, missing: float) -> None:
         assert self.navigator is not None
-        require_later(ns, self.ns)
-        missing = self._note_gap(to_seconds(ns - self.ns))
         try:
             self.navigator.propagate(to_seconds(ns), force, rate, self._height, missing)
         except FilterDivergenceError as error:
@@ -166,3 +193,16 @@ class Navigation:
         level = ERROR if interval > self._settings.max_gap else WARN
         self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")
         return interval - self.model.dt
+
+    def _note_samples(self, stream: SampleStream, missing: int) -> None:
+        """Tell of samples of a fast IMU that are missing, and of a rate that is not as told."""
+        if missing:
+            self._health.figures["IMU samples missing"] = stream.missing
+            self._noted = stream.ns
+            long = missing * self._sample > self._settings.max_gap
+            text = f"{missing} IMU samples missing before {to_seconds(stream.ns):.3f} s, bridged"
+            self._health.state(ERROR if long else WARN, text)
+        elif stream.ns - self._noted > SAID_NS:
+            told, rate = 1.0 / self._sample, stream.measured_rate
+            text = f"IMU samples come at {rate:.0f} Hz, imu.rate says {told:g}: taken as they come"
+            self._health.state(*((OK, "navigating") if stream.as_told else (WARN, text)))

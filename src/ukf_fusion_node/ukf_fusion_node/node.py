@@ -24,8 +24,8 @@ from ukf_fusion_node.settings import UkfFusionSettings
 
 
 class UkfFusionNode(GraphNode):
-    """Advances with each IMU sample, and publishes nav/* of its newest stamp after each sample and
-    each fix."""
+    """Advances with each IMU sample, or with each step that the samples of a fast IMU make, and
+    publishes nav/* of its newest stamp after each and after each fix."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "route", "imu", "initial_error", "gravimeter", "fusion", "truth",
@@ -61,11 +61,11 @@ class UkfFusionNode(GraphNode):
             if self._navigation.navigator is None:
                 self.health.tick(ns)
                 return
-        self._navigation.sample(ns, force, rate)
-        self._publish()
-        if self._fixes:
-            self._settle()
-        self._navigation.keep()
+        for _ in self._navigation.sample(ns, force, rate):
+            self._publish()
+            if self._fixes:
+                self._settle()
+            self._navigation.keep()
         self.health.tick(ns)
 
     def _info(self, text: str) -> None:

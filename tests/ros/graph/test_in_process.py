@@ -47,6 +47,8 @@ def test_another_run_has_other_numbers(scenario, tmp_path) -> None:
         ("matcher.name=pmht", "matcher.mode=retrodiction"),
         ("matcher.stride=2",),
         ("imu.rate=2.0", "gravimeter.interval=5.0"),
+        ("imu.rate=50.0", "imu.grade=tactical"),
+        ("imu.rate=40.0", "fusion.rate=4.0"),
         ("map_error.sigma=3e-5", "gravimeter.outlier_fraction=0.1"),
         ("truth.imu.grade=quantum", "truth.gravimeter=3x", "truth.initial_error.position=2x"),
     ],
