@@ -57,7 +57,9 @@ def _constant_force(phi, dv):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _preintegrate(force, rate, duration, ends, mean_force, mean_rate):  # type: ignore[no-untyped-def]
+def _preintegrate(  # type: ignore[no-untyped-def]
+    force, rate, duration, ends, mean_force, mean_rate
+):
     """Write the means of each run and interval; see `preintegrate`."""
     for r in range(force.shape[0]):
         for s in range(ends.shape[0] - 1):
