@@ -15,7 +15,7 @@ from ins_sim_node.outputs import Outputs
 from ins_sim_node.pace import Pace
 from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
-from isogal.sensors.vehicle import simulate_vehicle
+from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
@@ -31,8 +31,8 @@ class InsSimNode(GraphNode):
     answered."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "initial_error", "gravimeter", "matcher",
-        "fusion", "truth",
+        "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "map_error",
+        "gravity", "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -6,7 +6,7 @@ import time
 from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
-from isogal.sensors.vehicle import SimulatedVehicle
+from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.imu import fill_imu

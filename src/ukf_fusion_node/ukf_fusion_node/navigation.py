@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import FilterDivergenceError
 from isogal.fusion.outage import UnknownMotion
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -36,7 +38,8 @@ class Navigation:
         self._settings, self._health = node.settings, node.health
         self._height = node.scenario.route.height
         self._log = node.get_logger()
-        self.model = FilterModel.from_scenario(node.scenario)
+        known = known_gravity(node.scenario, build_trajectory(node.scenario))
+        self.model = FilterModel.from_scenario(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
         self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None

@@ -28,7 +28,8 @@ class UkfFusionNode(GraphNode):
     publishes nav/* of its newest stamp after each and after each fix."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "route", "imu", "initial_error", "gravimeter", "fusion", "truth",
+        "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
+        "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings

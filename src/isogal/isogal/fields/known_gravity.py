@@ -1,8 +1,22 @@
-"""What a navigator knows of horizontal gravity."""
+"""What a navigator knows of horizontal gravity: a map to take off at its own position, and how
+much it believes to be left (docs/mathematics.md, section 3.9)."""
 
 from dataclasses import dataclass, field
 
-from isogal.inertial.gravity import Compensation, no_compensation
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fields.gravity_vector import gravity_vector
+from isogal.fields.measured import measured_field
+from isogal.inertial.gravity import Compensation, compensation_by, no_compensation
+from isogal.maps.tiled_map import ScalarMap
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import Trajectory
+
+UNTOLD_MAP_SIGMA = 2e-5
+"""m/s², of a map's disturbance where nothing is told: between good surveys and terrain models."""
+RESOLUTION_SIGMA = 1e-6
+"""m/s², 1-sigma of what is left of horizontal gravity for the cells of a map."""
 
 
 @dataclass(frozen=True)
@@ -14,3 +28,80 @@ class KnownGravity:
     """m/s², of each component; 0 = nothing is left."""
     residual_length: float = 10_000.0
     """m, its correlation length along the track."""
+
+
+def known_gravity(
+    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+) -> KnownGravity:
+    """Return what the navigator of a scenario knows of horizontal gravity.
+
+    Parameters
+    ----------
+    map_sigma : float, optional
+        What it takes for the 1-sigma of the map's disturbance, m/s²: each horizontal component is
+        wrong by that over sqrt(2). Default: `told_map_sigma`.
+
+    Raises
+    ------
+    InputError
+        The map cannot be read, or does not cover the route.
+    """
+    settings = scenario.gravity
+    vector = gravity_vector(scenario, trajectory)
+    if vector is None:
+        return KnownGravity()
+    if map_sigma is None:
+        map_sigma = told_map_sigma(scenario, vector.disturbance)
+    share = settings.compensated_share if settings.compensation == "map" else 0.0
+    along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
+    spread = float(np.sqrt(np.nanmean(along**2)))
+    left = (1.0 - share) * spread
+    sigma, length = settings.residual_sigma, settings.residual_correlation_length
+    if sigma == "auto":
+        sigma = float(np.sqrt(left**2 + 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2))
+    if length == "auto":
+        of_map = _correlation_length(trajectory, along)
+        of_error = scenario.matcher.map_correlation_length
+        weight = left**2 / (left**2 + 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2)
+        length = float(np.exp(weight * np.log(of_map) + (1.0 - weight) * np.log(of_error)))
+    return KnownGravity(compensation_by(vector.horizontal, share), float(sigma), float(length))
+
+
+def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
+    """Return what is really left of horizontal gravity after its compensation."""
+    as_it_is = scenario.gravity.model_copy(
+        update={"residual_sigma": "auto", "residual_correlation_length": "auto"}
+    )
+    world = scenario.model_copy(
+        update={
+            "gravity": as_it_is,
+            "matcher": scenario.matcher.model_copy(
+                update={"map_correlation_length": scenario.map_error.correlation_length}
+            ),
+        }
+    )
+    return known_gravity(world, trajectory, scenario.map_error.sigma)
+
+
+def told_map_sigma(scenario: Scenario, disturbance: ScalarMap) -> float:
+    """Return the 1-sigma that a navigator takes for the error of a map of the disturbance, m/s²:
+    as the matcher is told if it matches gravity, else as the map says, or `UNTOLD_MAP_SIGMA`."""
+    told = scenario.matcher.map_sigma
+    said = float(np.nanmean(disturbance.sigma))
+    if told == "auto" or measured_field(scenario).instrument != "gravimeter":
+        return max(said, UNTOLD_MAP_SIGMA)
+    return max(said, float(told))
+
+
+def _correlation_length(trajectory: Trajectory, along: Array) -> float:
+    """Return the distance (m) along a route at which the horizontal components' autocorrelation
+    falls to 1/e."""
+    speed = float(np.hypot(*trajectory.velocity[:, :2].T).mean())
+    step = max(1, round(500.0 / max(speed * trajectory.dt, 1e-3)))
+    values = along[::step] - along.mean(axis=0)
+    count = len(values)
+    power = np.abs(np.fft.rfft(values, 2 * count, axis=0)) ** 2
+    correlation = np.fft.irfft(power.sum(axis=1))[:count] / (count - np.arange(count))
+    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    lag = float(below[0]) if below.size else float(count)
+    return max(lag, 1.0) * step * speed * trajectory.dt

@@ -48,7 +48,7 @@ _DISTANCES = 12
 
 
 def horizontal_gravity(
-    disturbance: FieldMap, height: float = 0.0, edge: float = EDGE
+    disturbance: FieldMap, height: float = 0.0, edge: float = EDGE, rim_error: bool = True
 ) -> ChannelMap:
     """Return maps of the attraction to the north and to the east, m/s², from one of the
     disturbance.
@@ -61,6 +61,8 @@ def horizontal_gravity(
         m above the map's surface, >= 0.
     edge : float
         m at the rim and round holes that are left out, >= 0.
+    rim_error : bool
+        Whether sigma holds what lies beyond the map, which takes most of the time.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def horizontal_gravity(
         Not a map of the disturbance, negative height or edge, too many holes, too small or too
         large a map.
     """
-    return _components(disturbance, COMPONENTS[1:], height, edge)
+    return _components(disturbance, COMPONENTS[1:], height, edge, rim_error)
 
 
 def gravity_vector(disturbance: FieldMap, height: float = 0.0, edge: float = EDGE) -> ChannelMap:
@@ -117,7 +119,11 @@ def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
 
 
 def _components(
-    disturbance: FieldMap, quantities: tuple[str, ...], height: float, edge: float
+    disturbance: FieldMap,
+    quantities: tuple[str, ...],
+    height: float,
+    edge: float,
+    rim_error: bool = True,
 ) -> ChannelMap:
     _check(disturbance, height, edge)
     values = np.asarray(disturbance.values, dtype=np.float64)
@@ -128,7 +134,9 @@ def _components(
     result = spectral.transformed(disturbance, filled, operators, TAPER)
     result[:, ~kept] = np.nan
     own, length = _own_error(disturbance, height)
-    beyond, reach = _sigma_beyond(disturbance, missing)
+    beyond, reach = np.zeros(values.shape), 1.0
+    if rim_error:
+        beyond, reach = _sigma_beyond(disturbance, missing)
     # half of the variance of the map's own error goes into each horizontal component, with the
     # same correlation on the mean of all directions
     sideways = np.sqrt(0.5 * own**2 + beyond**2)

@@ -14,7 +14,8 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
-from isogal.fields.gravity_vector import felt_and_known_gravity
+from isogal.fields.gravity_vector import felt_gravity
+from isogal.fields.known_gravity import known_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator
@@ -130,8 +131,8 @@ class _ClosedLoop:
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
         world = scenario.world
-        gravity, known = felt_and_known_gravity(scenario, trajectory, field_map, runs)
-        self.imu = simulate_imu(world, trajectory, runs, gravity)
+        known = known_gravity(scenario, trajectory)
+        self.imu = simulate_imu(world, trajectory, runs, felt_gravity(world, trajectory, runs))
         self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
         source = true_map(scenario, trajectory, field_map)
         self.felt = ReadingSimulator(world, trajectory, source, runs).felt

@@ -118,6 +118,7 @@ class Plan:
             "gravimeter": {"quantity": setting.quantity, "sigma": setting.sigma},
             # in the paper the map holds where the vehicle goes
             "map": {"source": self.map_path or "synthetic", "continuation": "none"},
+            "gravity": {"field": "normal"},  # which the paper's vehicle feels
             "matcher": {
                 "name": setting.matcher,
                 "batch_length": setting.batch_length,

@@ -78,7 +78,7 @@ class Gravity(Section):
     """The gravity vector that the inertial sensors feel, and what the strapdown knows of it."""
 
     field: Literal["normal", "map"] = Field(
-        "normal",
+        "map",
         description="gravity that the vehicle feels: normal gravity, or also the map's vector",
     )
     compensation: Literal["none", "map"] = Field(

@@ -6,6 +6,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.fields.gravity_vector import felt_gravity
+from isogal.fields.known_gravity import known_gravity
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario
@@ -38,14 +40,26 @@ class SimulatedVehicle:
 
 
 def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
-    """Return one run of a scenario, as its world really is; raises InputError where the route
-    cannot be driven."""
-    scenario = scenario.world
-    trajectory = build_trajectory(scenario)
-    imu = simulate_imu(scenario, trajectory, [run])
-    start = draw_initial_state(scenario, trajectory, [run])
+    """Return one run of a scenario, as its world really is.
+
+    Raises
+    ------
+    InputError
+        The route cannot be driven, or its map does not say what gravity is there.
+    """
+    world, trajectory = scenario.world, build_trajectory(scenario)
+    gravity = felt_gravity(world, trajectory, [run])
+    imu = simulate_imu(world, trajectory, [run], gravity)
+    compensation = known_gravity(scenario, trajectory).compensation
+    start = draw_initial_state(world, trajectory, [run])
     _, track = propagate(
-        start, imu.specific_force, imu.angular_rate, trajectory.dt, trajectory.height, history=True
+        start,
+        imu.specific_force,
+        imu.angular_rate,
+        trajectory.dt,
+        trajectory.height,
+        compensation,
+        history=True,
     )
     states = np.column_stack(
         [
@@ -57,7 +71,9 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         ]
     )
     unaided = np.concatenate([start.position[:, :2], track[0]])
-    samples = simulate_samples(scenario, trajectory, run).reshape(len(trajectory), -1, 6)
+    samples = simulate_samples(
+        world, trajectory, run, None if gravity is None else gravity[0]
+    ).reshape(len(trajectory), -1, 6)
     return SimulatedVehicle(trajectory, states, imu, samples, unaided, _turn_rate(trajectory))
 
 

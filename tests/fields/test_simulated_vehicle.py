@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from isogal.earth.frames import horizontal_difference
+from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal.inertial.rotations import multiply, to_rotation_vector
 from isogal.scenario import load_scenario
-from isogal.sensors.vehicle import simulate_vehicle
 
 ROUTE = "[[-37.0, 145.0, 20], [-36.99, 145.0, 20], [-36.99, 145.02, 20]]"
 
