@@ -37,9 +37,10 @@ _ROUTE = [
     "route.duration=3600.0",
     "gravimeter.quantity=disturbance",
     "map.continuation=none",
+    "gravity.field=normal",
 ]
 """Over the made-up maps."""
-_HOUR = ["route.duration=3600.0", "map.continuation=none"]
+_HOUR = ["route.duration=3600.0", "map.continuation=none", "gravity.field=normal"]
 """Over the synthetic map."""
 _WRONG = ["map_error.sigma=3e-5"]
 _TOLD = [*_WRONG, "matcher.map_sigma=3e-5"]
@@ -101,6 +102,7 @@ def _magnetic() -> Results:
     settings = [
         *_ROUTE[:4],
         "map.continuation=none",
+        "gravity.field=normal",
         "field=magnetic",
         "gravimeter.sigma=2.0",
         "route.height=300.0",
