@@ -4,8 +4,8 @@ Each is a first-order Gauss-Markov process in time or along the track, a random 
 the horizontal gravity that no map takes off, the slowly changing part of a sensor's bias, its
 scale factor. The filter's fifteen states go through the strapdown as sigma points; an auxiliary
 state enters an interval as a constant acceleration or angular rate, which is linear, so that its
-part of the covariance is exact without sigma points of its own (marginalised unscented transform:
-Morelande & Ristic 2006; docs/mathematics.md, section 3.5)."""
+part of the covariance needs no sigma points through the strapdown (reduced sigma points of a
+partially linear model: Morelande & Ristic 2006; docs/mathematics.md, section 3.5)."""
 
 import math
 from collections.abc import Sequence

@@ -1,0 +1,182 @@
+"""Gravity that the vehicle feels, its errors, and what a navigator knows of it."""
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.gravity import normal_gravity
+from isogal.fields.gravity_vector import averaged, disturbance_of, felt_gravity, gravity_vector
+from isogal.fields.known_gravity import known_gravity, true_residual_gravity
+from isogal.fields.simulator import draw_map_error, scan_index
+from isogal.fields.vector_map_error import (
+    cross_covariance,
+    draw_horizontal_error,
+    horizontal_covariance,
+)
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.scenario import Scenario
+from isogal.sensors.imu import simulate_imu
+from isogal.sensors.trajectory import build_trajectory
+
+GM = 6.674e-11 * 5e14
+"""m³/s², of a point mass."""
+DEPTH = 15e3
+
+
+def mass_at(north, east):
+    """Attraction to north, east and down (m/s²) at places (m) relative to the point over a
+    mass."""
+    distance = np.sqrt(north**2 + east**2 + DEPTH**2)
+    return -GM * north / distance**3, -GM * east / distance**3, GM * DEPTH / distance**3
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory) -> Scenario:
+    """A route past a point mass, in a map of its disturbance."""
+    metres = metres_per_radian(ORIGIN[0])
+    axis = np.arange(-150e3, 150.1e3, 1000.0)
+    latitude, longitude = ORIGIN[0] + axis / metres[0], ORIGIN[1] + axis / metres[1]
+    east, north = np.meshgrid(axis, axis)
+    path = tmp_path_factory.mktemp("maps") / "mass.nc"
+    down = mass_at(north, east)[2]
+    write_netcdf(FieldMap(latitude, longitude, down, "m/s²", "disturbance"), path)
+    degrees = np.degrees(ORIGIN)
+    return Scenario(
+        route={
+            "start": (degrees[0] - 0.2, degrees[1] - 0.2),
+            "end": (degrees[0] + 0.3, degrees[1] + 0.2),
+            "duration": 2400.0,
+        },
+        map={"source": str(path), "continuation": "none"},
+        gravimeter={"quantity": "disturbance"},
+    )
+
+
+def changed(scenario: Scenario, **sections) -> Scenario:
+    return Scenario(**(scenario.model_dump() | sections))
+
+
+def test_the_vehicle_feels_what_a_point_mass_does(world):
+    trajectory = build_trajectory(world)
+    (felt,) = felt_gravity(world, trajectory, [0])
+    metres = metres_per_radian(ORIGIN[0])
+    middle = 0.5 * (trajectory.latitude[1:] + trajectory.latitude[:-1])
+    across = 0.5 * (trajectory.longitude[1:] + trajectory.longitude[:-1])
+    expected = np.stack(
+        mass_at((middle - ORIGIN[0]) * metres[0], (across - ORIGIN[1]) * metres[1]), axis=-1
+    )
+    assert np.abs(expected[:, :2]).max() > 3e-5
+    # what lies beyond the map is the transform's error: a per cent of the peak
+    np.testing.assert_allclose(felt, expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_accelerometers_feel_its_negative(world):
+    trajectory = build_trajectory(world)
+    felt = felt_gravity(world, trajectory, [0])
+    without, with_it = (
+        simulate_imu(world, trajectory, [0], gravity).specific_force for gravity in (None, felt)
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(with_it - without, axis=-1), np.linalg.norm(felt, axis=-1), rtol=1e-6
+    )
+
+
+def test_normal_gravity_is_no_vector(world):
+    scenario = changed(world, gravity={"field": "normal"})
+    trajectory = build_trajectory(scenario)
+    assert gravity_vector(scenario, trajectory) is None
+    assert felt_gravity(scenario, trajectory, [0]) is None
+    assert known_gravity(scenario, trajectory).residual_sigma == 0.0
+
+
+def test_other_fields_have_normal_gravity(world):
+    scenario = changed(world, field="magnetic", gravimeter={"sigma": 1.0})
+    assert gravity_vector(scenario, build_trajectory(scenario)) is None
+
+
+def test_a_gravity_map_is_a_disturbance_map_with_normal_gravity(world):
+    trajectory = build_trajectory(world)
+    vector = gravity_vector(world, trajectory)
+    dg = vector.disturbance
+    total = FieldMap(
+        dg.latitude,
+        dg.longitude,
+        dg.values + normal_gravity(dg.latitude)[:, None],
+        "m/s²",
+        "gravity",
+    )
+    np.testing.assert_allclose(disturbance_of(total).values, dg.values, atol=1e-12)
+
+
+def test_averaging_keeps_means_and_places():
+    latitude, longitude = 0.6 + 1e-5 * np.arange(30), 2.5 + 1e-5 * np.arange(40)
+    values = latitude[:, None] + 2.0 * longitude
+    coarse = averaged(FieldMap(latitude, longitude, values, "m/s²", "disturbance"), 200.0)
+    assert coarse.values.shape < values.shape
+    expected = coarse.latitude[:, None] + 2.0 * coarse.longitude
+    np.testing.assert_allclose(coarse.values, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "told", "expected"),
+    [
+        ({}, 3e-5, lambda spread: np.hypot(3e-5 / np.sqrt(2.0), 1e-6)),
+        ({"compensation": "none"}, 0.0, lambda spread: np.hypot(spread, 1e-6)),
+        ({"compensated_share": 0.8}, 0.0, lambda spread: np.hypot(0.2 * spread, 1e-6)),
+        ({"residual_sigma": 7e-5}, 3e-5, lambda spread: 7e-5),
+    ],
+)
+def test_what_is_believed_to_be_left(world, gravity, told, expected):
+    scenario = changed(world, gravity=gravity, matcher={"map_sigma": told})
+    trajectory = build_trajectory(scenario)
+    along = gravity_vector(scenario, trajectory).horizontal.value(
+        trajectory.latitude, trajectory.longitude
+    )
+    spread = float(np.sqrt((along**2).mean()))
+    known = known_gravity(scenario, trajectory)
+    assert known.residual_sigma == pytest.approx(expected(spread), rel=1e-6)
+    assert (known.compensation.share > 0.0) == (gravity.get("compensation") != "none")
+
+
+def test_what_is_really_left_goes_by_the_true_map_error(world):
+    scenario = changed(world, map_error={"sigma": 4e-5, "correlation_length": 9e3})
+    left = true_residual_gravity(scenario, build_trajectory(scenario))
+    assert left.residual_sigma == pytest.approx(np.hypot(4e-5 / np.sqrt(2.0), 1e-6))
+    assert left.residual_length == pytest.approx(9e3)
+
+
+def test_covariances_of_the_vector_are_the_spectral_ones():
+    """Against the sums over wave vectors on a torus, for C = exp(-d / L)."""
+    length, n, step = 4e3, 1024, 400.0
+    axis = (np.arange(n) - n // 2) * step
+    distance = np.hypot(*np.meshgrid(axis, axis))
+    spectrum = np.fft.fft2(np.fft.ifftshift(np.exp(-distance / length))).real
+    k = 2.0 * np.pi * np.fft.fftfreq(n, step)
+    kn, ke = np.meshgrid(k, k, indexing="ij")
+    size = np.hypot(kn, ke)
+    size[0, 0] = np.inf
+    north = np.fft.ifft2(spectrum * (kn / size) ** 2).real
+    mixed = np.fft.ifft2(spectrum * kn * ke / size**2).real
+    # E dg(x) g_n(x + d): the transform of g_n is i kn / |k| times that of dg
+    cross = np.fft.ifft2(spectrum * 1j * kn / size).real
+    for i, j in ((0, 5), (7, 0), (6, 9), (20, -12)):
+        apart = np.array([i * step, j * step])
+        covariance = horizontal_covariance(apart, length)
+        assert covariance[0, 0] == pytest.approx(north[i, j], abs=0.01)
+        assert covariance[0, 1] == pytest.approx(mixed[i, j], abs=0.01)
+        assert cross_covariance(apart, length)[0] == pytest.approx(cross[i, j], abs=0.01)
+
+
+def test_drawn_errors_have_these_covariances(world):
+    scenario = changed(world, map_error={"sigma": 3e-5})
+    trajectory = build_trajectory(scenario)
+    index, runs = scan_index(scenario, trajectory), range(400)
+    vertical = draw_map_error(scenario, trajectory, index, runs)
+    stations, errors = draw_horizontal_error(scenario, trajectory, index, runs, vertical)
+    variance = (errors**2).mean(axis=(0, 1)) / 3e-5**2
+    np.testing.assert_allclose(variance, 0.5, atol=0.06)
+    alone = draw_horizontal_error(scenario, trajectory, index, [7], vertical[[7]])[1]
+    np.testing.assert_array_equal(alone[0], errors[7])
+    assert stations[-1] == index[-1]
