@@ -64,12 +64,14 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
     return _kept[key]
 
 
-_kept: OrderedDict[str, GravityVector] = OrderedDict()
+_kept: OrderedDict[str, GravityVector | None] = OrderedDict()
 
 
-def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector:
+def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
     source = _gravity_map(scenario, corridor)
+    if source is None:
+        return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
     if isinstance(source, TiledMap):
         gridded = source.overview(2 * MOST)
@@ -83,8 +85,9 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector:
     return GravityVector(source, horizontal_gravity(coarse, edge=0.0, rim_error=False))
 
 
-def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap:
-    """Return the scenario's map of the disturbance; where it has none, that of gravity."""
+def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
+    """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
+    another field is measured."""
     try:
         return source_map_along(
             scenario.model_copy(
@@ -97,7 +100,7 @@ def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap:
         )
     except InputError:
         if measured_field(scenario).source not in ("gravity", "disturbance"):
-            raise
+            return None
         return source_map_along(scenario, corridor)
 
 
