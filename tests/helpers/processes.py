@@ -13,9 +13,12 @@ LAUNCH_WAITS = 5.0
 """s between SIGINT and SIGTERM, and between SIGTERM and SIGKILL, of launch 3.4."""
 
 
-def start_node(name: str, *parameters: str, log: Path) -> subprocess.Popen:
+def start_node(
+    name: str, *parameters: str, log: Path, files: Sequence[str] = ()
+) -> subprocess.Popen:
     """Start a node by its console script, as ``ros2 run`` does; what it says goes into a file."""
     words = [word for parameter in parameters for word in ("-p", parameter)]
+    words += [word for file in files for word in ("--params-file", file)]
     program = Path(sys.executable).parent / name
     with log.open("ab") as stream:
         return subprocess.Popen(

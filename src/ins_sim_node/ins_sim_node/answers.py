@@ -26,9 +26,37 @@ class Answers:
     def __init__(self, node: GraphNode, outputs: Outputs, complete: Callable[[], None]) -> None:
         self.lock_step = LockStep(node.scenario)
         self._outputs, self._complete = outputs, complete
-        node.listen(topics.NAV_ODOM, self._take_nav, raw=True)
-        node.listen(topics.FIX, self._take_fix, raw=True)
-        node.listen(adapter_of(node.scenario).reduced, self._take_reading, raw=True)
+        reduced = adapter_of(node.scenario).reduced
+        self._topics = {
+            "nav": node.listen(topics.NAV_ODOM, self._take_nav, raw=True).topic_name,
+            "fix": node.listen(topics.FIX, self._take_fix, raw=True).topic_name,
+            "reading": node.listen(reduced, self._take_reading, raw=True).topic_name,
+        }
+        self._node = node
+        self._known: frozenset[bytes] | None = None
+
+    def publishers(self) -> frozenset[bytes]:
+        """Return what identifies the publishers of the answers: of a node that was started again
+        they are others."""
+        return frozenset(
+            bytes(info.endpoint_gid)
+            for name in self._topics.values()
+            for info in self._node.get_publishers_info_by_topic(name)
+        )
+
+    def note_peers(self) -> None:
+        """Take those who answer now as those who will answer."""
+        self._known = self.publishers()
+
+    def peers_changed(self) -> bool:
+        """Whether one who answered has left, or another has come, since they were noted."""
+        return self.publishers() != self._known
+
+    def absent(self) -> set[str]:
+        """Return which answers nobody publishes."""
+        return {
+            what for what, name in self._topics.items() if not self._node.count_publishers(name)
+        }
 
     def _take_nav(self, data: bytes) -> None:
         ns = peek_ns(data)

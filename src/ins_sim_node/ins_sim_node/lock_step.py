@@ -21,15 +21,22 @@ class LockStep:
         self._nav = self._fixes = 0
         self._needs_reading = self._needs_fix = False
         self._done = True
+        self.absent: set[str] = set()
+        """Answers that nobody gives at present: nav, reading, fix."""
+
+    def forget(self) -> None:
+        """Wait no longer for the answers to the step under way."""
+        self._done = True
 
     def begin(self, step: int, ns: int) -> None:
         """Start a step; step 0, the start, has no IMU sample and needs no answer."""
         self.ns = ns
         self._nav = self._fixes = 0
         scans, rest = divmod(step, self._per_scan)
-        self._needs_reading = step > 0 and rest == 0
-        self._needs_fix = self._needs_reading and fix_due(scans, self._settings)
-        self._done = step == 0
+        is_scan = step > 0 and rest == 0
+        self._needs_reading = is_scan and "reading" not in self.absent
+        self._needs_fix = is_scan and not self.absent and fix_due(scans, self._settings)
+        self._done = step == 0 or "nav" in self.absent
 
     @property
     def complete(self) -> bool:

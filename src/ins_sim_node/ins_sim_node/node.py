@@ -15,9 +15,10 @@ from ins_sim_node.outputs import Outputs
 from ins_sim_node.pace import Pace
 from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
+from ins_sim_node.successors import Successors, Survival
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
-from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.spin import run_node
@@ -42,8 +43,10 @@ class InsSimNode(GraphNode):
         """Simulate the run and make publishers and subscriptions."""
         self.vehicle = simulate_vehicle(self.scenario, self.settings.run)
         self.rate = self.settings.rate
-        self.step = -1
+        self._survival = Survival(self)
+        self.step = self._survival.step
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
+        self.running = False
         self.begun = time.monotonic()
         """When the first step was published."""
         self._moved = self.begun
@@ -51,9 +54,12 @@ class InsSimNode(GraphNode):
         self._outputs = Outputs(self, self.vehicle)
         self._peers = Peers(self, self.settings.peers)
         self._answers: LockStep | None = None
+        self._successors: Successors | None = None
         if self.settings.lock_step:
             self._diagnostics = self.listen(topics.DIAGNOSTICS, self._peers.hear)
-            self._answers = Answers(self, self._outputs, self._answered).lock_step
+            answers = Answers(self, self._outputs, self._answered)
+            self._answers = answers.lock_step
+            self._successors = Successors(self, answers)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._pace = Pace(self, steady, self._paced)
         self.create_timer(0.05, self._watch, clock=steady)
@@ -62,7 +68,7 @@ class InsSimNode(GraphNode):
         """Take a new rate."""
         if "rate" in values:
             self.rate = float(values["rate"])
-            if self.step >= 0:
+            if self.running:
                 self._set_pace()
 
     def on_activate(self, state: Any) -> Any:
@@ -76,22 +82,16 @@ class InsSimNode(GraphNode):
         if not self.active:
             return
         waited = time.monotonic() - self._moved
-        if self.step < 0:
+        if not self.running:
             self._watch_start(waited)
-        elif (
-            self._answers is not None
-            and not (self.finished or self._answers.complete)
-            and waited > self.settings.reply_timeout
-        ):
-            self.fail(
-                f"no answer to the step at {to_seconds(self._answers.ns):.3f} s within"
-                f" {self.settings.reply_timeout:g} s: {self._answers.missing()}"
-            )
+        elif self._successors is not None and not self.finished:
+            self._successors.watch(waited)
 
     def _say_arrived(self) -> None:
         if self._pace_ended:
             return
         self._pace_ended = True
+        self._survival.forget()
         figures = self._outputs.progress(
             from_seconds(self.vehicle.trajectory.time[-1]), time.monotonic() - self.begun
         )
@@ -118,14 +118,21 @@ class InsSimNode(GraphNode):
         self.begun = self._moved = time.monotonic()
         end = self.vehicle.trajectory.time[-1]
         self.get_logger().info(f"begun: {end:.0f} s to go")
-        if self._answers is not None:
+        if self._successors is not None:
             self.destroy_subscription(self._diagnostics)
-        self._advance()
+            self._successors.begin()
+        self.running = True
+        self.advance()
         self._set_pace()
 
     def _answered(self) -> None:
         if self.rate == 0.0:
-            self._advance()
+            self.advance()
+
+    def resume(self) -> None:
+        """Go on after a step that is not waited for any longer."""
+        if self.rate == 0.0:
+            self.advance()
 
     def _set_pace(self) -> None:
         """Go by the wall clock, or as fast as answers come; without lock-step there are no answers
@@ -140,9 +147,9 @@ class InsSimNode(GraphNode):
 
     def _paced(self) -> None:
         if self._answers is None or self._answers.complete:
-            self._advance()
+            self.advance()
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
         """Publish the next step, or end."""
         if self.finished or not self.active:
             return
@@ -153,6 +160,7 @@ class InsSimNode(GraphNode):
             self.finished = self.settings.exit_at_end
             return
         self.step += 1
+        self._survival.keep(self.step)
         self._moved = time.monotonic()
         ns = from_seconds(self.vehicle.trajectory.time[self.step])
         if self._answers is not None:

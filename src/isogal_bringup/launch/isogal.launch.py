@@ -1,75 +1,58 @@
 """The graph: simulated vehicle, gravimeter, map matching, filter, and a recorder.
 
 ros2 launch isogal_bringup isogal.launch.py rate:=0.0 params:=my.yaml recorder:=false
+
+All arguments are checked before a node starts. Without respawn the end of any node ends the
+launch; with it, a node that dies is started again and goes on from its checkpoint, and the launch
+ends when the simulated vehicle has arrived.
 """
 
 from datetime import datetime
 
-from launch.actions import DeclareLaunchArgument, Shutdown
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from isogal_ros.graph.launching import DESCRIBED, Launched, check
 from launch import LaunchDescription
+
+RESPAWN_DELAY = 1.0
 
 
 def generate_launch_description() -> LaunchDescription:
-    return LaunchDescription([*arguments(), *nodes()])
-
-
-def arguments() -> list[DeclareLaunchArgument]:
     params = PathJoinSubstitution([FindPackageShare("isogal_bringup"), "params", "isogal.yaml"])
-    bag = f"isogal_{datetime.now():%Y-%m-%d_%H-%M-%S}"
-    described = {
-        "params": (params, "parameter file (YAML) for all nodes"),
-        "rate": ("1.0", "simulated seconds per second; 0.0 = as fast as the graph can"),
-        "run": ("0", "index of the run: which random numbers of the seed"),
-        "recorder": ("true", "whether everything is recorded"),
-        "bag": (bag, "folder of the recording"),
-    }
-    return [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in described.items()
+    defaults = {"params": params, "bag": f"isogal_{datetime.now():%Y-%m-%d_%H-%M-%S}"}
+    arguments = [
+        DeclareLaunchArgument(
+            name, default_value=defaults.get(name, default), description=description
+        )
+        for name, (default, description) in DESCRIBED.items()
     ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
 
 
-def nodes() -> list[Node]:
-    recorder = LaunchConfiguration("recorder")
-    run = {"run": value_of("run", int)}
-    # how many recorders each node waits for before it calls itself ready
-    recorders = PythonExpression(["int('", recorder, "'.lower() in ('true', '1'))"])
-    common = run | {"recorders": ParameterValue(recorders, value_type=int)}
-    return [
-        node(
-            "isogal_recorder",
-            run | {"bag": value_of("bag", str)},
-            package="isogal_ros",
-            condition=IfCondition(recorder),
-        ),
-        node("ukf_fusion_node", common),
-        node("pmht_mm_node", common),
-        node("gravimeter_node", common),
-        node(
-            "ins_sim_node",
-            common | {"rate": value_of("rate", float)},
-            on_exit=Shutdown(reason="the simulated vehicle has arrived"),
-        ),
-    ]
+def nodes(context: object) -> list:
+    """Check the arguments, then return the nodes."""
+    launched = check({name: LaunchConfiguration(name).perform(context) for name in DESCRIBED})
+    return [node(name, launched) for name in launched.names]
 
 
-def node(name: str, own: dict, package: str | None = None, **more: object) -> Node:
+def node(name: str, launched: Launched) -> Node:
     """A node with the parameters of the file and its own, which count where both say something."""
+
+    def ended(event: object, context: object) -> Shutdown | None:
+        reason = launched.ends_all(name, event.returncode)
+        return Shutdown(reason=reason) if reason else None
+
     return Node(
-        package=package or name,
+        package=launched.package(name),
         executable=name,
         name=name,
-        parameters=[LaunchConfiguration("params"), own],
+        parameters=[launched.params, launched.own(name)],
+        additional_env=launched.environment,
         output="screen",
-        **more,
+        respawn=launched.respawn,
+        respawn_delay=RESPAWN_DELAY,
+        on_exit=ended,
     )
-
-
-def value_of(argument: str, kind: type) -> ParameterValue:
-    return ParameterValue(LaunchConfiguration(argument), value_type=kind)

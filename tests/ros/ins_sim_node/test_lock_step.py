@@ -62,3 +62,21 @@ def test_retrodiction_has_as_many_answers_as_fixes(step) -> None:
     assert not step.nav(30 * S)
     assert not step.nav(30 * S)
     assert step.nav(30 * S)
+
+
+def test_a_step_may_be_let_go(step) -> None:
+    step.begin(30, 30 * S)
+    assert not step.complete
+    step.forget()
+    assert step.complete
+    assert not step.nav(30 * S)  # an answer that comes after all
+
+
+def test_what_nobody_gives_is_not_waited_for(step) -> None:
+    step.absent = {"fix"}
+    step.begin(30, 30 * S)  # the end of a batch
+    step.nav(30 * S)
+    assert step.reading(30 * S)
+    step.absent = {"nav"}
+    step.begin(31, 31 * S)
+    assert step.complete

@@ -1,97 +1,139 @@
 """The launch file, run with stand-ins for the launch packages, which the wheels do not have."""
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-from typing import Any
-
 import pytest
 import yaml
 
+from helpers.launching import BRINGUP, Launch
+from helpers.small_graph import ENOUGH
+from isogal.errors import InputError
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import CLASSES, node_class
-
-BRINGUP = Path(__file__).resolve().parents[3] / "src" / "isogal_bringup"
-
-
-class Recorded:
-    """Keeps what it was called with."""
-
-    def __init__(self, *arguments: Any, **keys: Any) -> None:
-        self.arguments, self.keys = arguments, keys
+from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
+from isogal_ros.parameters.values import parameter_file
 
 
 @pytest.fixture
-def description(monkeypatch):
-    made: dict[str, list[Recorded]] = {}
+def launch(monkeypatch, tmp_path):
+    """Launches the file with arguments; ends what is left."""
+    started = []
 
-    def stand_in(name: str) -> type:
-        class Made(Recorded):
-            def __init__(self, *arguments: Any, **keys: Any) -> None:
-                super().__init__(*arguments, **keys)
-                made.setdefault(name, []).append(self)
+    def go(**arguments: str) -> Launch:
+        made = Launch(BRINGUP / "launch" / "isogal.launch.py", arguments, tmp_path, monkeypatch)
+        started.append(made)
+        return made
 
-        return Made
-
-    modules = {
-        "launch": ["LaunchDescription"],
-        "launch.actions": ["DeclareLaunchArgument", "Shutdown"],
-        "launch.conditions": ["IfCondition"],
-        "launch.substitutions": [
-            "LaunchConfiguration",
-            "PathJoinSubstitution",
-            "PythonExpression",
-        ],
-        "launch_ros": [],
-        "launch_ros.actions": ["Node"],
-        "launch_ros.parameter_descriptions": ["ParameterValue"],
-        "launch_ros.substitutions": ["FindPackageShare"],
-    }
-    for name, classes in modules.items():
-        module = ModuleType(name)
-        for item in classes:
-            setattr(module, item, stand_in(item))
-        monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location(
-        "launched", BRINGUP / "launch" / "isogal.launch.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    module.generate_launch_description()
-    return made
+    before = shared_memory()
+    yield go
+    for made in started:
+        made.kill()
+    sweep_shared_memory(before)
 
 
-def test_every_node_is_started_with_parameters_it_knows(description) -> None:
-    nodes = {node.keys["executable"]: node.keys for node in description["Node"]}
-    assert set(nodes) == set(CLASSES)
-    for name, keys in nodes.items():
+@pytest.fixture
+def params(scenario, tmp_path) -> str:
+    """A parameter file of two minutes."""
+    path = tmp_path / "params.yaml"
+    path.write_text(parameter_file(scenario("route.duration=190.0"), {}))
+    return str(path)
+
+
+def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> None:
+    made = launch(bag=str(tmp_path / "bag"))
+    made.describe()
+    assert set(made.nodes) == set(CLASSES)
+    for name, keys in made.nodes.items():
         assert keys["package"] == ("isogal_ros" if name == RECORDER else name)
-        assert keys["name"] == name
+        assert keys["executable"] == name
         known = node_class(name).settings_model.model_fields
-        for entry in keys["parameters"]:
-            if isinstance(entry, dict):
-                assert set(entry) <= set(known), name
-    assert nodes["ins_sim_node"]["on_exit"].keys["reason"]
+        file, own = keys["parameters"]
+        assert file == str(BRINGUP / "params" / "isogal.yaml")
+        assert set(own) <= set(known), name
+        assert keys["respawn"] is False
+    assert all(text for _, text in made.declared.values())
 
 
-def test_arguments(description) -> None:
-    names = {
-        argument.arguments[0]: argument.keys for argument in description["DeclareLaunchArgument"]
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"rate": "abc"}, "rate: must be a number, not 'abc'"),
+        ({"rate": "-1.0"}, "rate: must be from"),
+        ({"rate": "nan"}, "rate: must be from"),
+        ({"run": "1.5"}, "run: must be a number"),
+        ({"run": "-1"}, "run: must be 0 or more"),
+        ({"recorder": "maybe"}, "recorder: must be true or false"),
+        ({"respawn": "2"}, "respawn: must be true or false"),
+        ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
+        ({"bag": "EXISTS"}, "there is something already"),
+        ({"params": "BROKEN"}, "not YAML"),
+        ({"params": "UNKNOWN"}, "did you mean 'route.speed'"),
+        ({"params": "LIST"}, "must map names of nodes"),
+    ],
+)
+def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, words) -> None:
+    """`rate:=abc` once left four orphans, a missing file the default scenario."""
+    (tmp_path / "EXISTS").mkdir()
+    (tmp_path / "BROKEN").write_text("a: [")
+    (tmp_path / "LIST").write_text("[1, 2]")
+    document = {"/**": {"ros__parameters": {"route": {"sped": 3.0}}}}
+    (tmp_path / "UNKNOWN").write_text(yaml.safe_dump(document))
+    given = {
+        key: str(tmp_path / text) if text.isupper() else text for key, text in arguments.items()
     }
-    assert set(names) == {"params", "rate", "run", "recorder", "bag"}
-    assert all(keys["description"] for keys in names.values())
-    used = {item.arguments[0] for item in description["LaunchConfiguration"]}
-    assert used == set(names)
-    (default,) = description["PathJoinSubstitution"]
-    assert (BRINGUP / default.arguments[0][1] / default.arguments[0][2]).exists()
+    made = launch(**{"bag": str(tmp_path / "bag")} | given)
+    with pytest.raises(InputError, match=words):
+        made.describe()
+    assert made.nodes == {}
+
+
+@pytest.mark.slow
+def test_it_ends_when_the_vehicle_has_arrived(launch, params, tmp_path) -> None:
+    made = launch(params=params, rate="0.0", bag=str(tmp_path / "bag"))
+    made.run()
+    assert made.reason == "the simulated vehicle has arrived"
+    assert set(made.codes.values()) == {0}, made.output()
+    assert "Traceback" not in made.output()
+    for words in ("ready", "begun", "fix", "arrived"):
+        assert words in made.output()
+    reader = BagReader(tmp_path / "bag")
+    assert sum(1 for _ in reader.messages()) > ENOUGH
+    assert reader.cut is None
+
+
+@pytest.mark.slow
+def test_a_node_that_is_killed_ends_all(launch, params, tmp_path) -> None:
+    made = launch(params=params, rate="5.0", bag=str(tmp_path / "bag"))
+    made.run(when="begun", kill=[topics.PMHT_MM])
+    assert made.reason == "pmht_mm_node has ended with code -9"
+    codes = made.codes
+    assert codes.pop(topics.PMHT_MM) == -9
+    assert set(codes.values()) == {0}, made.output()
+
+
+@pytest.mark.slow
+def test_with_respawn_killed_nodes_go_on(launch, params, tmp_path) -> None:
+    made = launch(params=params, rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
+    names = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
+    made.run(when="fix with", kill=names)
+    assert made.reason == "the simulated vehicle has arrived", made.output()
+    assert made.respawned == dict.fromkeys(names, 1)
+    assert set(made.codes.values()) == {0}, made.output()
+    output = made.output()
+    assert "Traceback" not in output
+    assert "goes on from the checkpoint" in output
+    reader = BagReader(tmp_path / "bag")
+    assert len(reader.files) == 2
+    collected = Collector(reader.scenario())
+    collected.take_bag(reader)
+    assert reader.cut is None
+    assert len(collected.last_nav) > 100
 
 
 def test_viewer_layouts_show_topics_that_exist() -> None:
     import json
     import re
-
-    from isogal_ros import topics
 
     known = {"/" + topic.name.lstrip("/") for topic in topics.ALL}
     layout = (BRINGUP / "viewer" / "foxglove.json").read_text()

@@ -50,6 +50,12 @@ def run(
             help="Simulated seconds per second; 0 = as fast as possible.",
         ),
     ] = 0.0,
+    respawn: Annotated[
+        bool,
+        typer.Option(
+            "--respawn", help="Start a node that was killed again, from its checkpoint in --out."
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Simulate a scenario with the navigator in the loop: four nodes and a recorder over DDS.
@@ -60,7 +66,13 @@ def run(
     from isogal_ros.graph.commands import run_command
 
     settings = chosen.load()
-    raise typer.Exit(run_command(settings, out, bag, in_process=in_process, rate=rate, json=json))
+    if respawn and in_process:
+        raise InputError("--respawn: nodes in one process cannot be started again one by one")
+    raise typer.Exit(
+        run_command(
+            settings, out, bag, in_process=in_process, rate=rate, respawn=respawn, json=json
+        )
+    )
 
 
 def replay(

@@ -1,7 +1,9 @@
 """``metadata.yaml`` of a bag, as rosbag2 writes it (version 9)."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -48,6 +50,8 @@ class Contents:
     """Earliest log time, ns."""
     last: int = 0
     """Latest log time, ns."""
+    earlier: list[dict[str, Any]] = field(default_factory=list)
+    """Entries of the bag's files before this one, as ``metadata.yaml`` has them."""
 
     def count(self, topic: RecordedTopic, log_ns: int) -> None:
         """Count a message."""
@@ -80,15 +84,34 @@ class Contents:
             "version": 9,
             "storage_identifier": "mcap",
             **span,
-            "message_count": self.messages,
+            "message_count": self.messages + sum(entry["message_count"] for entry in self.earlier),
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [self.file],
-            "files": [{"path": self.file, **span, "message_count": self.messages}],
+            "relative_file_paths": [*(entry["path"] for entry in self.earlier), self.file],
+            "files": [
+                *self.earlier,
+                {"path": self.file, **span, "message_count": self.messages},
+            ],
             "custom_data": None,
             "ros_distro": "jazzy",
         }
+
+
+def earlier_files(folder: Path, files: Sequence[Path]) -> list[dict[str, Any]]:
+    """Return the entries of files that ``metadata.yaml`` in a folder has; of others what there is
+    to say without reading them."""
+    known: dict[str, dict[str, Any]] = {}
+    with suppress(OSError, yaml.YAMLError, KeyError, TypeError):
+        document = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))
+        for entry in document["rosbag2_bagfile_information"]["files"]:
+            known[entry["path"]] = entry
+    nothing = {
+        "starting_time": {"nanoseconds_since_epoch": 0},
+        "duration": {"nanoseconds": 0},
+        "message_count": 0,
+    }
+    return [known.get(file.name, {"path": file.name, **nothing}) for file in files]
 
 
 def qos_entries(profiles: Sequence[Any]) -> list[dict[str, Any]]:

@@ -11,6 +11,8 @@ import yaml
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario, validate_scenario
+from isogal_ros.bags.compressed import opened
+from isogal_ros.bags.parts import SUFFIXES, numbered, parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class BagReader:
 
     def __post_init__(self) -> None:
         self.path = Path(self.path)
-        self.file = _find_file(self.path)
+        self.files = _find_files(self.path)
         self._read_texts()
 
     def scenario(self) -> Scenario | None:
@@ -53,13 +55,19 @@ class BagReader:
         return validate_scenario(yaml.safe_load(self.texts["scenario"]), f"{self.path}: scenario")
 
     def messages(self) -> Iterator[Recorded]:
-        """Yield the messages in the order they were written, up to the end or the cut."""
+        """Yield the messages in the order they were written, up to the end or the cut; of a bag
+        in several files each up to its own."""
+        for file in self.files:
+            self.cut = None
+            yield from self._messages_of(file)
+
+    def _messages_of(self, file: Path) -> Iterator[Recorded]:
         from mcap.records import Channel, Chunk, Message, Schema
         from mcap.stream_reader import StreamReader, breakup_chunk
 
         channels: dict[int, str] = {}
         schemas: dict[int, str] = {}
-        with self.file.open("rb") as stream, self._up_to_damage(stream):
+        with opened(file) as stream, self._up_to_damage(file, stream):
             for record in StreamReader(stream, emit_chunks=True).records:
                 is_chunk = isinstance(record, Chunk)
                 for item in breakup_chunk(record, validate_crc=True) if is_chunk else (record,):
@@ -76,7 +84,8 @@ class BagReader:
         from mcap.records import Chunk, Message, Metadata
         from mcap.stream_reader import StreamReader
 
-        with self.file.open("rb") as stream, self._up_to_damage(stream):
+        file = self.files[0]
+        with opened(file) as stream, self._up_to_damage(file, stream):
             for record in StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Metadata) and record.name == "isogal":
                     self.texts.update(record.metadata)
@@ -84,7 +93,7 @@ class BagReader:
                     return
 
     @contextmanager
-    def _up_to_damage(self, stream: BinaryIO) -> Iterator[None]:
+    def _up_to_damage(self, file: Path, stream: BinaryIO) -> Iterator[None]:
         """End the reading where the file is cut off or damaged, and say so in `cut`; raises
         InputError where it is no MCAP file."""
         from mcap.exceptions import InvalidMagic, McapError
@@ -101,8 +110,8 @@ class BagReader:
             OSError,
         ) as error:
             if _is_empty(stream) or (isinstance(error, InvalidMagic) and not self.types):
-                raise InputError(f"{self.file}: not an MCAP file") from None
-            size, kind = self.file.stat().st_size, type(error).__name__
+                raise InputError(f"{file}: not an MCAP file") from None
+            size, kind = file.stat().st_size, type(error).__name__
             self.cut = f"the file ends early, at byte {size} ({kind})"
         except Exception as error:
             if type(error).__name__ != "ZstdError":  # of a package that only mcap depends on
@@ -115,17 +124,17 @@ def _is_empty(stream: BinaryIO) -> bool:
     return stream.tell() < 8
 
 
-def _find_file(path: Path) -> Path:
+def _find_files(path: Path) -> list[Path]:
     if not path.exists():
         raise InputError(f"{path}: no such bag")
     if path.is_file():
-        if path.suffix != ".mcap":
+        if not path.name.endswith(SUFFIXES):
             raise InputError(
                 f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in"
-                " .mcap"
+                " .mcap or .mcap.zstd"
             )
-        return path
-    files = sorted(path.glob("*.mcap"))
+        return [path]
+    files = parts(path)
     if not files:
         others = sorted(entry.name for entry in path.glob("*.db3"))
         hint = (
@@ -134,12 +143,12 @@ def _find_file(path: Path) -> Path:
             else ""
         )
         raise InputError(f"{path}: no MCAP file in this folder{hint}")
-    if len(files) > 1:
+    if len(files) > 1 and not numbered(files):
         raise InputError(
-            f"{path}: {len(files)} MCAP files; give one of them:"
+            f"{path}: {len(files)} MCAP files that are not parts of one bag; give one of them:"
             f" {', '.join(file.name for file in files[:3])}"
         )
-    return files[0]
+    return files
 
 
 def topic_of(recorded: str, name: str) -> bool:

@@ -29,6 +29,9 @@ class RecorderSettings(NodeSettings):
 
     bag: str = Field("bag", min_length=1, description="folder of the bag")
     replace: bool = Field(False, description="delete an earlier bag in that folder")
+    resume: bool = Field(
+        False, description="go on in a further file where there is a bag of this run already"
+    )
     compress: bool = Field(True, description="zstd")
 
 
@@ -50,7 +53,11 @@ class RecorderNode(GraphNode):
             "run": str(self.settings.run),
         }
         self.writer = BagWriter(
-            Path(self.settings.bag), texts, self.settings.replace, self.settings.compress
+            Path(self.settings.bag),
+            texts,
+            self.settings.replace,
+            self.settings.compress,
+            self.settings.resume,
         )
         self.get_logger().info(f"records into {self.writer.path}")
         self._now = 0

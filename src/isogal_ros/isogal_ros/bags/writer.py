@@ -13,7 +13,8 @@ from typing import Any
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal_ros.bags.definitions import schema_text
-from isogal_ros.bags.metadata import Contents, RecordedTopic, yaml_text
+from isogal_ros.bags.metadata import Contents, RecordedTopic, earlier_files, yaml_text
+from isogal_ros.bags.parts import parts
 
 CHUNK = 128 * 1024
 """Bytes, uncompressed: about 40 s of the graph at 1 Hz."""
@@ -35,6 +36,9 @@ class BagWriter:
         Whether an earlier bag in the folder is deleted.
     compress : bool
         Whether chunks are compressed (zstd).
+    resume : bool
+        Whether a bag in the folder goes on with a further file, as the parts of a bag that was
+        split; `replace` then does not count.
 
     Raises
     ------
@@ -46,13 +50,16 @@ class BagWriter:
     texts: dict[str, str] = field(default_factory=dict)
     replace: bool = False
     compress: bool = True
+    resume: bool = False
 
     def __post_init__(self) -> None:
         from mcap.writer import CompressionType, Writer
 
-        prepare_folder(self.folder, self.replace)
-        self.path = self.folder / f"{self.folder.resolve().name}_0.mcap"
-        self._contents = Contents(self.path.name)
+        earlier = parts(self.folder) if self.resume else []
+        if not earlier:
+            prepare_folder(self.folder, self.replace)
+        self.path = self.folder / f"{self.folder.resolve().name}_{len(earlier)}.mcap"
+        self._contents = Contents(self.path.name, earlier=earlier_files(self.folder, earlier))
         self._schemas: dict[str, int] = {}
         self._stream = _Stream(self.path)
         compression = CompressionType.ZSTD if self.compress else CompressionType.NONE

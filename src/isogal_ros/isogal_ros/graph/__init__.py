@@ -6,6 +6,7 @@ plan           which nodes, with which parameters, and how did it end?
 progress       how far is it?
 in_process     how does it run in one process?
 processes      how does it run as one process for each node?
+launching      what does the launch file do with its arguments?
 replay         how is a recording fed to fresh nodes?
 comparison     how do a replay's fixes differ from the recorded ones?
 evaluation     how good was the navigator?

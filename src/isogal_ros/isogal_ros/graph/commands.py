@@ -13,7 +13,14 @@ FAILED, INTERRUPTED = 1, 130
 
 
 def run_command(
-    scenario: Scenario, out: Path, bag: Path | None, *, in_process: bool, rate: float, json: bool
+    scenario: Scenario,
+    out: Path,
+    bag: Path | None,
+    *,
+    in_process: bool,
+    rate: float,
+    respawn: bool,
+    json: bool,
 ) -> int:
     """Run the graph and print its summary; return the exit status.
 
@@ -24,7 +31,9 @@ def run_command(
     """
     console = Console()
     try:
-        result = run_session(scenario, out, bag, in_process=in_process, rate=rate, to=console)
+        result = run_session(
+            scenario, out, bag, in_process=in_process, rate=rate, to=console, respawn=respawn
+        )
     except GraphError as error:
         console.say(f"isogal: {error}")
         return FAILED

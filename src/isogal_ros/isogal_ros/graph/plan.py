@@ -34,6 +34,9 @@ class Plan:
     lock_step: bool = True
     """Whether a step waits for the graph's answers; without, nodes work as they would with real
     sensors."""
+    checkpoint: Path | None = None
+    """Folder of checkpoints; a node that dies is then started again. None = its end is the
+    run's."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,9 +49,13 @@ class Plan:
         if name == topics.INS_SIM:
             values |= {"rate": float(self.rate), "lock_step": self.lock_step}
         if name == RECORDER:
+            if self.checkpoint is not None:
+                values |= {"resume": True}
             # it ends last, and must have all of what the others have published
             values |= {"closing_time": 20.0}
             values |= {"bag": str(self.bag), "replace": True}
+        if self.checkpoint is not None:
+            values |= {"checkpoint": str(self.checkpoint)}
         return values
 
     def values(self, name: str) -> dict[str, Any]:

@@ -28,6 +28,10 @@ from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
+RESPAWN_DELAY = 1.0
+"""s after which a node that was killed is started again."""
+MOST_RESTARTS = 100
+"""Of one node in one run."""
 LOG_LINES = 5
 """Last lines of a node's output that its end is described with."""
 
@@ -56,15 +60,19 @@ class Processes:
         for name, value in DEFAULTS.items():
             environment.setdefault(name, value)
         one_thread(environment)
+        self._environment, self._respawns = environment, plan.checkpoint is not None
+        self._again: dict[str, float] = {}
+        self.restarts: dict[str, int] = {}
+        """How often each node was started again."""
         for name in plan.names:
-            self.running[name] = self._start(name, environment)
+            self.running[name] = self._start(name)
 
-    def _start(self, name: str, environment: dict[str, str]) -> "subprocess.Popen[bytes]":
+    def _start(self, name: str) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-m", CLASSES[name][0], "--ros-args"]
         command += ["--remap", f"__node:={name}", "--params-file", str(self.parameters)]
         # without log files of its own: what a node logs is in its output
         command += ["--disable-external-lib-logs"]
-        with self.log(name).open("wb") as log:
+        with self.log(name).open("ab" if name in self.restarts else "wb") as log:
             # a session of its own: Ctrl-C in the terminal reaches this process only, which ends
             # the others in order
             return subprocess.Popen(
@@ -72,7 +80,7 @@ class Processes:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                env=environment,
+                env=self._environment,
                 start_new_session=True,
             )
 
@@ -90,9 +98,23 @@ class Processes:
         an error."""
         ended = self.ended()
         for name, code in ended.items():
-            if name != topics.INS_SIM or code != 0:
+            if name == topics.INS_SIM and code == 0:
+                return True
+            if not self._start_again(name, code):
                 raise GraphError(self.describe(name, code))
-        return topics.INS_SIM in ended
+        return False
+
+    def _start_again(self, name: str, code: int) -> bool:
+        """Start a node that was killed once more, after a while; return whether there is hope: a
+        node that says that it failed would fail again."""
+        if not self._respawns or code >= 0 or self.restarts.get(name, 0) >= MOST_RESTARTS:
+            return False
+        now = time.monotonic()
+        if now >= self._again.setdefault(name, now + RESPAWN_DELAY):
+            del self._again[name]
+            self.restarts[name] = self.restarts.get(name, 0) + 1
+            self.running[name] = self._start(name)
+        return True
 
     def describe(self, name: str, code: int) -> str:
         """Say in one line how a node ended, with its last words."""

@@ -39,7 +39,14 @@ class RunResult:
 
 
 def run_session(
-    scenario: Scenario, out: Path, bag: Path | None, *, in_process: bool, rate: float, to: Console
+    scenario: Scenario,
+    out: Path,
+    bag: Path | None,
+    *,
+    in_process: bool,
+    rate: float,
+    to: Console,
+    respawn: bool = False,
 ) -> RunResult:
     """Run the graph, then evaluate its recording.
 
@@ -53,6 +60,9 @@ def run_session(
         Simulated seconds per second; 0 = as fast as the graph can.
     to : Console
         Is told how far it is.
+    respawn : bool
+        Whether nodes that were killed are started again, from checkpoints in `out`; of processes
+        only.
 
     Raises
     ------
@@ -71,7 +81,8 @@ def run_session(
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)
-    plan = Plan(scenario, folder, rate=rate)
+    checkpoint = fresh_checkpoints(out / "checkpoint") if respawn and not in_process else None
+    plan = Plan(scenario, folder, rate=rate, checkpoint=checkpoint)
     begun = time.monotonic()
     with interrupts() as interrupt, to.progress() as report:
         if in_process:
@@ -111,6 +122,14 @@ def replay_session(bag: Path, out: Path | None, to: Console) -> tuple[Replay, Su
     return result, evaluate(
         result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds
     )
+
+
+def fresh_checkpoints(folder: Path) -> Path:
+    """Return a folder for checkpoints that holds none."""
+    make_folder(folder)
+    for file in folder.glob("*.checkpoint"):
+        file.unlink()
+    return folder
 
 
 def make_folder(folder: Path) -> None:

@@ -1,0 +1,162 @@
+"""What the launch file does with its arguments: checks them before any node starts, and says which
+node gets which parameters and whose end ends all.
+
+No launch here: the launch file (`isogal_bringup`) turns this into its actions."""
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import DEFAULTS
+from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.values import scenario_from
+
+DESCRIBED = {
+    "params": ("", "parameter file (YAML) for all nodes"),
+    "rate": ("1.0", "simulated seconds per second; 0.0 = as fast as the graph can"),
+    "run": ("0", "index of the run: which random numbers of the seed"),
+    "recorder": ("true", "whether everything is recorded"),
+    "bag": ("", "folder of the recording; must not exist"),
+    "respawn": ("false", "whether a node that dies is started again, from its checkpoint"),
+    "checkpoint": ("", "folder of the checkpoints; empty = a new one, where nodes respawn"),
+}
+"""Arguments of the launch file: default and description."""
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+
+
+@dataclass(frozen=True)
+class Launched:
+    """Arguments that can be used."""
+
+    params: str
+    rate: float
+    run: int
+    bag: str | None
+    """None = nothing is recorded."""
+    respawn: bool
+    checkpoint: str
+    """Empty = none."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The nodes, the recorder first, so that it hears everything."""
+        return topics.NODES if self.bag is None else (RECORDER, *topics.NODES)
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What the nodes' environment has where the user has not said otherwise."""
+        return {name: value for name, value in DEFAULTS.items() if name not in os.environ}
+
+    def package(self, name: str) -> str:
+        """Return the package of a node."""
+        return "isogal_ros" if name == RECORDER else name
+
+    def own(self, name: str) -> dict[str, Any]:
+        """Return a node's own parameters."""
+        values: dict[str, Any] = {"run": self.run, "checkpoint": self.checkpoint}
+        if name == RECORDER:
+            return values | {"bag": self.bag, "resume": self.respawn}
+        if name == topics.INS_SIM:
+            values |= {"rate": self.rate}
+        # how many recorders each node waits for before it calls itself ready
+        return values | {"recorders": int(self.bag is not None)}
+
+    def ends_all(self, name: str, code: int | None) -> str | None:
+        """Return why the end of a node with an exit code ends all; None = it does not."""
+        if name == topics.INS_SIM and code == 0:
+            return "the simulated vehicle has arrived"
+        if self.respawn and code != 2:  # which means that its parameters cannot be used
+            return None
+        return f"{name} has ended with code {code}"
+
+
+def check(values: Mapping[str, str]) -> Launched:
+    """Return the arguments as what they mean.
+
+    Raises
+    ------
+    InputError
+        One cannot be used; the line names it and says what is allowed.
+    """
+    rate = _number("rate", values["rate"], float)
+    if not (math.isfinite(rate) and 0.0 <= rate <= 10000.0):
+        raise InputError(f"rate: must be from 0.0 to 10000.0, not {values['rate']!r}")
+    run = _number("run", values["run"], int)
+    if run < 0:
+        raise InputError(f"run: must be 0 or more, not {values['run']!r}")
+    recorder, respawn = (_boolean(name, values[name]) for name in ("recorder", "respawn"))
+    _check_params(values["params"])
+    if recorder:
+        _check_bag(values["bag"])
+    checkpoint = values["checkpoint"]
+    if respawn and not checkpoint:
+        checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
+    bag = values["bag"] if recorder else None
+    return Launched(values["params"], rate, run, bag, respawn, checkpoint)
+
+
+def _number(name: str, text: str, kind: Any) -> Any:
+    try:
+        return kind(text)
+    except ValueError:
+        raise InputError(f"{name}: must be a number, not {text!r}") from None
+
+
+def _boolean(name: str, text: str) -> bool:
+    value = _BOOLEANS.get(text.lower())
+    if value is None:
+        raise InputError(f"{name}: must be true or false, not {text!r}")
+    return value
+
+
+def _check_params(path: str) -> None:
+    """Raise InputError unless a parameter file is there and its scenario can be used."""
+    try:
+        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"params: {path}: cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"params: {path}: not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(document, dict) or not all(
+        isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
+        for entry in document.values()
+    ):
+        raise InputError(f"params: {path}: must map names of nodes, or /**, to ros__parameters")
+    of_all = document.get("/**", {}).get("ros__parameters", {})
+    known = {spec.name.split(".")[0] for spec in parameter_specs(Scenario)}
+    sections = {key: value for key, value in of_all.items() if key in known}
+    scenario_from(_flat(sections), f"params: {path}")
+
+
+def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
+    values: dict[str, Any] = {}
+    for key, value in document.items():
+        name = prefix + key
+        if isinstance(value, dict):
+            values |= {name: value} if name in specs else _flat(value, f"{name}.")
+        else:
+            spec = specs.get(name)
+            values[name] = value if spec is None else spec.to_field(spec.cast(value))
+    return values
+
+
+def _check_bag(path: str) -> None:
+    folder = Path(path)
+    if not path or folder.exists():
+        raise InputError(f"bag: {path!r}: there is something already; give a new folder")
+    parent = folder.absolute().parent
+    while not parent.exists():
+        parent = parent.parent
+    if not os.access(parent, os.W_OK):
+        raise InputError(f"bag: {path}: {parent} cannot be written")

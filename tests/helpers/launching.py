@@ -1,0 +1,200 @@
+"""Stand-ins for launch and launch_ros, which the wheels do not have: they follow launch 3.4 in
+what the launch file uses (arguments, on_exit, respawn, SIGINT, SIGTERM 5 s later, SIGKILL 5 s
+later)."""
+
+import importlib.util
+import os
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import yaml
+
+from helpers.commands import PATIENCE
+from helpers.processes import end_as_launch_does, is_up, start_node
+
+BRINGUP = Path(__file__).resolve().parents[2] / "src" / "isogal_bringup"
+
+
+class Action:
+    """Keeps what it was called with."""
+
+    def __init__(self, *arguments: Any, **keys: Any) -> None:
+        self.arguments, self.keys = arguments, keys
+
+
+class Description(Action):
+    """A LaunchDescription."""
+
+
+class Argument(Action):
+    """A DeclareLaunchArgument."""
+
+
+class Opaque(Action):
+    """An OpaqueFunction."""
+
+
+class Shutdown(Action):
+    """A Shutdown."""
+
+
+class Share(Action):
+    """FindPackageShare."""
+
+    def perform(self, _context: Any) -> str:
+        """Return the sources' folder."""
+        assert self.arguments == ("isogal_bringup",)
+        return str(BRINGUP)
+
+
+class Joined(Action):
+    """PathJoinSubstitution."""
+
+    def perform(self, context: Any) -> str:
+        """Join them."""
+        words = (w if isinstance(w, str) else w.perform(context) for w in self.arguments[0])
+        return str(Path(*words))
+
+
+class Configuration(Action):
+    """LaunchConfiguration."""
+
+    def perform(self, context: Any) -> str:
+        """Return the argument's value."""
+        return context.values[self.arguments[0]]
+
+
+class NodeAction(Action):
+    """launch_ros's Node."""
+
+
+MODULES = {
+    "launch": {"LaunchDescription": Description},
+    "launch.actions": {
+        "DeclareLaunchArgument": Argument,
+        "OpaqueFunction": Opaque,
+        "Shutdown": Shutdown,
+    },
+    "launch.substitutions": {
+        "LaunchConfiguration": Configuration,
+        "PathJoinSubstitution": Joined,
+    },
+    "launch_ros": {},
+    "launch_ros.actions": {"Node": NodeAction},
+    "launch_ros.substitutions": {"FindPackageShare": Share},
+}
+
+
+@dataclass
+class Launch:
+    """One launch of a file with arguments."""
+
+    file: Path
+    arguments: dict[str, str]
+    folder: Path
+    """For the nodes' output."""
+    patch: Any
+    """Puts the stand-ins where the file imports them from."""
+    declared: dict[str, tuple[Any, str]] = field(default_factory=dict)
+    """Default and description of each argument."""
+    nodes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    running: dict[str, Any] = field(default_factory=dict)
+    codes: dict[str, int] = field(default_factory=dict)
+    respawned: dict[str, int] = field(default_factory=dict)
+    reason: str | None = None
+
+    def describe(self) -> None:
+        """Do what launch does before it starts processes."""
+        for name, classes in MODULES.items():
+            module = ModuleType(name)
+            for attribute, made in classes.items():
+                setattr(module, attribute, made)
+            self.patch.setitem(sys.modules, name, module)
+        spec = importlib.util.spec_from_file_location("launched", self.file)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        entities = module.generate_launch_description().arguments[0]
+        context = SimpleNamespace(values={})
+        for entity in entities:
+            if isinstance(entity, Argument):
+                self._declare(entity, context)
+            else:
+                for node in entity.keys["function"](context):
+                    self.nodes[node.keys["name"]] = node.keys
+        assert set(self.arguments) <= set(self.declared)
+
+    def _declare(self, entity: Argument, context: Any) -> None:
+        (name,), default = entity.arguments, entity.keys["default_value"]
+        self.declared[name] = default, entity.keys["description"]
+        value = default if isinstance(default, str) else default.perform(context)
+        context.values[name] = self.arguments.get(name, value)
+
+    def run(self, when: str = "", kill: list[str] | None = None) -> None:
+        """Run to the end; kill nodes one after the other once the log says a word."""
+        self.describe()
+        for name in self.nodes:
+            self._start(name)
+        kill, again, end = list(kill or ()), {}, time.monotonic() + PATIENCE
+        due = 0.0
+        while self.reason is None:
+            assert time.monotonic() < end, self.output()
+            time.sleep(0.05)
+            if kill and when in self.output() and self._settled() and time.monotonic() > due:
+                self.running[kill.pop(0)].kill()
+                due = time.monotonic() + 2.5
+            self._look(again)
+        names = list(self.running)
+        ended = end_as_launch_does([self.running[name] for name in names])
+        self.codes |= dict(zip(names, ended, strict=True))
+
+    def _settled(self) -> bool:
+        return all(process.poll() is None and is_up(process) for process in self.running.values())
+
+    def _look(self, again: dict[str, float]) -> None:
+        """Deal with processes that have ended."""
+        for name, process in self.running.items():
+            code = process.poll()
+            if code is None:
+                continue
+            if name not in again:
+                shutdown = self.nodes[name]["on_exit"](SimpleNamespace(returncode=code), None)
+                if shutdown is not None:
+                    self.reason = self.reason or shutdown.keys["reason"]
+                again[name] = time.monotonic() + self.nodes[name]["respawn_delay"]
+            if (
+                self.reason is None
+                and self.nodes[name]["respawn"]
+                and time.monotonic() > again[name]
+            ):
+                del again[name]
+                self.respawned[name] = self.respawned.get(name, 0) + 1
+                self._start(name)
+
+    def _start(self, name: str) -> None:
+        keys = self.nodes[name]
+        file, own = keys["parameters"]
+        own_file = self.folder / f"{name}.yaml"
+        own_file.write_text(yaml.safe_dump({"/**": {"ros__parameters": own}}))
+        for variable, value in keys["additional_env"].items():
+            self.patch.setenv(variable, value)
+        self.running[name] = start_node(
+            keys["executable"],
+            log=self.folder / f"{name}.log",
+            files=(file, str(own_file)),
+        )
+
+    def output(self) -> str:
+        """What all nodes have said."""
+        logs = (self.folder / f"{name}.log" for name in self.nodes)
+        return "".join(log.read_text() for log in logs if log.exists())
+
+    def kill(self) -> None:
+        """End what is left."""
+        for process in self.running.values():
+            if process.poll() is None:
+                os.kill(process.pid, 9)
+            process.wait()
