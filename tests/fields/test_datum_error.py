@@ -21,7 +21,12 @@ RUNS = range(400)
 def scenario(**keys) -> Scenario:
     route = {"start": np.degrees(ORIGIN).tolist(), "end": [-36.4, 147.2], "duration": 600.0}
     return validate_scenario(
-        {"route": route, "gravimeter": {"sigma": 1e-9, "quantity": "disturbance"}} | keys
+        {
+            "route": route,
+            "gravimeter": {"sigma": 1e-9, "quantity": "disturbance"},
+            "gravity": {"field": "normal"},
+        }
+        | keys
     )
 
 

@@ -15,7 +15,7 @@ from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate, simulate_unaided
-from isogal.scenario import Gravimeter, InitialError, MapError, Matcher, Scenario
+from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 
@@ -27,6 +27,7 @@ def scenario(duration=600.0, **matcher) -> Scenario:
         route=ROUTE.model_copy(update={"duration": duration}),
         initial_error=InitialError(position=300.0),
         gravimeter=Gravimeter(quantity="disturbance"),
+        gravity=Gravity(field="normal"),  # the map is made up
         map_error=MapError(sigma=1e-5),
         matcher=Matcher(**({"batch_length": 15, "map_sigma": 1e-5} | matcher)),
     )
@@ -287,3 +288,20 @@ def test_a_map_that_does_not_cover_the_route():
     small = field_map_of(wavy, half=3e3)
     with pytest.raises(InputError, match="does not cover the route"):
         simulate(scenario(), [0], small)
+
+
+def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
+    """The map's vector acts on the IMU, and its compensation takes it off again."""
+    errors = {}
+    for name, gravity in (
+        ("normal", {"field": "normal"}),
+        ("compensated", {"field": "map"}),
+        ("felt", {"field": "map", "compensation": "none"}),
+    ):
+        it = scenario(duration=300.0).model_copy(update={"gravity": Gravity(**gravity)})
+        runs = simulate(it, [0], MAP)
+        errors[name] = runs.unaided_error[0, -1]
+        assert runs.covariance.shape == (1, 31, 2, 2)
+    off = {name: np.linalg.norm(error - errors["normal"]) for name, error in errors.items()}
+    assert off["felt"] > 1.0
+    assert off["compensated"] < 0.1 * off["felt"]

@@ -98,12 +98,19 @@ def _predict(
     """Predict over one interval; return the nominal state at its end, which filterpy's x is
     relative to then."""
     correlation, power = _ageing(assumptions.auxiliary, state.velocity, assumptions.dt)
-    centre = _after(state, force, rate, correlation, assumptions)
+    known = horizontal_gravity(assumptions.compensation, state.position)
+    slope = np.reshape(known[2:], (2, 2))  # of the map, at the nominal place for all points
+
+    def after(of: Nominal, error: Array) -> Nominal:
+        gravity = np.array([*(known[:2] + slope @ error[:2]), 0.0])
+        return _after(of, force, rate, gravity, correlation, assumptions)
+
+    centre = after(state, np.zeros(2))
 
     def process(error: Array, dt: float) -> Array:
         moved = Nominal(*(array.copy() for array in state))
         move(moved, error)
-        return _difference(_after(moved, force, rate, correlation, assumptions), centre)
+        return _difference(after(moved, error), centre)
 
     axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.x = np.zeros(len(unscented.P))
@@ -124,18 +131,22 @@ def _ageing(auxiliary: Auxiliary, velocity: Array, dt: float) -> tuple[Array, Ar
 
 
 def _after(
-    state: Nominal, force: Array, rate: Array, correlation: Array, assumptions: Assumptions
+    state: Nominal,
+    force: Array,
+    rate: Array,
+    gravity: Array,
+    correlation: Array,
+    assumptions: Assumptions,
 ) -> Nominal:
     """Return the state after one interval of the strapdown."""
     total = np.zeros(9)
     for j, value in enumerate(state.auxiliary):
         add_input(assumptions.auxiliary, j, value, force, rate, total)
-    known = horizontal_gravity(assumptions.compensation, state.position)
-    gravity = tuple((np.array([known[0], known[1], 0.0]) + total[:3]).tolist())
+    beside = tuple((gravity + total[:3]).tolist())
     felt = tuple((force - state.accelerometer_bias - total[3:6]).tolist())
     turned = tuple((rate - state.gyroscope_bias - total[6:]).tolist())
     start = (tuple(array.tolist()) for array in state[:3])
-    after = step(*start, felt, turned, gravity, assumptions.dt)
+    after = step(*start, felt, turned, beside, assumptions.dt)
     position, velocity, attitude = (np.array(part) for part in after)
     biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
     return Nominal(position, velocity, attitude, *biases, correlation * state.auxiliary)
