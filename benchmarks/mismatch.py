@@ -1,0 +1,271 @@
+"""What it costs that the world differs from what is assumed, row by row, untold and told.
+
+    python benchmarks/mismatch.py --data DIR [--out DIR] [--rows TEXT ...] [--runs 24]
+        [--told-runs 100] [--map-errors 3e-5 0] [--workers 2] [--page docs/mismatch.md]
+
+DIR of `--data` holds `se_australia_gravity.nc` and `kalgoorlie_gravity_magnetic.nc`. A row is a
+closed loop of so many runs of 3.6 h with `matcher.stride=5`: `untold` with filter and matcher as
+for the base, `told` with the truth for their settings. Ratio is RMS error over the RMS bound of
+that world, both over the time after the first hour. Finished parts are kept in `--out` and not
+computed again; after a change of the library, begin with an empty folder."""
+
+import os
+
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
+
+import argparse
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from mismatch_rows import EXACT, MGAL_3, ROWS, Row
+
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.judgement import SETTLED_AFTER
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import summarise, write_json
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.files import write_atomic
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.load import load_map
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario, load_scenario, validate_scenario
+from isogal.scenario.truth import SECTIONS
+from isogal.sensors.trajectory import build_trajectory
+
+BASE = (
+    "map.source={fine}",
+    "matcher.stride=5",
+)
+"""Of every row, before its own base."""
+CHUNK = 6
+"""Runs to a job."""
+COARSER = 2
+"""Cells of the map to a cell of the coarse one."""
+MARKS = "<!-- table of benchmarks/mismatch.py -->", "<!-- end of the table -->"
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Map files, and how the coarse one differs from the fine one."""
+
+    fine: str
+    coarse: str
+    magnetic: str
+    residual: float
+    """1-sigma, m/s²."""
+    length: float
+    """m."""
+
+    def put_in(self, settings: Sequence[str]) -> list[str]:
+        """Return settings with names and numbers in place of what stands for them."""
+        return [text.format(**vars(self)) for text in settings]
+
+
+def coarse_map(data: Path, out: Path) -> Maps:
+    """Write the map of a coarser grid; return all maps."""
+    fine, coarse = data / "se_australia_gravity.nc", out / "coarse.nc"
+    field_map = load_map(fine, quantity="gravity")
+    rows, columns = (n // COARSER * COARSER for n in field_map.values.shape)
+
+    def mean(axis: np.ndarray, count: int) -> np.ndarray:
+        return axis[:count].reshape(-1, COARSER).mean(axis=1)
+
+    blocks = field_map.values[:rows, :columns].reshape(
+        rows // COARSER, COARSER, columns // COARSER, COARSER
+    )
+    wide = replace(
+        field_map,
+        latitude=mean(field_map.latitude, rows),
+        longitude=mean(field_map.longitude, columns),
+        values=blocks.mean(axis=(1, 3)),
+        provenance=f"{field_map.provenance}, means of {COARSER} x {COARSER} cells",
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    write_netcdf(wide, coarse)
+    route = build_trajectory(load_scenario())
+    difference = field_map.value(route.latitude, route.longitude) - wide.value(
+        route.latitude, route.longitude
+    )
+    sigma = float(np.sqrt(np.nanmean(difference**2)))
+    products = [np.nanmean(difference[: -lag or None] * difference[lag:]) for lag in range(600)]
+    far = int(np.argmax(np.array(products) < products[0] / np.e))
+    speed = float(np.hypot(*route.velocity[0, :2]))
+    magnetic = data / "kalgoorlie_gravity_magnetic.nc"
+    return Maps(str(fine), str(coarse), str(magnetic), sigma, far * speed * route.dt)
+
+
+def scenario_of(row: Row, told: bool, base: Sequence[str], maps: Maps) -> Scenario:
+    """Return the scenario of a row: with its world in the section truth, or told."""
+    first = maps.put_in([*BASE, *(base if row.base is None else row.base)])
+    world = maps.put_in(row.world)
+    truth = [
+        f"truth.{text}" if text.split(".")[0].split("=")[0] in SECTIONS else text for text in world
+    ]
+    untold = load_scenario(None, [*first, *truth])
+    if not told:
+        return untold
+    if any(text.startswith("map.") for text in world):  # the map is still what it is
+        return changed(untold, maps.put_in(row.told))
+    return changed(untold.world, maps.put_in(row.told))
+
+
+def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
+    """Return a scenario with some keys changed."""
+    document = scenario.model_dump(mode="json")
+    for text in settings:
+        key, _, value = text.partition("=")
+        *parents, last = key.split(".")
+        target = document
+        for parent in parents:
+            target = target.setdefault(parent, {})
+        target[last] = yaml.safe_load(value)
+    return validate_scenario(document)
+
+
+def some_runs(scenario: Scenario, runs: range, path: Path) -> Runs:
+    """Return some runs, from the file where it is."""
+    if path.exists():
+        return Runs.load(path)
+    result = simulate(scenario, runs)
+    result.save(path)
+    return result
+
+
+def parts_of(scenario: Scenario, runs: int, folder: Path) -> Iterator[tuple[range, Path]]:
+    text = json.dumps(scenario.model_dump(mode="json"), sort_keys=True)
+    name = hashlib.sha256(text.encode()).hexdigest()[:16]
+    for first in range(0, runs, CHUNK):
+        last = min(first + CHUNK, runs)
+        yield range(first, last), folder / f"{name}-{first}-{last}.npz"
+
+
+def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str, Any]:
+    """Return the figures of a row."""
+    trajectory = build_trajectory(scenario)
+    field_map = map_for_scenario(scenario, trajectory)
+    world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario
+    bound = posterior_cramer_rao(world, trajectory, field_map).rms_at(record.time)
+    summary = summarise(record, scenario, bound)
+    late = record.elapsed > SETTLED_AFTER
+    squared = (record.horizontal_error[:, late] ** 2).mean(axis=1)
+    rms, limit = np.sqrt(squared.mean()), summary["bound"]["rms_after_1h"]
+    unaided = np.sqrt((record.unaided_horizontal_error[:, late] ** 2).mean())
+    return {
+        "runs": len(record),
+        "rms_after_1h": float(rms),
+        "bound": limit,
+        "unaided_after_1h": float(unaided),
+        "ratio": float(rms / limit),
+        "ratio_error": float(np.std(squared) / np.sqrt(len(record)) / (2.0 * rms) / limit),
+        "nees": summary["nees_per_axis"]["mean"],
+        "nees_all_scans": summary["nees_all_scans"]["mean"],
+        "share": summary["judgement"]["share"],
+        "declined": summary["fixes"]["declined"] / max(1, record.published.size),
+    }
+
+
+HEAD = (
+    "| what differs | | runs | RMS after 1 h (m) | bound (m) | ratio | unaided (m) | NEES after"
+    " fixes | NEES at all scans | worse than unaided | beyond 5 claimed sigmas | good |\n"
+    "|---|---|---|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def line(name: str, kind: str, it: dict[str, Any]) -> str:
+    """Return a line of the table."""
+    share = {key: f"{100 * value:.0f} %" for key, value in it["share"].items()}
+    cells = (
+        name, kind, str(it["runs"]), f"{it['rms_after_1h']:.1f}", f"{it['bound']:.1f}",
+        f"{it['ratio']:.2f} ± {it['ratio_error']:.2f}", f"{it['unaided_after_1h']:.0f}",
+        number(it["nees"]), number(it["nees_all_scans"]), share["worse_than_unaided"],
+        share["overconfident"], share["good"],
+    )  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.2f}" if value < 9.95 else f"{value:.0f}"
+
+
+def table(results: dict[str, dict[str, Any]], base: str) -> str:
+    """Return the table of one base, in the order of the rows."""
+    lines = [HEAD]
+    for row in ROWS:
+        for kind in ("untold", "told"):
+            if it := results.get(f"{row.name}, {kind}, {base}"):
+                lines.append(line(row.name, kind if row.untold else "", it))
+    return "\n".join(lines)
+
+
+def write_page(page: Path, text: str) -> None:
+    """Put the table between its marks."""
+    before = page.read_text(encoding="utf-8")
+    pattern = re.escape(MARKS[0]) + ".*?" + re.escape(MARKS[1])
+    after = re.sub(pattern, lambda _: f"{MARKS[0]}\n{text}\n{MARKS[1]}", before, flags=re.DOTALL)
+    write_atomic(page, after)
+
+
+def cases(options: argparse.Namespace) -> Iterator[tuple[str, Row, bool, tuple[str, ...], int]]:
+    for error in options.map_errors:
+        base = EXACT if error == 0.0 else tuple(s.replace("3e-5", f"{error:g}") for s in MGAL_3)
+        name = "exact map" if error == 0.0 else f"map {error * 1e5:g} mGal wrong"
+        for told in (False, True):
+            for row in ROWS:
+                if options.rows and not any(text in row.name for text in options.rows):
+                    continue
+                if (row.tellable if told else row.untold) and not (row.base and error == 0.0):
+                    kind = "told" if told else "untold"
+                    runs = options.told_runs if told else options.runs
+                    yield f"{row.name}, {kind}, {name}", row, told, base, runs
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
+    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="kept there")
+    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
+    parser.add_argument("--runs", type=int, default=24, help="of untold rows")
+    parser.add_argument("--told-runs", type=int, default=100)
+    parser.add_argument("--map-errors", type=float, nargs="+", default=[3e-5], metavar="M/S²")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--page", type=Path, help="page whose table is replaced")
+    options = parser.parse_args()
+    maps = coarse_map(options.data, options.out)
+    path = options.out / "results.json"
+    results: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    with ProcessPoolExecutor(options.workers) as pool:
+        for name, row, told, base, runs in cases(options):
+            if results.get(name, {}).get("runs", 0) < runs:
+                scenario = scenario_of(row, told, base, maps)
+                parts = list(parts_of(scenario, runs, options.out / "parts"))
+                one = partial(some_runs, scenario)
+                record = Runs.concatenate(list(pool.map(one, *zip(*parts, strict=True))))
+                results[name] = measured(row, scenario, record, maps)
+                write_json(path, results)
+            print(line(name, "", results[name]), flush=True)
+    bases = dict.fromkeys(name.rpartition(", ")[2] for name in results)
+    text = "\n\n".join(f"{base[0].upper()}{base[1:]}:\n\n{table(results, base)}" for base in bases)
+    write_atomic(options.out / "table.md", text + "\n")
+    print(text)
+    if options.page:
+        write_page(options.page, text)
+
+
+if __name__ == "__main__":
+    main()

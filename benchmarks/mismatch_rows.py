@@ -1,0 +1,119 @@
+"""The rows of `mismatch.py`: what differs from what is assumed."""
+
+from dataclasses import dataclass
+
+FINE, COARSE, MAGNETIC = "{fine}", "{coarse}", "{magnetic}"
+"""Stand for map files: the map, the same of twice its grid spacing, a magnetic one."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way in which the world differs."""
+
+    name: str
+    world: tuple[str, ...] = ()
+    """Settings of what really is."""
+    told: tuple[str, ...] = ()
+    """What the matcher is told besides where it is told; filter and matcher then also know
+    `world`."""
+    base: tuple[str, ...] | None = None
+    """Settings instead of the base of all rows (a map 3 mGal wrong, told)."""
+    untold: bool = True
+    """Whether there is something to keep from the navigator."""
+    tellable: bool = True
+    """Whether there is a way to tell."""
+    bound: tuple[str, ...] = ()
+    """Settings of the bound, where the world does not say it all."""
+
+
+EXACT = ("map_error.sigma=0", "matcher.map_sigma=0")
+MGAL_3 = ("map_error.sigma=3e-5", "matcher.map_sigma=3e-5")
+OVER_KALGOORLIE = (
+    "field=magnetic",
+    f"map.source={MAGNETIC}",
+    "map.variable=magnetic_anomaly",
+    "gravimeter.sigma=2.0",
+    "route.start=[-32.25, 120.95]",
+    "route.end=[-30.1, 122.35]",
+    "route.height=300",
+    "route.duration=12000",
+    "map_error.sigma=5.0",
+    "matcher.map_sigma=5.0",
+)
+TURNS = (
+    "route.waypoints=[[-37.9, 144.8, 22], [-37.6, 145.2, 18], [-37.75, 145.7, 25],"
+    " [-37.3, 146.0, 22], [-37.35, 146.6, 20], [-36.9, 147.2, 22]]"
+)
+BIAS_5 = "matcher.bias_sigma=5e-5"
+
+ROWS = (
+    Row("nothing", untold=False),
+    Row("IMU 3 times worse", ("imu=3x",)),
+    Row("IMU 10 times worse", ("imu=10x",)),
+    Row(
+        "IMU biases not constant: 1 ug and 1e-4 deg/h over 1000 s",
+        (
+            "imu.accelerometer.bias_instability=1ug",
+            "imu.accelerometer.bias_time=1000s",
+            "imu.gyroscope.bias_instability=1e-4deg/h",
+            "imu.gyroscope.bias_time=1000s",
+        ),
+    ),
+    Row(
+        "IMU scale factors 10 ppm, misalignments 2″",
+        (
+            "imu.accelerometer.scale_factor=10ppm",
+            "imu.accelerometer.misalignment=2arcsec",
+            "imu.gyroscope.scale_factor=10ppm",
+            "imu.gyroscope.misalignment=2arcsec",
+        ),
+    ),
+    Row("initial errors 3 times larger", ("initial_error=3x",)),
+    Row("gravimeter noise 3 times larger", ("gravimeter.sigma=3x",)),
+    Row(
+        "gravimeter bias 5 mGal, drift 1 mGal/h",
+        ("gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"),
+        (BIAS_5,),
+    ),
+    Row(
+        "gravimeter noise correlated: 1 mGal over 60 s",
+        ("gravimeter.correlated_sigma=1e-5", "gravimeter.correlation_time=60"),
+    ),
+    Row(
+        "gravimeter noise correlated: 3 mGal over 120 s",
+        ("gravimeter.correlated_sigma=3e-5", "gravimeter.correlation_time=120"),
+    ),
+    Row("gravimeter bias walks 1 mGal in an hour", ("gravimeter.bias_walk=1.7e-7",)),
+    Row("readings 20 s late", ("gravimeter.delay=20",)),
+    Row("clock of the gravimeter 2 s off", ("gravimeter.delay=2",), tellable=False),
+    Row("gravimeter with a low-pass filter of 30 s", ("gravimeter.filter_time=30",)),
+    Row(
+        "gravimeter takes 1 mGal from 0.01 m/s², route with turns",
+        ("gravimeter.cross_coupling=1e-3",),
+        base=(*MGAL_3, TURNS),
+    ),
+    Row("half of the readings missing", ("gravimeter.missing_fraction=0.5",), untold=False),
+    Row("no readings for 20 min", ("gravimeter.gaps=[[5400, 1200]]",), untold=False),
+    Row("5 % outliers of 50 sigma", ("gravimeter.outlier_fraction=0.05",), tellable=False),
+    Row("map 3 mGal wrong", ("map_error.sigma=3e-5",), ("matcher.map_sigma=3e-5",), EXACT),
+    Row("map 8 mGal wrong", ("map_error.sigma=8e-5",), ("matcher.map_sigma=8e-5",)),
+    Row(
+        "map error over 1 km instead of 4 km",
+        ("map_error.correlation_length=1000",),
+        ("matcher.map_correlation_length=1000",),
+    ),
+    Row("map datum 5 mGal off", ("map_error.offset=5e-5",), (BIAS_5,)),
+    Row("map tilted by 5 mGal in 100 km", ("map_error.tilt=5e-10",), (BIAS_5,)),
+    Row(
+        "map of twice the grid spacing",
+        (f"map.source={FINE}",),
+        ("matcher.map_sigma={residual}", "matcher.map_correlation_length={length}"),
+        (*EXACT, f"map.source={COARSE}"),
+        bound=("map_error.sigma={residual}", "map_error.correlation_length={length}"),
+    ),
+    Row(
+        "magnetic field of the year 2015 instead of 2025",
+        ("magnetometer.epoch=2015",),
+        base=OVER_KALGOORLIE,
+    ),
+)
