@@ -46,6 +46,7 @@ from isogal.sensors.trajectory import build_trajectory
 BASE = (
     "map.source={fine}",
     "matcher.stride=5",
+    "gravity.field=normal",
 )
 """Of every row, before its own base."""
 CHUNK = 6

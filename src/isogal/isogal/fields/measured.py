@@ -23,6 +23,7 @@ OF_ONE_NUMBER = (
     "correlated_sigma",
     "bias_walk",
     "cross_coupling",
+    "platform_tilt",
     "filter_time",
     "delay",
 )

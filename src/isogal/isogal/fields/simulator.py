@@ -14,6 +14,7 @@ from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import missing, slow_errors
 from isogal.sensors.lag import Lag
+from isogal.sensors.platform import levelling_error
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -164,7 +165,8 @@ def _noise(scenario: Scenario, run: int, trajectory: Trajectory, index: Integers
         )
     offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
     noise = noise + settings.bias * offset + settings.drift * rate * time
-    return noise + slow_errors(settings, scenario.seed, run, trajectory, index)
+    instrument = settings, scenario.seed, run, trajectory, index
+    return noise + slow_errors(*instrument) + levelling_error(*instrument)
 
 
 def draw_map_error(

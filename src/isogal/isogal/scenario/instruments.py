@@ -17,6 +17,7 @@ class Gravimeter(Section):
         "correlated_sigma",
         "bias_walk",
         "cross_coupling",
+        "platform_tilt",
     )
 
     quantity: Literal["gravity", "disturbance"] = Field(
@@ -51,6 +52,12 @@ class Gravimeter(Section):
             "1-sigma of what a reading takes from the vehicle's forward and from its lateral"
             " acceleration, unit of sigma per m/s²"
         ),
+    )
+    platform_tilt: NonNegative = Field(
+        0.0, le=0.1, description="1-sigma of a gravimeter's tilt about north and east, rad"
+    )
+    platform_time: Positive = Field(
+        300.0, description="s, correlation time of that tilt (first-order Gauss-Markov)"
     )
     filter_time: NonNegative = Field(
         0.0, le=300.0, description="s, time constant of the instrument's low-pass filter"

@@ -10,6 +10,7 @@ scans           which readings of an instrument are scans, and which scans are m
 reduction       what every instrument of a mapped field provides
 gravimeter      gravity and its disturbance
 gravimeter_errors  slow noise of its readings, and which are missing
+platform        its platform, where that is not level
 lag             its low-pass filter and delay
 magnetometer    the anomaly of the total magnetic field
 altimeter       terrain height by the clearance above ground

@@ -1,0 +1,66 @@
+"""The rows of `benchmarks/mismatch.py`: what is told and what is true; it goes on where it was."""
+
+import mismatch
+import numpy as np
+import pytest
+from mismatch_rows import MGAL_3, ROWS
+
+from helpers.batches import ORIGIN
+from isogal.evaluation.records import Runs
+from isogal.evaluation.summary import summarise
+from isogal.scenario import load_scenario
+
+MAPS = mismatch.Maps("fine.nc", "coarse.nc", "magnetic.nc", 7e-5, 700.0)
+IDS = [row.name for row in ROWS]
+
+
+def test_there_are_at_least_twenty_rows_of_different_names():
+    assert len(set(IDS)) == len(ROWS) >= 20
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_told_and_untold_are_one_world(row):
+    untold, told = (mismatch.scenario_of(row, which, MGAL_3, MAPS) for which in (False, True))
+    assert untold.matcher.stride == told.matcher.stride == 5
+    assert bool(untold.truth) or not row.untold or row.world[0].startswith("map_error.")
+    worlds = [
+        it.world.model_dump(exclude={"matcher"} | ({"gravity"} if "left" in row.name else set()))
+        for it in (untold, told)
+    ]
+    assert worlds[0] == worlds[1]
+    if row.tellable and row.untold:
+        assert told != untold
+        assert told.truth == {} or row.told
+
+
+def test_a_page_gets_the_table_between_its_marks(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{mismatch.MARKS[0]}\nold\n{mismatch.MARKS[1]}\nafter\n")
+    mismatch.write_page(page, "| new \\1 |")
+    assert page.read_text() == (
+        f"before\n{mismatch.MARKS[0]}\n| new \\1 |\n{mismatch.MARKS[1]}\nafter\n"
+    )
+
+
+def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):
+    scenario = load_scenario(
+        None,
+        [
+            f"route.start={np.degrees(ORIGIN).tolist()}",
+            "route.end=[-36.4, 147.2]",
+            "route.duration=300",
+        ],
+    )
+    parts = list(mismatch.parts_of(scenario, 8, tmp_path))
+    assert [list(runs) for runs, _ in parts] == [[0, 1, 2, 3, 4, 5], [6, 7]]
+    first = mismatch.some_runs(scenario, range(2), parts[0][1])
+    monkeypatch.setattr(mismatch, "simulate", lambda *_: pytest.fail("computed again"))
+    again = mismatch.some_runs(scenario, range(2), parts[0][1])
+    assert isinstance(again, Runs)
+    np.testing.assert_array_equal(first.error, again.error)
+    other = scenario.model_copy(update={"truth": {"gravimeter": {"sigma": "3x"}}})
+    assert {path for _, path in mismatch.parts_of(other, 8, tmp_path)}.isdisjoint(
+        path for _, path in parts
+    )
+    summary = summarise(again, scenario, np.full(again.time.shape, 10.0))
+    assert mismatch.number(summary["nees_all_scans"]["mean"]) != "–"
