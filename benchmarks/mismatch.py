@@ -144,7 +144,7 @@ def some_runs(scenario: Scenario, runs: range, path: Path) -> Runs:
 
 
 def parts_of(scenario: Scenario, runs: int, folder: Path) -> Iterator[tuple[range, Path]]:
-    text = json.dumps(scenario.model_dump(mode="json"), sort_keys=True)
+    text = json.dumps(scenario.model_dump(mode="json", exclude_defaults=True), sort_keys=True)
     name = hashlib.sha256(text.encode()).hexdigest()[:16]
     for first in range(0, runs, CHUNK):
         last = min(first + CHUNK, runs)
