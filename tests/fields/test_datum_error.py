@@ -105,7 +105,9 @@ def test_readings_are_of_the_true_map(tmp_path):
     fine, coarse = field_map_of(wavy), field_map_of(lambda north, east: 0.0 * wavy(north, east))
     for name, field_map in (("fine", fine), ("coarse", coarse)):
         write_netcdf(field_map, tmp_path / f"{name}.nc")
+    normal = {"field": "normal"}
     it = scenario(
+        gravity=normal,
         map={"source": str(tmp_path / "coarse.nc"), "continuation": "none"},
         truth={"map": {"source": str(tmp_path / "fine.nc")}},
     )
@@ -113,7 +115,7 @@ def test_readings_are_of_the_true_map(tmp_path):
     assert true_map(it, trajectory, coarse).provenance != coarse.provenance
     assert true_map(it.world, trajectory, fine) is fine
     runs = simulate(it, [0], coarse)
-    plain = simulate(scenario(), [0], fine)
+    plain = simulate(scenario(gravity=normal), [0], fine)
     assert runs.detail is not None and plain.detail is not None
     # not more than float32 of the file, and velocities that fixes have changed
     np.testing.assert_allclose(runs.detail.reading, plain.detail.reading, atol=3e-7)
