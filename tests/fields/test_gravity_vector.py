@@ -180,3 +180,33 @@ def test_drawn_errors_have_these_covariances(world):
     alone = draw_horizontal_error(scenario, trajectory, index, [7], vertical[[7]])[1]
     np.testing.assert_array_equal(alone[0], errors[7])
     assert stations[-1] == index[-1]
+
+
+def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
+    """Three times the real deflections, to see which is taken."""
+    import xarray
+
+    metres = metres_per_radian(ORIGIN[0])
+    axis = np.arange(-100e3, 100.1e3, 1000.0)
+    latitude, longitude = ORIGIN[0] + axis / metres[0], ORIGIN[1] + axis / metres[1]
+    east, north = np.meshgrid(axis, axis)
+    to_north, to_east, down = mass_at(north, east)
+    gamma = normal_gravity(latitude)[:, None]
+    parts = []
+    for name, quantity, unit, values in (
+        ("dg", "disturbance", "m/s²", down),
+        ("xi", "deflection_north", "rad", -3.0 * to_north / gamma),
+        ("eta", "deflection_east", "rad", -3.0 * to_east / gamma),
+    ):
+        path = tmp_path / f"{name}.nc"
+        write_netcdf(FieldMap(latitude, longitude, values, unit, quantity), path)
+        with xarray.open_dataset(path) as one:
+            held = one.load()
+        (variable,) = [key for key in held.data_vars if held[key].ndim == 2]
+        parts.append(held[[variable]].rename({variable: name}))
+    xarray.merge(parts).to_netcdf(tmp_path / "all.nc")
+    scenario = changed(world, map={"source": str(tmp_path / "all.nc"), "continuation": "none"})
+    trajectory = build_trajectory(scenario)
+    transformed = felt_gravity(world, trajectory, [0])[0, :, :2]
+    measured = felt_gravity(scenario, trajectory, [0])[0, :, :2]
+    np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())

@@ -2,7 +2,7 @@
 (docs/mathematics.md, section 3.9)."""
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +12,12 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import draw_map_error, scan_index
-from isogal.fields.source_map import source_map_along
+from isogal.fields.source_map import source_map_along, variable_along
 from isogal.fields.vector_map_error import draw_horizontal_error
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gravity_vector import horizontal_gravity
+from isogal.maps.gravity_vector import from_deflections, horizontal_gravity
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
 from isogal.scenario import Scenario
@@ -73,16 +73,32 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-    if isinstance(source, TiledMap):
-        gridded = source.overview(2 * MOST)
-        filled = np.nan_to_num(
-            disturbance_of(gridded).values.astype(np.float64)
-        )  # off the corridor
-        gridded = replace(gridded, values=filled, quantity="disturbance")
-    else:
-        gridded = source = disturbance_of(source)
-    coarse = averaged(gridded, CELL)
+    if (measured := _deflections(scenario, corridor)) is not None:
+        return GravityVector(source, measured)
+    coarse = _coarse(source, disturbance_of)
     return GravityVector(source, horizontal_gravity(coarse, edge=0.0, rim_error=False))
+
+
+def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:
+    """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
+    map has them (variables xi and eta, as GGMplus names them)."""
+    try:
+        xi, eta = (_coarse(variable_along(scenario, name, corridor)) for name in ("xi", "eta"))
+        return from_deflections(xi, eta)
+    except InputError:
+        return None
+
+
+def _coarse(
+    source: ScalarMap, of: Callable[[FieldMap], FieldMap] = lambda whole: whole
+) -> FieldMap:
+    """Return what a map holds along the route, in memory and averaged; 0 off the corridor of a
+    long route."""
+    if not isinstance(source, TiledMap):
+        return averaged(of(source), CELL)
+    shown = of(source.overview(2 * MOST))
+    values = np.nan_to_num(shown.values.astype(np.float64))
+    return averaged(replace(shown, values=values), CELL)
 
 
 def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:

@@ -33,6 +33,20 @@ def source_map_along(scenario: Scenario, corridor: Corridor) -> ScalarMap:
     return field_map
 
 
+def variable_along(scenario: Scenario, variable: str, corridor: Corridor) -> ScalarMap:
+    """Return another variable of the map that a scenario names, along its route.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be read.
+    """
+    if scenario.map.source == _SYNTHETIC:
+        raise InputError(f"map.variable: the synthetic map has no {variable}")
+    other = scenario.map.model_copy(update={"variable": variable})
+    return map_along(_reader(scenario.model_copy(update={"map": other})), corridor)
+
+
 def source_map(scenario: Scenario, window: Window) -> FieldMap:
     """Return the map that a scenario names in a window, whole and in memory.
 
