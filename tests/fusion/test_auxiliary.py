@@ -22,6 +22,8 @@ EVERY_KIND = (
     AuxiliaryState("gyroscope_x", "gyroscope", 0, 1e-7, time=600.0, walk=1e-10),
     AuxiliaryState("gyroscope_scale_z", "gyroscope_scale", 2, 1e-3),
     AuxiliaryState("barometer_bias", "none", 0, 5.0, walk=0.1),
+    AuxiliaryState("gyroscope_misalignment", "gyroscope_scale", 0, 1e-5, source=2),
+    AuxiliaryState("accelerometer_misalignment", "accelerometer_scale", 1, 1e-5, source=0),
 )
 
 
@@ -40,7 +42,7 @@ def start(model: FilterModel, seed: int = 3) -> FilterState:
     )
 
 
-@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("count", [1, 2, 9])
 def test_every_kind_equals_a_filter_with_sigma_points_for_all_states(count):
     flight = fly()
     force = flight.imu.specific_force[:, :20].copy()

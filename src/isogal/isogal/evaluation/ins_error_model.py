@@ -142,6 +142,7 @@ def fill_auxiliary(F, auxiliary, force, rotation, rate):  # type: ignore[no-unty
     `force` (3,) NED, m/s²; `rotation` (3, 3) body to NED; `rate` (3,) body, rad/s."""
     for j in range(len(auxiliary.enters)):
         enters, axis, at = auxiliary.enters[j], auxiliary.axis[j], STATES + j
+        source = auxiliary.source[j]
         if enters == NONE:
             continue
         if enters == GRAVITY:
@@ -152,9 +153,9 @@ def fill_auxiliary(F, auxiliary, force, rotation, rate):  # type: ignore[no-unty
         if enters == ACCELEROMETER_SCALE:
             size = 0.0
             for i in range(3):
-                size += rotation[i, axis] * force[i]
+                size += rotation[i, source] * force[i]
         elif enters == GYROSCOPE_SCALE:
-            size = rate[axis]
+            size = rate[source]
         turns = enters in (GYROSCOPE, GYROSCOPE_SCALE)
         for i in range(3):
             if turns:

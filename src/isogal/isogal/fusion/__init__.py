@@ -5,6 +5,8 @@ state           mean and covariance of many runs
 navigator       prediction and updates, for many runs at once
 buffered        a navigator of one run that takes fixes of any age
 fix             the one order in which a fix is applied
+sample_stream   samples of a fast IMU, one by one, as steps of the navigator
+imu_states      auxiliary states of the inertial sensors
 outage          what is still known after a time without inertial data
 
 nominal         the mean as compiled functions take it, and moving it by an error state

@@ -42,7 +42,7 @@ class AuxiliaryState:
     enters: Enters
     """``gravity``: of gravity beside what the strapdown takes off (axis 0 to 2: north, east, down;
     m/s²). ``accelerometer``, ``gyroscope``: error of a reading (body axis; m/s²,
-    rad/s). ``accelerometer_scale``, ``gyroscope_scale``: the same as a share of the reading.
+    rad/s). ``accelerometer_scale``, ``gyroscope_scale``: the same as a share of a reading.
     ``none``: only measurements see it."""
     axis: int
     sigma: float
@@ -53,6 +53,9 @@ class AuxiliaryState:
     """Correlation length along the track, m."""
     walk: float = 0.0
     """Density of a random walk beside it, unit of the state / sqrt(s)."""
+    source: int | None = None
+    """Axis whose reading a share is of, where it is another one: the state is then a misalignment.
+    """
 
 
 class Auxiliary(NamedTuple):
@@ -64,6 +67,8 @@ class Auxiliary(NamedTuple):
     """(M,) code of what each enters."""
     axis: Integers
     """(M,)."""
+    source: Integers
+    """(M,) axis whose reading a share is of."""
     variance: Array
     """(M,) of the steady process."""
     per_second: Array
@@ -81,6 +86,10 @@ def auxiliary_of(states: Sequence[AuxiliaryState]) -> Auxiliary:
         (0,) * (FILTER_STATES + len(states)),
         np.array(codes, dtype=np.int64),
         np.array([state.axis for state in states], dtype=np.int64),
+        np.array(
+            [state.axis if state.source is None else state.source for state in states],
+            dtype=np.int64,
+        ),
         np.array([state.sigma**2 for state in states], dtype=float),
         np.array([1.0 / state.time for state in states], dtype=float),
         np.array([1.0 / state.length for state in states], dtype=float),
@@ -98,9 +107,9 @@ def add_input(auxiliary, j, value, force, rate, total):  # type: ignore[no-untyp
     if enters <= GYROSCOPE:
         total[3 * enters + axis] += value
     elif enters == ACCELEROMETER_SCALE:
-        total[3 + axis] += value * force[axis]
+        total[3 + axis] += value * force[auxiliary.source[j]]
     elif enters == GYROSCOPE_SCALE:
-        total[6 + axis] += value * rate[axis]
+        total[6 + axis] += value * rate[auxiliary.source[j]]
 
 
 @kernel(**INLINE)
@@ -116,9 +125,9 @@ def spread_input(auxiliary, force, rate, points, pushes):  # type: ignore[no-unt
         if enters == NONE:
             continue
         if enters == ACCELEROMETER_SCALE:
-            row, factor = 3 + axis, force[axis]
+            row, factor = 3 + axis, force[auxiliary.source[j]]
         elif enters == GYROSCOPE_SCALE:
-            row, factor = 6 + axis, rate[axis]
+            row, factor = 6 + axis, rate[auxiliary.source[j]]
         else:
             row, factor = 3 * enters + axis, 1.0
         for i in range(lanes):

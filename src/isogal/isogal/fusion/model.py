@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from isogal.fields.known_gravity import KnownGravity
-from isogal.fusion import gravity_states
+from isogal.fusion import gravity_states, imu_states
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
@@ -101,6 +101,6 @@ class FilterModel:
             initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
             dt=1.0 / scenario.navigation_rate,
             filter=scenario.fusion.filter,
-            auxiliary=gravity_states.states(gravity),
+            auxiliary=gravity_states.states(gravity) + imu_states.states(scenario),
             compensation=gravity.compensation,
         )

@@ -21,12 +21,11 @@ _WEIGHT = np.array([0.0, 0.0, G])
 
 def bias_sigma(errors: ImuErrors) -> Array:
     """Return (6,) 1-sigma of the constant parts of the readings' errors, accelerometers (m/s²) and
-    gyroscopes (rad/s): bias, in-run bias, and what scale factor, misalignment and g-sensitivity
-    make of the weight and of the Earth's rate."""
+    gyroscopes (rad/s): bias, and what scale factor, misalignment and g-sensitivity make of the
+    weight and of the Earth's rate. The in-run bias is not among them: it has a state of its own
+    (`isogal.fusion.imu_states`), as have the errors that show in turns."""
     force, rate = errors.accelerometer, errors.gyroscope
-    squares = np.zeros(6)
-    for part, sensor in ((slice(0, 3), force), (slice(3, 6), rate)):
-        squares[part] += np.square(sensor.bias) + np.square(sensor.bias_instability)
+    squares = np.square([*force.bias, *rate.bias])
     squares[:3] += np.square(force.scale_factor) * np.square(_WEIGHT)
     squares[:3] += np.square(force.misalignment) * (G**2 - np.square(_WEIGHT))
     squares[3:] += np.square(rate.g_sensitivity) * G**2

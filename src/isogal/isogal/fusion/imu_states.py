@@ -1,0 +1,50 @@
+"""Auxiliary states of the inertial sensors: what of their errors is neither a constant bias nor
+white noise (docs/mathematics.md, section 3.3).
+
+The in-run bias changes with its own correlation time. Of scale factors and misalignments those
+have states that show in turns and when the speed changes: the scale factors of the horizontal
+accelerometers and of the vertical gyroscope, and the misalignments of the level gyroscopes towards
+the vertical one, as a turn by an angle tilts the platform by the misalignment times that angle
+(docs/inertial-sensors.md shows what it costs to leave them out). All others, and the
+g-sensitivity, act on the weight or on the Earth's rate, which a level vehicle feels all the time,
+and are in the biases (`isogal.sensors.imu_model.bias_sigma`)."""
+
+from collections.abc import Iterator
+
+from isogal.fusion.auxiliary import AuxiliaryState, Enters
+from isogal.scenario import Scenario, SensorErrors
+from isogal.scenario.inertial import Axes
+
+_AXES = "xyz"
+
+
+def states(scenario: Scenario) -> tuple[AuxiliaryState, ...]:
+    """Return the states of the inertial sensors that a scenario assumes; none where they have only
+    biases and white noise."""
+    force, rate = scenario.imu.sensors.accelerometer, scenario.imu.sensors.gyroscope
+    return (
+        *_in_run(force, "accelerometer"),
+        *_in_run(rate, "gyroscope"),
+        *_shares(force.scale_factor, "accelerometer_scale", ((0, 0), (1, 1))),
+        *_shares(rate.scale_factor, "gyroscope_scale", ((2, 2),)),
+        *_shares(rate.misalignment, "gyroscope_scale", ((0, 2), (1, 2))),
+    )
+
+
+def _in_run(errors: SensorErrors, name: Enters) -> Iterator[AuxiliaryState]:
+    """Yield the in-run biases of three accelerometers or gyroscopes."""
+    for axis, sigma in enumerate(errors.bias_instability):
+        if sigma > 0.0:
+            time = errors.bias_time[axis]
+            yield AuxiliaryState(f"{name}_in_run_{_AXES[axis]}", name, axis, sigma, time=time)
+
+
+def _shares(
+    sigma: Axes, enters: Enters, pairs: tuple[tuple[int, int], ...]
+) -> Iterator[AuxiliaryState]:
+    """Yield shares of the reading of an axis (the second of each pair) in that of another, or in
+    its own."""
+    for axis, source in pairs:
+        if sigma[axis] > 0.0:
+            name = f"{enters}_{_AXES[axis]}{_AXES[source]}"
+            yield AuxiliaryState(name, enters, axis, sigma[axis], source=source)

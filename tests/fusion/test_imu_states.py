@@ -1,0 +1,120 @@
+"""States of the inertial sensors beside their biases: which there are, and that the filter is
+consistent with them, and not without, where the vehicle turns."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.bound import unaided_covariance
+from isogal.fusion.imu_states import states
+from isogal.fusion.model import FilterModel
+from isogal.fusion.navigator import propagate
+from isogal.fusion.state import FilterState
+from isogal.scenario import Imu, Scenario, load_scenario
+from isogal.scenario.imu_grades import PAPER_GRADES
+from isogal.sensors.imu import simulate_imu
+from isogal.sensors.imu_model import bias_sigma, noise_density
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import build_trajectory
+
+ROUND = (
+    "[[-36,146,30],[-36.0,146.2,30],[-36.1,146.2,30],[-36.1,146.0,30],[-36.0,146.0,30],"
+    "[-36.0,146.2,30]]"
+)
+RUNS = 40
+
+
+@pytest.mark.parametrize("grade", PAPER_GRADES)
+def test_the_papers_sensors_have_biases_and_noise_only(grade):
+    assert states(Scenario(imu=Imu(grade=grade))) == ()
+    sensors = Imu(grade=grade).sensors
+    assert tuple(bias_sigma(sensors)) == (*sensors.accelerometer.bias, *sensors.gyroscope.bias)
+    assert tuple(noise_density(sensors, 1.0)) == (
+        *sensors.accelerometer.random_walk,
+        *sensors.gyroscope.random_walk,
+    )
+
+
+def test_states_are_those_of_the_data_sheet():
+    made = {state.name: state for state in states(Scenario(imu=Imu(grade="tactical")))}
+    assert len(made) == 6 + 3 + 2
+    in_run = made["gyroscope_in_run_z"]
+    assert (in_run.enters, in_run.axis, in_run.time) == ("gyroscope", 2, 100.0)
+    assert in_run.sigma == pytest.approx(0.35 * np.pi / 180.0 / 3600.0)
+    tilt = made["gyroscope_scale_yz"]
+    assert (tilt.enters, tilt.axis, tilt.source) == ("gyroscope_scale", 1, 2)
+    assert tilt.sigma == pytest.approx(20.0 * np.pi / 648000.0)
+
+
+def test_what_a_level_vehicle_feels_all_the_time_is_a_bias():
+    imu = Imu(
+        accelerometer={"misalignment": "20arcsec", "scale_factor": "100ppm"},
+        gyroscope={"g_sensitivity": "0.1deg/h/g"},
+    )
+    sigma = bias_sigma(imu.sensors)
+    np.testing.assert_allclose(sigma[:2], 9.80665 * 20.0 * np.pi / 648000.0, rtol=1e-4)
+    assert sigma[2] == pytest.approx(9.80665e-4)
+    np.testing.assert_allclose(sigma[3:], np.radians(0.1) / 3600.0, rtol=1e-3)
+
+
+def test_rounded_angles_are_noise_of_the_accelerometers():
+    density = noise_density(Imu(gyroscope={"quantisation": "10arcsec"}).sensors, 0.01)
+    rounding = 9.80665 * 10.0 * np.pi / 648000.0 / np.sqrt(12.0) * 0.1
+    assert density[0] == pytest.approx(np.hypot(8e-5, rounding))
+    assert density[2] == 1.6e-6
+
+
+def unaided(scenario, model):
+    """Sum of the NEES of all runs at the end of the route, without aiding, and the RMS error."""
+    trajectory, runs = build_trajectory(scenario), list(range(RUNS))
+    state = FilterState.start(draw_initial_state(scenario, trajectory, runs), model)
+    imu = simulate_imu(scenario, trajectory, runs)
+    propagate(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
+    error = horizontal_difference(
+        state.position[:, 0],
+        state.position[:, 1],
+        trajectory.latitude[-1],
+        trajectory.longitude[-1],
+    )
+    P = state.covariance[:, :2, :2]
+    nees = np.einsum("ri,ri->", error, np.linalg.solve(P, error[..., None])[..., 0])
+    return nees, np.sqrt((error**2).sum(axis=-1).mean()), np.sqrt(np.trace(P.mean(axis=0)))
+
+
+def test_consistent_where_the_vehicle_turns():
+    scenario = load_scenario(
+        None,
+        [f"route.waypoints={ROUND}", "route.duration=2000.0", "imu.grade=navigation",
+         "gravity.field=normal"],
+    )  # fmt: skip
+    low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
+    model = FilterModel.from_scenario(scenario)
+    nees, rms, claimed = unaided(scenario, model)
+    assert low < nees < high, nees / 2 / RUNS
+    assert claimed == pytest.approx(rms, rel=0.25)
+    # the bound's model has the same states
+    end = np.array([2000.0])
+    bound = float(unaided_covariance(scenario, build_trajectory(scenario)).rms_at(end)[0])
+    assert bound == pytest.approx(claimed, rel=0.03)
+    without = tuple(state for state in model.auxiliary if state.source in (None, state.axis))
+    assert len(without) == len(model.auxiliary) - 2
+    nees, *_ = unaided(scenario, replace(model, auxiliary=without))
+    assert nees > high
+
+
+def test_consistent_with_biases_that_change():
+    keys = [
+        "route.duration=2000.0", "gravity.field=normal", "initial_error.velocity=0.01",
+        "imu.accelerometer.bias_instability=200ug", "imu.accelerometer.bias_time=200s",
+    ]  # fmt: skip
+    scenario = load_scenario(None, keys)
+    low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
+    model = FilterModel.from_scenario(scenario)
+    nees, rms, claimed = unaided(scenario, model)
+    assert low < nees < high, nees / 2 / RUNS
+    assert claimed == pytest.approx(rms, rel=0.25)
+    nees, *_ = unaided(scenario, replace(model, auxiliary=()))
+    assert nees > high
