@@ -199,8 +199,11 @@ class Navigation:
 
     def _note_samples(self, stream: SampleStream, missing: int) -> None:
         """Tell of samples of a fast IMU that are missing, and of a rate that is not as told."""
-        if missing:
+        if not stream.known:
+            return
+        if stream.missing or "IMU samples missing" in self._health.figures:
             self._health.figures["IMU samples missing"] = stream.missing
+        if missing > 0:
             self._noted = stream.ns
             long = missing * self._sample > self._settings.max_gap
             text = f"{missing} IMU samples missing before {to_seconds(stream.ns):.3f} s, bridged"

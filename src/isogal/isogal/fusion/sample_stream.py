@@ -84,12 +84,18 @@ class SampleStream:
         self._before: _Piece | None = None
         self._pieces: list[_Piece] = []
         self._unknown = 0.0
+        self._first = True
         self._aim(ns)
 
     @property
     def measured_rate(self) -> float:
         """Hz at which samples come, as far as is known."""
         return SECOND / self._usual
+
+    @property
+    def known(self) -> bool:
+        """Whether enough samples have come to know how fast they come."""
+        return self._taken >= LEARNT
 
     @property
     def as_told(self) -> bool:
@@ -175,9 +181,12 @@ class SampleStream:
     def _count(self, interval: int) -> None:
         """Learn how fast samples come; what seemed missing when they were first known not to come
         as told was not."""
+        if self._first:  # its interval is only assumed
+            self._first = False
+            return
         self._intervals.append(interval)
         self._taken += 1
         if self._taken % LEARNT == 0:
             self._usual = round(median(self._intervals))
             if self._taken == LEARNT and not self.as_told:
-                self.missing = sum(round(one / self._usual) - 1 for one in self._intervals)
+                self.missing = sum(max(0, round(one / self._usual) - 1) for one in self._intervals)
