@@ -16,7 +16,12 @@ from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
 SECONDS = 12
-KEYS = ("imu.rate=200.0", "imu.grade=navigation", f"route.duration={SECONDS}.0")
+KEYS = (
+    "imu.rate=200.0",
+    "imu.grade=navigation",
+    "gravity.field=normal",
+    f"route.duration={SECONDS}.0",
+)
 
 
 @pytest.fixture(scope="module")
