@@ -23,6 +23,12 @@ class Probe(GraphNode):
         self.seen.append(values)
 
 
+class Inertial(Probe):
+    """One that is told of its inertial sensors."""
+
+    sections = ("gravimeter", "matcher", "imu")
+
+
 class Believer(Probe):
     """One that is told what really is, as well."""
 
@@ -71,6 +77,28 @@ def test_an_int_is_taken_for_a_double(probe) -> None:
 
 def test_a_number_or_a_word(probe) -> None:
     assert probe(matcher__map_sigma="auto").scenario.matcher.map_sigma == "auto"
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma"),
+    [
+        ("", None),
+        ("50ug", 4.903325e-4),
+        (2e-6, 2e-6),
+        (2, 2.0),
+        ([1e-6, 2e-6, 3e-6], (1e-6, 2e-6, 3e-6)),
+        (["1ug", "2ug", "2e-6"], (9.80665e-6, 1.96133e-5, 2e-6)),
+    ],
+)
+def test_a_quantity_with_or_without_its_unit(context, value, sigma) -> None:
+    node = Inertial("probe", {"imu.accelerometer.bias": value}, context)
+    found = node.scenario.imu.accelerometer.bias
+    node.destroy_node()
+    if sigma is None:
+        assert found is None
+    else:
+        wanted = sigma if isinstance(sigma, tuple) else (sigma,) * 3
+        assert found == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize(
