@@ -73,19 +73,30 @@ def _dense(
     readings += (settings.gravimeter.sigma**2 + quantisation**2 / 12) * np.eye(count)
     time = np.array(scans) * trajectory.dt
     readings += settings.gravimeter.bias**2 + settings.gravimeter.drift**2 * np.outer(time, time)
+    apart = np.abs(time[:, None] - time)
+    instrument = settings.gravimeter
+    readings += instrument.correlated_sigma**2 * np.exp(-apart / instrument.correlation_time)
+    readings += instrument.bias_walk**2 * np.minimum(time[:, None], time)
     cross = np.einsum("jab,jb->aj", states[-1], H)[:2]
     return states[-1, -1][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
 
 
 @pytest.mark.parametrize(
-    ("map_error", "bias", "drift"),
-    [(0.0, 0.0, 0.0), (3e-5, 0.0, 0.0), (0.0, 3e-5, 1e-7), (2e-5, 2e-5, 1e-7)],
+    ("map_error", "errors"),
+    [
+        (0.0, {}),
+        (3e-5, {}),
+        (0.0, {"bias": 3e-5, "drift": 1e-7}),
+        (2e-5, {"bias": 2e-5, "drift": 1e-7}),
+        (0.0, {"correlated_sigma": 2e-5, "correlation_time": 45.0}),
+        (2e-5, {"correlated_sigma": 2e-5, "correlation_time": 45.0, "bias_walk": 2e-6}),
+    ],
 )
-def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, bias, drift):
+def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     settings = scenario(
         route={"duration": 300.0},
         initial_error={"position": 300.0},
-        gravimeter={"sigma": 1e-5, "bias": bias, "drift": drift},
+        gravimeter={"sigma": 1e-5, **errors},
         map_error={"sigma": map_error, "correlation_length": 2000.0},
     )
     trajectory = build_trajectory(settings)

@@ -70,13 +70,12 @@ def noise_of(random, number, walk, wandered):
     return noise, wandered
 
 
-def of_all(designs, residuals, times, start_sigma, walk):
-    """Mean (6,) and covariance of error, bias and drift at the end of the last batch, by all
-    readings at once."""
+def of_all(designs, residuals, times, start, walk):
+    """Mean (n,) and covariance of error, bias, drift and delay at the end of the last batch, by
+    all readings at once; `start` is their covariance (n, n) before."""
     H, r = np.concatenate(designs), np.concatenate(residuals)
     elapsed = np.concatenate(times)
-    start = np.diag([*start_sigma**2, BIAS_SIGMA**2, DRIFT_SIGMA**2])
-    end = np.eye(6)
+    end = np.eye(len(start))
     end[:4, :4] = np.linalg.matrix_power(FORWARD, BATCHES - 1)
     end[4, 5] = elapsed[-1]
     wandering = walk**2 * np.minimum(elapsed[:, None], elapsed)
@@ -88,19 +87,27 @@ def of_all(designs, residuals, times, start_sigma, walk):
     return cross @ np.linalg.solve(R, r), spread
 
 
-@pytest.mark.parametrize("walk", [0.0, 1e-6])
+@pytest.mark.parametrize(
+    ("walk", "delay_sigma"), [(0.0, 0.0), (1e-6, 0.0), (0.0, 4.0), (1e-6, 4.0)]
+)
 @pytest.mark.parametrize("seed", range(4))
-def test_a_chain_of_batches_is_conditioning_on_all_readings(seed, walk):
+def test_a_chain_of_batches_is_conditioning_on_all_readings(seed, walk, delay_sigma):
+    # a delay counts by the navigator's velocity, which is wrong by 0.1 m/s of 22
+    close = 2e-3 if delay_sigma == 0.0 else 5e-2
     random = np.random.default_rng(seed)
     start_sigma = np.array([400.0, 300.0, 0.1, 0.1])
-    theta = random.standard_normal(2) * [BIAS_SIGMA, DRIFT_SIGMA]  # at t = 1000 s
+    count = 2 if delay_sigma == 0.0 else 3
+    sigma = np.array([BIAS_SIGMA, DRIFT_SIGMA, delay_sigma])
+    theta = random.standard_normal(3) * sigma  # at t = 1000 s
+    late = -SLOPE @ VELOCITY  # change of a reading per s of delay
     error = random.standard_normal(4) * start_sigma  # at the end of the first batch
     prior = np.diag(start_sigma**2)
-    estimate = BiasEstimate.unknown(1000.0, BIAS_SIGMA, DRIFT_SIGMA)
+    estimate = BiasEstimate.unknown(1000.0, *sigma)
     corrections = np.zeros(4)  # of the navigator so far, as an error at the end of the batch
     residuals, designs, times, wandered = [], [], [], 0.0
     for number in range(BATCHES):
         noise, wandered = noise_of(random, number, walk, wandered)
+        noise += late * theta[2]
         raw = batch_of(
             number, error, prior, lambda t, e=noise: theta[0] + theta[1] * (t - 1000.0) + e
         )
@@ -113,31 +120,34 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed, walk):
         residuals.append(residual - slope @ corrections)
         times.append(raw.time - 1000.0)
         carried = np.linalg.matrix_power(FORWARD, number)
-        designs.append(np.column_stack([-slope @ carried, np.ones(SCANS), raw.time - 1000.0]))
+        of_theta = np.column_stack([np.ones(SCANS), raw.time - 1000.0, np.full(SCANS, late)])
+        designs.append(np.column_stack([-slope @ carried, of_theta[:, :count]]))
 
         mean, covariance, likelihood = posterior(batch)
         estimate = bias.measured(batch, likelihood, mean, covariance)
         corrections = FORWARD @ (corrections + mean)
         error, prior = FORWARD @ (error - mean), FORWARD @ covariance @ FORWARD.T
 
-    expected, spread = of_all(designs, residuals, times, start_sigma, walk)
+    start = np.diag([*start_sigma**2, *sigma[:count] ** 2])
+    expected, spread = of_all(designs, residuals, times, start, walk)
     scale = np.sqrt(np.diag(spread))
     np.testing.assert_allclose(
-        (np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=2e-3
+        (np.linalg.inv(FORWARD) @ corrections - expected[:4]) / scale[:4], 0.0, atol=close
     )
-    np.testing.assert_allclose((estimate.mean - expected[4:]) / scale[4:], 0.0, atol=2e-3)
+    np.testing.assert_allclose((estimate.mean - expected[4:]) / scale[4:], 0.0, atol=close)
     joint = np.block(
         [
             [covariance, covariance @ estimate.gain.T],
-            [estimate.gain @ covariance, np.zeros((2, 2))],
+            [estimate.gain @ covariance, np.zeros((count, count))],
         ]
     )
     joint[4:, 4:] = estimate.covariance + estimate.gain @ covariance @ estimate.gain.T
     np.testing.assert_allclose(
-        joint / scale / scale[:, None], spread / scale / scale[:, None], atol=2e-3
+        joint / scale / scale[:, None], spread / scale / scale[:, None], atol=close
     )
-    assert estimate.figures()["bias_sigma"] == pytest.approx(scale[4], rel=2e-3)
+    assert estimate.figures()["bias_sigma"] == pytest.approx(scale[4], rel=close)
     assert estimate.figures()["drift"] == estimate.mean[1]
+    assert ("delay" in estimate.figures()) == (count == 3)
 
 
 def chained():

@@ -5,6 +5,7 @@ summary            figures of merit of a set of runs: results.json, summary.json
 judgement          is a run worse than without aiding, or not what it claims?
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
+gravimeter_states  states of the bound for the slow errors of a gravimeter
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`

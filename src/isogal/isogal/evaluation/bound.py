@@ -7,7 +7,8 @@ compares the map at the navigator's position with the field at the true one, so 
 position error by the map's gradient, on velocity and latitude errors by the reductions, on the
 map's own error and on white noise. The map's error, a field with covariance sigma² exp(-d / L), is
 along the track a first-order Gauss-Markov process, which adds a state. The sensor's bias and its
-drift add two more.
+drift add two more, its noise that is correlated in time, its cross-coupling and its low-pass
+filter others where it has them (`slow_states`).
 
 A reading of several channels is turned by the eigenvectors of its noise's covariance into as many
 channels with independent noise. Map errors of the channels, independent and equal in sigma and L,
@@ -24,8 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.evaluation.gravimeter_states import SlowStates, fill_slow, slow_states
 from isogal.evaluation.ins_error_model import (
     Segments,
     ageing,
@@ -40,8 +42,12 @@ from isogal.fusion.auxiliary import Auxiliary, auxiliary_of
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.maps.channels import RouteMap, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.maps.tiled_map import TiledMap
 from isogal.matching.batching import fix_due
 from isogal.scenario import Gravimeter, Scenario
+from isogal.sensors.gravimeter_errors import without_readings
+from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -55,6 +61,8 @@ class _Readings(NamedTuple):
     """(C,) variances of the channels' noise."""
     used: Booleans
     """(S,) whether the navigator gets, after a scan, what all readings so far say."""
+    slow: SlowStates
+    """Of the sensor."""
 
 
 class _Ageing(NamedTuple):
@@ -112,23 +120,11 @@ def posterior_cramer_rao(
     """
     scenario = scenario.world
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
-    latitude, longitude, velocity = (
-        trajectory.latitude[scans],
-        trajectory.longitude[scans],
-        trajectory.velocity[scans],
-    )
-    # with the navigator at error xi: reading - map(navigator's position) = (jacobian - gradient)
-    # xi + map error + noise
     field = measured_field(scenario)
-    at = State(latitude, longitude, trajectory.height[scans], velocity[:, 0], velocity[:, 1])
-    channels = []
-    for one in channels_of(field_map):
-        _, north, east = one.value_and_gradient(latitude, longitude)
-        jacobian = field.reduction(scenario).jacobian(at)
-        jacobian[:, 0] -= north
-        jacobian[:, 1] -= east
-        channels.append(jacobian)
-    sensitivity = np.stack(channels, axis=1)
+    sensitivity = np.stack(
+        [_sensitivity(scenario, trajectory, one, scans) for one in channels_of(field_map)], axis=1
+    )
+    sensitivity[without_readings(scenario.gravimeter, trajectory, scans)] = np.nan
     noise = np.array(
         [effective_noise_variance(scenario.gravimeter, channels_of(field_map)[0].quantisation)]
     )
@@ -139,7 +135,41 @@ def posterior_cramer_rao(
     used = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
-    return _run(scenario, trajectory, _Readings(sensitivity, noise, used))
+    slow = slow_states(scenario.gravimeter, trajectory, scans)
+    return _run(scenario, trajectory, _Readings(sensitivity, noise, used, slow))
+
+
+def _sensitivity(
+    scenario: Scenario, trajectory: Trajectory, field_map: FieldMap | TiledMap, scans: Integers
+) -> Array:
+    """Return (S, 4) how a reading's difference from the map at the navigator's position depends on
+    the navigator's error xi at the scan: (jacobian - gradient) xi, a mean over the path where the
+    readings are late; NaN = the reading tells nothing."""
+    reduction = measured_field(scenario).reduction(scenario)
+    lag, time = Lag.of(scenario.gravimeter), trajectory.time
+    total = np.zeros((len(scans), 4))
+    for age, weight in zip(*lag.ages(), strict=True):
+        then = time[scans] - age
+        place = [
+            np.interp(then, time, values)
+            for values in (
+                trajectory.latitude,
+                trajectory.longitude,
+                trajectory.height,
+                trajectory.velocity[:, 0],
+                trajectory.velocity[:, 1],
+            )
+        ]
+        at = State(*place)
+        _, north, east = field_map.value_and_gradient(at.latitude, at.longitude)
+        jacobian = reduction.jacobian(at)
+        jacobian[:, 0] -= north
+        jacobian[:, 1] -= east
+        jacobian[:, 2:] -= age * jacobian[:, :2]  # position was another by velocity
+        total += weight * jacobian
+    if lag.mean > 0.0:
+        total[time[scans] < lag.delay + SETTLING * lag.filter_time] = np.nan
+    return total
 
 
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
@@ -148,9 +178,8 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
     scenario = scenario.world
     scans = len(trajectory) // scenario.steps_per_scan
     nothing = np.full((scans, 1, 4), np.nan)
-    return _run(
-        scenario, trajectory, _Readings(nothing, np.ones(1), np.ones(scans, dtype=np.bool_))
-    )
+    used = np.ones(scans, dtype=np.bool_)
+    return _run(scenario, trajectory, _Readings(nothing, np.ones(1), used, SlowStates.none(scans)))
 
 
 def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
@@ -158,13 +187,13 @@ def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) 
     average.
 
     White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a
-    navigator that knows which readings are outliers: the mean of the two informations."""
+    navigator that knows which readings are outliers: the mean of the two informations. So is that
+    of readings of which a share is missing by chance."""
     rounding = quantisation**2 / 12.0
     good = gravimeter.sigma**2 + rounding
     outlier = good + (gravimeter.sigma * gravimeter.outlier_sigma) ** 2
-    return 1.0 / (
-        (1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier
-    )
+    known = (1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier
+    return 1.0 / ((1.0 - gravimeter.missing_fraction) * known)
 
 
 def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) -> Array:
@@ -173,9 +202,8 @@ def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array)
     good = covariance + np.diag(rounding)
     outlier = good + gravimeter.outlier_sigma**2 * covariance
     share = gravimeter.outlier_fraction
-    return np.asarray(
-        np.linalg.inv((1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier))
-    )
+    known = (1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)
+    return np.asarray(np.linalg.inv((1.0 - gravimeter.missing_fraction) * known))
 
 
 def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> BoundResult:
@@ -183,12 +211,13 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     channels = len(readings.noise)
     gravity = true_residual_gravity(scenario, trajectory)
     auxiliary = FilterModel.from_scenario(scenario, gravity).auxiliary
-    # the navigator's errors, the map's error in each channel, the sensor's bias and drift
-    m = STATES + len(auxiliary)
-    start = np.zeros((m + channels + 2, m + channels + 2))
+    # the navigator's errors, the map's error in each channel, the sensor's slow errors, its bias
+    # and drift
+    m, slow = STATES + len(auxiliary), readings.slow.variance
+    start = np.zeros((m + channels + len(slow) + 2, m + channels + len(slow) + 2))
     start[:m, :m] = initial_covariance(scenario, auxiliary)
     bias = _bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
-    start[m:, m:] = np.diag([scenario.map_error.sigma] * channels + [*bias]) ** 2
+    start[m:, m:] = np.diag([scenario.map_error.sigma**2] * channels + [*slow, *np.square(bias)])
     aged = _Ageing(
         auxiliary_of(auxiliary), *ageing(segments, auxiliary), _correlation(scenario, segments)
     )
@@ -219,8 +248,10 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
     geometry, force, rotation, rate, dt, per_scan = segments
-    sensitivity, noise, used = readings
-    n, m = start.shape[0], start.shape[0] - noise.shape[0] - 2
+    sensitivity, noise, used, slow = readings
+    n, filtered = start.shape[0], slow.filter_time > 0.0
+    first = n - 2 - slow.variance.shape[0]  # of the slow states
+    m = first - noise.shape[0]
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
@@ -238,9 +269,10 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
             half_noise[j, j] = aged.half_noise[k, j - STATES]
         # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
         c = aged.map_correlation[k]
-        for j in range(m, n - 2):
+        for j in range(m, first):
             transition[j, j] = c
             half_noise[j, j] = start[m, m] * (1.0 - c**2) / (1.0 + c**2)
+        fill_slow(transition, half_noise, slow, m, dt)
         # trapezoid: half the noise enters at either end
         P = transition @ (P + half_noise) @ transition.T + half_noise
         P = 0.5 * (P + P.T)
@@ -249,7 +281,11 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
             scan = (k + 1) // per_scan - 1
             for c in range(noise.shape[0]):
                 if not np.isnan(sensitivity[scan, c]).any():
-                    _update(P, sensitivity[scan, c], noise[c], m + c)
+                    row = np.zeros(n)
+                    row[:4] = sensitivity[scan, c]
+                    row[first : n - 2] = slow.share[scan]
+                    row[n - 3 if filtered else m + c] = row[n - 2] = 1.0
+                    _update(P, row, noise[c])
             if used[scan]:
                 alone = P.copy()
             result[scan + 1] = alone[:2, :2]
@@ -280,18 +316,17 @@ def _discretise(transition, half_noise, F, rotation, density, dt):  # type: igno
 
 
 @kernel
-def _update(P, sensitivity, noise, error):  # type: ignore[no-untyped-def]
-    """Condition on one reading, in place; its derivatives are `sensitivity` by position and
-    velocity, and 1 by its map error and by the bias."""
+def _update(P, row, noise):  # type: ignore[no-untyped-def]
+    """Condition on one reading, in place; `row` (n,) holds its derivatives."""
     n = P.shape[0]
-    column = np.empty(n)
-    for i in range(n):
-        column[i] = P[i, error] + P[i, n - 2]
-        for j in range(4):
-            column[i] += P[i, j] * sensitivity[j]
-    variance = noise + column[error] + column[n - 2]
-    for j in range(4):
-        variance += sensitivity[j] * column[j]
+    column = np.zeros(n)
+    variance = noise
+    for j in range(n):
+        if row[j] != 0.0:
+            for i in range(n):
+                column[i] += P[i, j] * row[j]
+    for j in range(n):
+        variance += row[j] * column[j]
     for i in range(n):
         for j in range(n):
             P[i, j] -= column[i] * column[j] / variance

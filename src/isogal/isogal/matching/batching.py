@@ -205,6 +205,8 @@ class BatchBuilder:
             backward=backward[:, : len(prior), : len(prior)],
             reading_covariance=reading_covariance(self.instrument, times, sigma, velocity),
             bias_walk=self.instrument.bias_walk,
+            delay_sigma=self.instrument.delay_sigma,
+            reading_rate=_rate(at_scan, velocity, times),
         )
         if self.covariance is None:
             return batch if self._lag.mean == 0.0 else self._late(batch, prior)
@@ -240,6 +242,7 @@ class BatchBuilder:
             nuisance_position=np.ascontiguousarray(rest[:, :2]),
             nuisance_reading=np.einsum("ti,tij->tj", at_scan, rest[:, :4]),
             filter_path=filter_path,
+            reading_rate=_rate(at_scan, velocity, batch.time),
             end_place=batch.end,
         )
 
@@ -276,6 +279,15 @@ def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
         [latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1
     )
     return _chain(geometry, force, np.diff(np.append(times, end)))
+
+
+def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
+    """Return (T,) the change per s along the path of what a reduction adds to the readings, by
+    its Jacobian (T, 4) at the scans."""
+    if len(times) < 2:
+        return None
+    moving = np.concatenate([velocity, np.gradient(velocity, times, axis=0)], axis=1)
+    return np.asarray((jacobian * moving).sum(axis=1))
 
 
 @kernel

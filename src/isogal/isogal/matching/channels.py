@@ -64,6 +64,7 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         nuisance_reading=np.zeros((scans * channels, batch.nuisance_reading.shape[1])),
         new=batch.new * channels,
         backward=None if batch.backward is None else spread(batch.backward),
+        reading_rate=None,
         channel=np.tile(np.arange(channels), scans),
         reading_covariance=whole,
     )

@@ -81,6 +81,11 @@ class Batch:
     reading_covariance: Array | None = None
     """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated, or
     readings one after the other; None = diag(sigma²)."""
+    reading_rate: Array | None = None
+    """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
+    unit; None = not at all."""
+    delay_sigma: float = 0.0
+    """1-sigma of a delay of the readings beyond what is told, s."""
     bias_walk: float = 0.0
     """Random walk of the readings' bias, map's unit per root second."""
     filter_path: FilterPath | None = None
@@ -112,6 +117,7 @@ class Batch:
         return replace(
             self,
             **{name: getattr(self, name)[which] for name in PER_ROW},
+            reading_rate=None if self.reading_rate is None else self.reading_rate[which],
             backward=None if self.backward is None else self.backward[which],
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
             filter_path=None if path is None else path.part(which),

@@ -65,6 +65,9 @@ class Gravimeter(Section):
     delay: NonNegative = Field(
         0.0, le=300.0, description="s by which readings are late, after the filter"
     )
+    delay_sigma: NonNegative = Field(
+        0.0, le=60.0, description="1-sigma of a delay that is not told, which is estimated, s"
+    )
     missing_fraction: float = Field(
         0.0, ge=0.0, lt=1.0, description="share of the readings that are missing"
     )

@@ -21,6 +21,7 @@ What the stages use:
     filtered               readings that are a mean over the path
     map_error              sigma and correlation length of the map error, learnt
     sensor_bias            bias and drift of the readings, learnt
+    delay                  readings that are later than told
     attitude               the attitude error that goes with position and velocity
     hypotheses             update of several hypotheses
     importance_sampling    posterior of one of them by tempered importance sampling

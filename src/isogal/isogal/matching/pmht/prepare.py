@@ -75,7 +75,7 @@ def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEst
     if not sigma > 0.0:
         sigma = CONSTANTS.unknown_bias_share * field_scale(channels_of(field_map)[0])
     drift = sigma / CONSTANTS.bias_drift_time_s if drift is None else drift
-    return BiasEstimate.unknown(float(batch.time[0]), sigma, drift)
+    return BiasEstimate.unknown(float(batch.time[0]), sigma, drift, batch.delay_sigma)
 
 
 def _bias(
@@ -87,9 +87,9 @@ def _bias(
     estimate = memory.bias if memory else None
     if estimate is None and (settings.adaptive or settings.noise.bias_sigma > 0.0):
         estimate = unknown_bias(batch, field_map, settings)
-    if estimate is None and batch.bias_walk > 0.0:
-        # nothing at first, but it will not stay so
-        estimate = BiasEstimate.unknown(float(batch.time[0]), 0.0, 0.0)
+    if estimate is None and (batch.bias_walk > 0.0 or batch.delay_sigma > 0.0):
+        # no bias at first, but it will not stay so
+        estimate = BiasEstimate.unknown(float(batch.time[0]), 0.0, 0.0, batch.delay_sigma)
     return estimate
 
 

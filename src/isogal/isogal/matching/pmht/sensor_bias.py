@@ -1,6 +1,8 @@
-"""The readings' bias and drift, estimated from batch to batch beside the navigator's error.
+"""The readings' bias and drift, and how late they are, estimated from batch to batch beside the
+navigator's error.
 
-State: theta = (bias at a time, drift per second), Gaussian given the navigator's error x there
+State: theta = (bias at a time, drift per second, and where it is in question the delay of the
+readings in s beyond what is told), Gaussian given the navigator's error x there
 (position, velocity and, where the batch knows it, attitude): theta = mean + gain x + N(0,
 covariance). The gain is what matters: a bias looks like a position error along the map's gradient,
 and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For
@@ -24,34 +26,40 @@ from isogal.matching.batching import unconditioned
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.likelihood import BatchLikelihood
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasEstimate:
-    """theta given the navigator's error x (n,) at a time, n = 4 or 7. Map's unit, s."""
+    """theta (k,), k = 2 or 3, given the navigator's error x (n,) at a time, n = 4 or 7. Map's
+    unit, s."""
 
     time: float
     mean: Array
-    """(2,) at x = 0."""
+    """(k,) at x = 0."""
     covariance: Array
-    """(2, 2) given x."""
+    """(k, k) given x."""
     gain: Array
-    """(2, n)."""
+    """(k, n)."""
     error: Array | None = None
     """(n, n) the navigator's covariance of x at that time if it has taken the fix that was
     published; None = there was none."""
 
     @classmethod
-    def unknown(cls, time: float, bias_sigma: float, drift_sigma: float) -> "BiasEstimate":
-        """Return the prior at a time."""
-        return cls(time, np.zeros(2), np.diag([bias_sigma**2, drift_sigma**2]), np.zeros((2, 4)))
+    def unknown(
+        cls, time: float, bias_sigma: float, drift_sigma: float, delay_sigma: float = 0.0
+    ) -> "BiasEstimate":
+        """Return the prior at a time; without a delay where its sigma is 0."""
+        sigma = np.array([bias_sigma, drift_sigma, delay_sigma][: 3 if delay_sigma > 0.0 else 2])
+        return cls(time, np.zeros(len(sigma)), np.diag(sigma**2), np.zeros((len(sigma), 4)))
 
     def at_end(self, batch: Batch) -> "LinearBias":
         """Carry the state to the end of a batch."""
         end = float(batch.time[-1])
-        forward = np.array([[1.0, end - self.time], [0.0, 1.0]])
-        own = forward @ square_root(self.covariance)
+        forward = np.eye(len(self.mean))
+        forward[0, 1] = end - self.time
+        own = forward @ _root(self.covariance)
         mean, gain = forward @ self.mean, forward @ self.gain
         last = float(batch.time[-1 - batch.new]) if batch.new < len(batch) else math.nan
         back, drift = batch.back(end - self.time)
@@ -63,8 +71,8 @@ class BiasEstimate:
         # a batch is missing, or another correction was made than was published: how the errors go
         # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
-        own = square_root(own @ own.T + gain @ before @ gain.T)
-        nothing = np.zeros((2, 4)), np.zeros((2, drift.shape[1]))
+        own = _root(own @ own.T + gain @ before @ gain.T)
+        nothing = np.zeros((len(mean), 4)), np.zeros((len(mean), drift.shape[1]))
         return LinearBias(end, mean, *nothing, walk.added(own), walk)
 
     def _taken(self, last: float, then: Array) -> bool:
@@ -83,10 +91,9 @@ class BiasEstimate:
         if self.error is not None:
             variance = variance + np.diag(self.gain @ self.error @ self.gain.T)
         return {
-            "bias": float(self.mean[0]),
-            "bias_sigma": float(np.sqrt(variance[0])),
-            "drift": float(self.mean[1]),
-            "drift_sigma": float(np.sqrt(variance[1])),
+            name: float(value)
+            for k, what in enumerate(("bias", "drift", "delay")[: len(self.mean)])
+            for name, value in ((what, self.mean[k]), (f"{what}_sigma", np.sqrt(variance[k])))
         }
 
 
@@ -107,8 +114,9 @@ class _Walk:
         """Return the columns of theta's own noise (2, 2) with that of the walk, if it walks."""
         if not self.walks:
             return own
-        column = self.density * math.sqrt(self.end - self.start)
-        return np.column_stack([own, [column, 0.0]])
+        column = np.zeros(len(own))
+        column[0] = self.density * math.sqrt(self.end - self.start)
+        return np.column_stack([own, column])
 
     def share(self, time: Array) -> Array:
         """Return how much of the walk was there at times, 0 to 1."""
@@ -124,41 +132,46 @@ class _Walk:
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
     """theta at a batch's end: mean + by_error xi + by_nuisance d + own u, with d the navigator's
-    drift and u ~ N(0, 1) (2,), (3,) with a walk.
+    drift and u ~ N(0, 1) (k,), or (k + 1,) with a walk.
     """
 
     time: float
     mean: Array
-    """(2,)."""
+    """(k,)."""
     by_error: Array
-    """(2, 4)."""
+    """(k, 4)."""
     by_nuisance: Array
-    """(2, M)."""
+    """(k, M)."""
     own: Array
-    """(2, 2) or (2, 3)."""
+    """(k, k) or (k, k + 1)."""
     walk: _Walk
 
     def added_to(self, batch: Batch) -> Batch:
-        """Return the batch whose readings are known to contain bias and drift; u is two or three
-        more columns of its drift.
+        """Return the batch whose readings are known to contain bias and drift, and to be late; u
+        is more columns of its drift.
         """
-        shares = np.stack(
-            [np.ones(len(batch)), batch.time - self.time], axis=1
-        )  # of bias and drift, in each reading
+        # of bias, drift and delay, in each reading
+        shares = np.stack([np.ones(len(batch)), batch.time - self.time], axis=1)
+        moves = np.zeros((len(batch), 2, len(self.mean)))
+        if len(self.mean) == 3:
+            shares = np.column_stack([shares, -by_delay(batch)])
+            batch = later(batch, float(self.mean[2]))
+            moves[:, :, 2] = batch.velocity
         own, covariance = shares @ self.own, batch.reading_covariance
         if self.walk.walks:
-            own[:, 2] *= self.walk.share(batch.time)
+            own[:, -1] *= self.walk.share(batch.time)
             white = np.diag(batch.sigma**2) if covariance is None else covariance
             covariance = white + self.walk.bridge(batch.time)
-        nothing = np.zeros((len(batch), 2, own.shape[1]))
+        by_nuisance = batch.nuisance_position + moves @ self.by_nuisance
         return replace(
             batch,
+            transition=np.ascontiguousarray(batch.transition + moves @ self.by_error),
             offset=batch.offset + shares @ self.mean,
             reading_jacobian=batch.reading_jacobian + shares @ self.by_error,
             nuisance_reading=np.concatenate(
                 [batch.nuisance_reading + shares @ self.by_nuisance, own], axis=1
             ),
-            nuisance_position=np.concatenate([batch.nuisance_position, nothing], axis=2),
+            nuisance_position=np.concatenate([by_nuisance, moves @ self.own], axis=2),
             reading_covariance=covariance,
         )
 
@@ -204,6 +217,15 @@ class LinearBias:
             gain,
             covariance,
         )
+
+
+def _root(covariance: Array) -> Array:
+    """Return a square root (k, k) of theta's covariance; a delay in s and a drift in m/s³ differ
+    by too much for one set of eigenvalues."""
+    if len(covariance) == 2:
+        return square_root(covariance)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return scale[:, None] * square_root(covariance / scale / scale[:, None])
 
 
 def _by_state(batch: Batch, by_error: Array, by_nuisance: Array) -> tuple[Array, Array]:

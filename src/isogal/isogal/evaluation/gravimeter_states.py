@@ -1,0 +1,84 @@
+"""States of the bound for what a gravimeter adds slowly to its readings (docs/mathematics.md,
+sections 2.8 and 11.1)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.scenario import Gravimeter
+from isogal.sensors.gravimeter_errors import accelerations
+from isogal.sensors.trajectory import Trajectory
+
+
+class SlowStates(NamedTuple):
+    """E stationary states over S scans; the last is the map's error after the filter, if there is
+    one."""
+
+    variance: Array
+    """(E,) map's unit squared."""
+    time: Array
+    """(E,) s, correlation time."""
+    share: Array
+    """(S, E) what a reading has of each."""
+    walk: float
+    """Of the bias, map's unit per root second."""
+    filter_time: float
+    """s; 0 = there is no filter."""
+
+    @classmethod
+    def none(cls, scans: int) -> "SlowStates":
+        """Return those of a sensor with white noise."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros((scans, 0)), 0.0, 0.0)
+
+
+def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -> SlowStates:
+    """Return those of an instrument: noise correlated in time, cross-coupling with the two
+    horizontal accelerations, and its filter.
+
+    Parameters
+    ----------
+    index : (S,) array
+        Of each scan in the trajectory.
+    """
+    variance, time, share = [], [], []
+    if settings.correlated_sigma > 0.0:
+        variance.append(settings.correlated_sigma**2)
+        time.append(settings.correlation_time)
+        share.append(np.ones(len(index)))
+    if settings.cross_coupling > 0.0:
+        before = np.concatenate([[0], index])
+        moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
+        variance += [settings.cross_coupling**2] * 2
+        time += [np.inf] * 2
+        share += list(moving.T)
+    if settings.filter_time > 0.0:
+        variance.append(0.0)  # settled when the first reading is given
+        time.append(np.inf)
+        share.append(np.zeros(len(index)))  # instead of the map's error itself
+    return SlowStates(
+        np.array(variance),
+        np.array(time),
+        np.stack(share, axis=1) if share else np.zeros((len(index), 0)),
+        settings.bias_walk,
+        settings.filter_time,
+    )
+
+
+@kernel
+def fill_slow(transition, half_noise, slow, map_error, dt):  # type: ignore[no-untyped-def]
+    """Write what becomes of them and of the bias, the last state but one, over dt (s), in place;
+    half of the noise enters at either end. `map_error` is the state of the map's error."""
+    n = transition.shape[0]
+    first = n - 2 - slow.variance.shape[0]
+    for j in range(first, n - 2):
+        keep = math.exp(-dt / slow.time[j - first])
+        transition[j, j] = keep
+        half_noise[j, j] = slow.variance[j - first] * (1.0 - keep**2) / (1.0 + keep**2)
+    half_noise[n - 2, n - 2] = 0.5 * dt * slow.walk**2
+    if slow.filter_time > 0.0:  # of the map's error
+        keep = math.exp(-dt / slow.filter_time)
+        transition[n - 3, map_error], transition[n - 3, n - 3] = 1.0 - keep, keep
+        half_noise[n - 3, n - 3] = 0.0

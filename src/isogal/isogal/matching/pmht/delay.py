@@ -1,0 +1,34 @@
+"""Readings that are later than told: what a delay does to a batch.
+
+docs/mathematics.md, section 9.4.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.matching.interfaces import Batch
+from isogal.matching.path import Path
+
+
+def later(batch: Batch, delay: float) -> Batch:
+    """Return a batch whose readings tell of places that were passed a time (s) before those of
+    its rows."""
+    if delay == 0.0:
+        return batch
+    path = Path(batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity)
+    at = path.at(batch.time - delay)
+    return replace(
+        batch,
+        latitude=np.asarray(at.latitude),
+        longitude=np.asarray(at.longitude),
+        velocity=np.stack([at.v_north, at.v_east], axis=-1),
+        end_place=batch.end,
+    )
+
+
+def by_delay(batch: Batch) -> Array:
+    """Return (T,) d(reduced reading)/d(delay), per s, by a reduction with the state at the stamp
+    instead of that before."""
+    return np.zeros(len(batch)) if batch.reading_rate is None else -batch.reading_rate
