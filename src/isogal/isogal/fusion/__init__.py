@@ -9,6 +9,9 @@ sample_stream   samples of a fast IMU, one by one, as steps of the navigator
 imu_states      auxiliary states of the inertial sensors
 outage          what is still known after a time without inertial data
 
+auxiliary       states beside the fifteen: what disturbs the dynamics slowly
+gravity_states  those of the horizontal gravity that is left
+
 nominal         the mean as compiled functions take it, and moving it by an error state
 sigma_points    sigma points: weights, propagation, moments
 ukf             the compiled filter

@@ -5,7 +5,6 @@ imu             inertial sensors with the errors of a data sheet
 imu_truth       what a perfect IMU measures that is faster than the navigator
 imu_model       what a navigator assumes of them
 initial         the navigator's first state, with its errors
-vehicle         one run of a simulated vehicle: route, inertial sensors, unaided INS
 scans           which readings of an instrument are scans, and which scans are missing
 reduction       what every instrument of a mapped field provides
 gravimeter      gravity and its disturbance
