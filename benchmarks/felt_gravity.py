@@ -57,7 +57,7 @@ def line(row: str, matcher: str, world: str, scenario: Scenario, record: Runs) -
         np.sqrt((error[:, late] ** 2).mean())
         for error in (record.unaided_horizontal_error, record.horizontal_error)
     )
-    summary = summarise(record, scenario)
+    summary = summarise(record, scenario, np.full(len(record.time), np.nan))
     nees, share = summary["nees_all_scans"]["mean"], summary["judgement"]["share"]["good"]
     return (
         f"| {row} | `{matcher}` | {world} | {unaided:.0f} | {aided:.1f} | {nees:.3g} |"
