@@ -3,6 +3,7 @@ navigator's estimate.
 
 A gravimeter, unless the parameter `field` names a field of another instrument."""
 
+import math
 import sys
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -25,6 +26,10 @@ from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import run_node
+
+STUCK = 6
+"""Readings of exactly the same value, one after the other, after which the instrument counts as
+stuck."""
 
 
 class GravimeterSettings(NodeSettings):
@@ -58,6 +63,8 @@ class GravimeterNode(GraphNode):
         covariance = measured_field(self.scenario).covariance(self.scenario)
         self._variance = self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         self._newest = -1
+        self._same = 0
+        self._felt_last: Any = math.nan
         self._adapter = adapter_of(self.scenario)
         self._message = self._adapter.new_raw()
         if self.settings.simulate:
@@ -106,6 +113,8 @@ class GravimeterNode(GraphNode):
         if np.isnan(felt).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
+        self._same = self._same + 1 if np.array_equal(felt, self._felt_last) else 0
+        self._felt_last = felt
         self._queue.put(ns, (felt, variance))
 
     def _reduce(self, ns: int, reading: tuple[Any, Any], nav: NavSample | None) -> None:
@@ -113,6 +122,8 @@ class GravimeterNode(GraphNode):
         self._outputs.publish(ns, *reading, nav)
         self._reduced += 1
         self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
+        text = f"stuck: {self._same + 1} readings of the same value"
+        self.health.concern("stuck", text if self._same >= STUCK else None)
         self.health.state(OK, "reducing")
 
 

@@ -96,6 +96,11 @@ class PmhtMmNode(GraphNode):
             reading = math.nan  # the batch is to know of the scan
         self.scans.add(ns, reading)
 
+    def _beat(self) -> None:
+        if self.configured:
+            self.health.concern("silent", self.scans.silent)
+        super()._beat()
+
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
         kept = self._survival.take(nav.ns)

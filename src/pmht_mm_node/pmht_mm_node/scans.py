@@ -7,11 +7,14 @@ from typing import Any
 from isogal.scenario import Scenario
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_buffer import Jump
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample, moved
+
+SILENT = 4
+"""Scans that fail to come, one after the other, after which the instrument counts as silent."""
 
 
 class Scans:
@@ -44,6 +47,14 @@ class Scans:
         self.last = -1
         """Stamp of the last scan, ns; -1 = none."""
         self._queue = NavQueue(node, scenario, self._process)
+
+    @property
+    def silent(self) -> str | None:
+        """That the navigator has gone on without a reading for long; None = it has not."""
+        gone = self._queue.nav.newest - self._newest
+        if self._newest < 0 or gone <= SILENT * self._interval:
+            return None
+        return f"no readings for {to_seconds(gone):.0f} s"
 
     def before(self, ns: int) -> int:
         """Return how many scans there have been before the one of a stamp, counted from zero."""

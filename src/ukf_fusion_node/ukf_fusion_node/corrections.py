@@ -13,7 +13,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
-from isogal_ros.nodes.health import WARN, Health
+from isogal_ros.nodes.health import Health
 
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
@@ -71,10 +71,8 @@ class Corrections:
         """Say where the fixes do not fit the navigator, one after the other."""
         odd = result.accepted and result.nis > IMPROBABLE
         self._odd = self._odd + 1 if odd else 0
-        if self._odd >= 2:
-            self._health.state(
-                WARN, f"{self._odd} fixes in a row are improbable for the navigator"
-            )
+        text = f"{self._odd} fixes in a row are improbable for the navigator"
+        self._health.concern("improbable", text if self._odd >= 2 else None)
         if result.accepted:
             moved = float(np.hypot(*result.innovation))
             self._info(f"{result.late:.0f} s old fix taken; {moved:.0f} m from the estimate")

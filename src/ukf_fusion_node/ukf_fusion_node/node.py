@@ -14,6 +14,7 @@ from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.messages.whole_fix import read_whole_fix
 from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.spin import run_node
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
@@ -21,6 +22,7 @@ from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
+from ukf_fusion_node.watch import Watch
 
 
 class UkfFusionNode(GraphNode):
@@ -42,6 +44,7 @@ class UkfFusionNode(GraphNode):
         """Fixes that were applied or dropped."""
         self._corrections = Corrections(self.health, self._info)
         self._navigation = Navigation(self)
+        self._watch = Watch(self.settings.max_acceleration, self.settings.max_turn_rate)
         self._outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
         self.listen(topics.IMU, self._take_imu)
@@ -56,6 +59,7 @@ class UkfFusionNode(GraphNode):
         self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
+        self._watch.take(force, rate)
         if self._navigation.navigator is None:
             if self._navigation.begin(ns):
                 self._publish()
@@ -67,7 +71,14 @@ class UkfFusionNode(GraphNode):
             if self._fixes:
                 self._settle()
             self._navigation.keep()
+        stuck = self._watch.stuck
+        self.health.concern("stuck", f"stuck: {stuck}" if stuck else None)
         self.health.tick(ns)
+
+    def _beat(self) -> None:
+        if self.configured:
+            self.health.concern("silent", self._watch.silent, ERROR)
+        super()._beat()
 
     def _info(self, text: str) -> None:
         self.get_logger().info(text, throttle_duration_sec=5.0)

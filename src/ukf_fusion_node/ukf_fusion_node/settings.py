@@ -29,6 +29,12 @@ class UkfFusionSettings(NodeSettings):
         0.0,
         description="stamp at which the start is true, s; NaN = when the first IMU sample comes",
     )
+    max_acceleration: float = Field(
+        30.0, gt=0.0, description="most that the vehicle can do; a sample beyond is dropped, m/s²"
+    )
+    max_turn_rate: float = Field(
+        3.0, gt=0.0, description="most that it can turn; a sample beyond is dropped, rad/s"
+    )
     outage_acceleration: float = Field(
         0.1,
         ge=0.0,

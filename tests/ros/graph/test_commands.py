@@ -14,6 +14,9 @@ from helpers.field_scenarios import GRADIENT
 from isogal.cli import run
 from isogal.cli.main import app, main
 from isogal.errors import InputError
+from isogal.scenario import load_scenario
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.plan import CLASSES
 from isogal_ros.graph.shared_memory import abandoned_memory
 
@@ -55,6 +58,49 @@ def test_the_replay_command(finished, tmp_path, monkeypatch, capfd) -> None:
         json.loads((out / "summary.json").read_text())["position_error"], nan_ok=True
     )
     assert (tmp_path / "again" / "report.html").exists()
+
+
+def replayed(monkeypatch, capfd, *words: object) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["isogal", "replay", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code, *capfd.readouterr()
+
+
+def test_a_replay_beyond_the_tolerance_fails(recording, monkeypatch, capfd) -> None:
+    """Changed on purpose, any difference will do, unless a tolerance is given."""
+    change = ("--set", "matcher.map_sigma=9e-5", "--json")
+    code, out, _ = replayed(monkeypatch, capfd, recording, *change)
+    assert code == 0
+    assert json.loads(out)["largest_difference_m"] > 0.01
+    code, _, err = replayed(monkeypatch, capfd, recording, *change, "--tolerance", "0.01")
+    assert code == 1
+    assert "tolerance 0.01 m" in err
+
+
+def test_a_bag_without_scenario_is_refused_unless_told(
+    recording, settings, tmp_path, monkeypatch, capfd
+) -> None:
+    """Rewritten by another tool; it once was replayed with the default scenario, exit 0."""
+    writer = BagWriter(tmp_path / "poor")
+    reader = BagReader(recording)
+    for message in reader.messages():
+        if not writer.knows(message.topic):
+            writer.add_topic(message.topic, reader.types[message.topic], [], "")
+        writer.write(message.topic, message.data, message.log_ns, message.log_ns)
+    writer.close()
+    code, _, err = replayed(monkeypatch, capfd, tmp_path / "poor")
+    assert code == 2
+    assert "the bag has no scenario" in err
+    import yaml
+
+    file = tmp_path / "scenario.yaml"
+    scenario = load_scenario(None, settings())
+    file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")))
+    words = ("--scenario", file, "--tolerance", "1e-3")
+    code, out, err = replayed(monkeypatch, capfd, tmp_path / "poor", *words)
+    assert code == 0, err
+    assert "disagreements: 0" in out
 
 
 def test_a_run_in_one_process_prints_json_and_leaves_the_home_folder_alone(
@@ -130,7 +176,7 @@ def test_without_ros_the_command_says_so(monkeypatch) -> None:
     with pytest.raises(InputError, match=r"ROS 2 \(rclpy\) is not installed"):
         run.run()
     with pytest.raises(InputError, match=r"ROS 2 \(rclpy\) is not installed"):
-        run.replay(Path("bag"))
+        run.replay(bag=Path("bag"), set_=None, scenario=None, out=None)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,9 @@ def run(
     )
 
 
+@with_groups
 def replay(
+    chosen: ScenarioChoice,
     bag: Annotated[
         Path, typer.Argument(metavar="BAG", help="Folder of a recording, or its MCAP file.")
     ],
@@ -88,14 +90,35 @@ def replay(
             rich_help_panel=RESULTS,
         ),
     ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="M",
+            min=0.0,
+            callback=finite,
+            help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
+            " anything with --scenario or --set.",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
-    differ from the recorded ones."""
-    _require_ros()
-    from isogal_ros.graph.commands import replay_command
+    differ from the recorded ones.
 
-    raise typer.Exit(replay_command(bag, out, json=json))
+    The scenario is the recording's own; --scenario names another, --set changes keys of it."""
+    _require_ros()
+    from isogal.scenario import load_scenario
+    from isogal_ros.graph.commands import TOLERANCE, replay_command
+
+    changes = chosen.set_ or []
+    other = load_scenario(chosen.scenario) if chosen.scenario is not None else None
+    if tolerance is None and other is None and not changes:
+        tolerance = TOLERANCE
+    status = replay_command(
+        bag, out, scenario=other, overrides=changes, tolerance=tolerance, json=json
+    )
+    raise typer.Exit(status)
 
 
 def _require_ros() -> None:

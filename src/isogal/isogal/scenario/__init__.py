@@ -26,7 +26,7 @@ from isogal.scenario.instruments import (
     Gravimeter,
     Magnetometer,
 )
-from isogal.scenario.loading import load_scenario, validate_scenario
+from isogal.scenario.loading import changed_scenario, load_scenario, validate_scenario
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.messages import describe, known_keys
 from isogal.scenario.model import Scenario
@@ -51,6 +51,7 @@ __all__ = [
     "Route",
     "Scenario",
     "SensorErrors",
+    "changed_scenario",
     "describe",
     "known_keys",
     "load_scenario",

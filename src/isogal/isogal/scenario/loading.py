@@ -43,6 +43,15 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
     return validate_scenario(document, where)
 
 
+def changed_scenario(scenario: Scenario, overrides: Iterable[str], where: str) -> Scenario:
+    """Return a scenario with ``KEY=VALUE`` overrides; raises InputError with one line that begins
+    with `where`."""
+    document = scenario.model_dump(mode="json")
+    for item in overrides:
+        _override(document, item)
+    return validate_scenario(document, where)
+
+
 def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> Scenario:
     """Validate an already parsed document; raises InputError with one line.
 

@@ -1,5 +1,6 @@
 """The commands ``isogal run`` and ``isogal replay``: what they print, and their exit status."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ from isogal_ros.graph.replay import Replay
 from isogal_ros.graph.session import Summary, replay_session, run_session
 
 FAILED, INTERRUPTED = 1, 130
+TOLERANCE = 1.0
+"""m, by which the fixes of a replay may differ unless the user says otherwise."""
 
 
 def run_command(
@@ -54,8 +57,21 @@ def run_command(
     return 0
 
 
-def replay_command(bag: Path, out: Path | None, *, json: bool) -> int:
+def replay_command(
+    bag: Path,
+    out: Path | None,
+    *,
+    scenario: Scenario | None = None,
+    overrides: Sequence[str] = (),
+    tolerance: float | None = TOLERANCE,
+    json: bool,
+) -> int:
     """Replay a bag and print how its fixes differ; return the exit status.
+
+    Parameters
+    ----------
+    tolerance : float or None
+        m, the largest difference of fixes that is no failure; None = any difference will do.
 
     Raises
     ------
@@ -64,7 +80,7 @@ def replay_command(bag: Path, out: Path | None, *, json: bool) -> int:
     """
     console = Console()
     try:
-        result, summary = replay_session(bag, out, console)
+        result, summary = replay_session(bag, out, console, scenario, overrides)
     except GraphError as error:
         console.say(f"isogal: {error}")
         return FAILED
@@ -74,7 +90,18 @@ def replay_command(bag: Path, out: Path | None, *, json: bool) -> int:
         _print_replay(console, result)
         if out is not None:
             console.result(f"Report: {out / 'report.html'}")
-    return INTERRUPTED if result.interrupted else 0
+    if result.interrupted:
+        return INTERRUPTED
+    found = result.comparison
+    if tolerance is not None and (
+        found.disagreements or not found.largest_difference <= tolerance
+    ):
+        console.say(
+            f"isogal: {bag}: the fixes differ by {found.largest_difference:.3g} m (tolerance"
+            f" {tolerance:g} m), disagreements: {found.disagreements}"
+        )
+        return FAILED
+    return 0
 
 
 def _document(

@@ -70,21 +70,30 @@ class _Recorded:
     collector: Collector
 
 
-def replay(reader: BagReader, interrupt: Interrupt, report: Report) -> Replay:
+def replay(
+    reader: BagReader, interrupt: Interrupt, report: Report, scenario: Scenario | None = None
+) -> Replay:
     """Replay a bag as fast as the nodes can, in lock-step.
+
+    Parameters
+    ----------
+    scenario : Scenario, optional
+        None = the bag's own.
 
     Raises
     ------
     InputError
-        The bag lacks a topic that is needed, or its scenario cannot be used.
+        The bag lacks a topic that is needed, or a scenario, or its scenario cannot be used.
     GraphError
         A node did not answer.
     """
     notes = []
-    scenario = reader.scenario()
+    scenario = scenario or reader.scenario()
     if scenario is None:
-        scenario = Scenario()
-        notes.append("the bag has no scenario; the default one is assumed")
+        raise InputError(
+            f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
+            " --scenario which one was run"
+        )
     recorded = _load(reader, scenario)
     if reader.cut is not None:
         last = max(recorded.imu, default=0)

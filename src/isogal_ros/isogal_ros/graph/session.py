@@ -1,6 +1,7 @@
 """A run of the graph, and a replay, from the check of the input to the report."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import true_readings
 from isogal.matching.registry import build_matcher
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, changed_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
@@ -99,9 +100,18 @@ def run_session(
     return RunResult(folder, False, seconds, summary)
 
 
-def replay_session(bag: Path, out: Path | None, to: Console) -> tuple[Replay, Summary | None]:
+def replay_session(
+    bag: Path,
+    out: Path | None,
+    to: Console,
+    scenario: Scenario | None = None,
+    overrides: Sequence[str] = (),
+) -> tuple[Replay, Summary | None]:
     """Replay a bag and compare; evaluate the replay as well where there is a folder for it and
     nobody interrupts.
+
+    The scenario is the bag's own unless another is given, with keys changed by `overrides`
+    (``KEY=VALUE``).
 
     Raises
     ------
@@ -111,10 +121,13 @@ def replay_session(bag: Path, out: Path | None, to: Console) -> tuple[Replay, Su
         A node failed.
     """
     reader = BagReader(bag)
+    scenario = scenario or reader.scenario()
+    if scenario is not None and overrides:
+        scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, to.progress() as report:
-        result = replay(reader, interrupt, report)
+        result = replay(reader, interrupt, report, scenario)
     if out is None or result.interrupted:
         return result, None
     trajectory = build_trajectory(result.scenario)

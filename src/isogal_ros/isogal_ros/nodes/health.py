@@ -40,6 +40,7 @@ class Health:
         self._period = period_ns
         self._level, self._message = OK, STARTING
         self._reasons: dict[str, str] = {}
+        self._concerns: dict[str, tuple[bytes, str]] = {}
         self._kinds: dict[tuple[str, str], int] = {}
         self._stamp = 0
         self._last: int | None = None
@@ -66,6 +67,20 @@ class Health:
                 self._log(level, f"{message} again")
             self._level, self._message = level, message
             self.publish()
+
+    def concern(self, name: str, text: str | None, level: bytes = WARN) -> None:
+        """Set what is wrong beside the node's own state, until it is cleared (None)."""
+        known = self._concerns.get(name)
+        if text is None:
+            if known is not None:
+                del self._concerns[name]
+                self._log(OK, f"no longer {name}")
+                self.publish()
+        else:
+            self._concerns[name] = level, text
+            if known is None:
+                self._log(level, text)
+                self.publish()
 
     def drop(self, topic: str, reason: str) -> None:
         """Count a message that was not used; a new topic or reason is published at once."""
@@ -101,6 +116,9 @@ class Health:
     def publish(self, *more: DiagnosticStatus) -> None:
         """Publish now, together with other statuses."""
         level, message = self._level, self._message
+        for of_concern, text in self._concerns.values():
+            level = max(level, of_concern)
+            message += f"; {text}"
         if self._reasons:
             level = max(level, WARN)
             message += "; dropped " + ", ".join(

@@ -71,6 +71,11 @@ class NavBuffer:
         node.listen(topics.NAV_ODOM, lambda data: self._take(data, False), raw=True)
         self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
 
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest state, ns; -1 = none."""
+        return self._newest
+
     def at(self, ns: int) -> NavSample | None:
         """Return the state at a stamp as it was before any fix of that stamp, or None while it may
         still come.
