@@ -22,7 +22,7 @@ from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.watch import Watch
+from ukf_fusion_node.watch import Leaps, Watch
 
 
 class UkfFusionNode(GraphNode):
@@ -44,6 +44,7 @@ class UkfFusionNode(GraphNode):
         """Fixes that were applied or dropped."""
         self._corrections = Corrections(self.health, self._info)
         self._navigation = Navigation(self)
+        self._leaps = Leaps(from_seconds(self.settings.max_gap))
         self._watch = Watch(self.settings.max_acceleration, self.settings.max_turn_rate)
         self._outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
@@ -66,6 +67,8 @@ class UkfFusionNode(GraphNode):
             if self._navigation.navigator is None:
                 self.health.tick(ns)
                 return
+        else:
+            self._leaps.check(ns, self._navigation.ns)
         for _ in self._navigation.sample(ns, force, rate):
             self._publish()
             if self._fixes:

@@ -68,3 +68,30 @@ class Watch:
         """That there has been no sample for long; None = there has."""
         gone = 0.0 if self._heard is None else self._clock() - self._heard
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
+
+
+class Leaps:
+    """Holds a sample whose stamp leaps ahead back until the next one says that time has passed: a
+    single wrong stamp would make the filter bridge hours, and refuse all samples after it.
+
+    Parameters
+    ----------
+    longest : int
+        Longest gap that is believed at once, ns.
+    """
+
+    def __init__(self, longest: int) -> None:
+        self._longest = longest
+        self._held: int | None = None
+
+    def check(self, ns: int, newest: int) -> None:
+        """Look at a stamp after the newest that was used; raises BadMessageError where it has to
+        wait for the next."""
+        if ns - newest <= self._longest:
+            self._held = None
+            return
+        held, self._held = self._held, ns
+        if held is None or not 0 < ns - held <= self._longest:
+            raise BadMessageError(
+                f"stamp is {(ns - newest) / 1e9:.0f} s ahead; used if the next one is, too"
+            )

@@ -35,6 +35,9 @@ COMMANDS = {
         "replay",
         "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
     ),
+    "faults": Command(
+        "run", "faults", "Play recordings with faulty sensors to fresh nodes; table of the harm."
+    ),
     "montecarlo": Command(
         "montecarlo",
         "montecarlo",

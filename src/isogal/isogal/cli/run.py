@@ -121,6 +121,38 @@ def replay(
     raise typer.Exit(status)
 
 
+@with_groups
+def faults(
+    chosen: ScenarioChoice,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder of recordings, outcomes and table; what is there is not run again.",
+            rich_help_panel=RESULTS,
+        ),
+    ],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Four faults over ten minutes instead of all.")
+    ] = False,
+    trials: Annotated[
+        int, typer.Option("--trials", metavar="N", min=1, help="Trials of each fault.")
+    ] = 1,
+    json: Json = False,
+) -> None:
+    """Play recordings with faulty sensors to fresh matcher and filter nodes: what is told, what
+    harm is done.
+
+    Exits with 1 where a node ended, something not finite was published, a fault that matters was
+    not told, or the error after it stayed larger without the navigator knowing."""
+    _require_ros()
+    from isogal_ros.graph.commands import faults_command
+
+    status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
+    raise typer.Exit(status)
+
+
 def _require_ros() -> None:
     """Raise InputError where the nodes cannot run."""
     for module, what in (

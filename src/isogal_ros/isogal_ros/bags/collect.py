@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -10,7 +11,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.position import read_position
-from isogal_ros.messages.stamps import from_seconds, peek_ns
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic
 
@@ -38,6 +39,8 @@ class Collector:
         self.candidates: dict[int, bytes] = {}
         self.batches: dict[int, dict[str, str]] = {}
         """Figures of each batch by stamp of its end, from the diagnostics."""
+        self.warnings: list[tuple[int, str]] = []
+        """Stamps and words of diagnostics at WARN or ERROR."""
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
@@ -80,7 +83,10 @@ class Collector:
         return result
 
     def _take_diagnostics(self, data: bytes) -> None:
-        for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
+        array = deserialize_message(data, topics.DIAGNOSTICS.type)
+        for item in array.status:
+            if item.level != DiagnosticStatus.OK:
+                self.warnings.append((to_ns(array.header.stamp), f"{item.name}: {item.message}"))
             if item.name.endswith(f"{topics.PMHT_MM}: batch"):
                 figures = figures_of(item) | {"message": item.message}
                 self.batches[from_seconds(float(figures["stamp"]))] = figures

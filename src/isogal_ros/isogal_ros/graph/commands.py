@@ -8,7 +8,8 @@ from isogal.scenario import Scenario
 from isogal_ros.graph.console import Console
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
-from isogal_ros.graph.session import Summary, replay_session, run_session
+from isogal_ros.graph.session import Summary, make_folder, replay_session, run_session
+from isogal_ros.nodes.signals import interrupts
 
 FAILED, INTERRUPTED = 1, 130
 TOLERANCE = 1.0
@@ -102,6 +103,40 @@ def replay_command(
         )
         return FAILED
     return 0
+
+
+def faults_command(scenario: Scenario, out: Path, *, trials: int, quick: bool, json: bool) -> int:
+    """Run the fault campaign; return the exit status: 1 where a fault did harm or was not told.
+
+    Raises
+    ------
+    InputError
+        Scenario or folder cannot be used.
+    """
+    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
+
+    console = Console()
+    make_folder(out)
+    try:
+        with interrupts() as interrupt:
+            table = run_campaign(
+                quick_scenario(scenario) if quick else scenario,
+                out,
+                trials,
+                quick,
+                interrupt,
+                console.say,
+            )
+    except GraphError as error:
+        console.say(f"isogal: {error}")
+        return FAILED
+    if json:
+        console.json(table)
+    else:
+        console.result((out / PAGE).read_text(encoding="utf-8"))
+    if interrupt:
+        return INTERRUPTED
+    return FAILED if table["failed"] else 0
 
 
 def _document(

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from rclpy.context import Context
 from rosgraph_msgs.msg import Clock
@@ -43,6 +43,17 @@ PATIENCE = 120.0
 """s of wall time that a step may take."""
 
 
+class Tamper(Protocol):
+    """Changes messages on their way."""
+
+    patience: float
+    """s of wall time that a step is waited for."""
+
+    def __call__(self, topic: topics.Topic, data: bytes) -> list[bytes]:
+        """Return what comes instead of a serialised message."""
+        ...
+
+
 @dataclass(frozen=True)
 class Replay:
     """What a replay leaves behind."""
@@ -71,7 +82,11 @@ class _Recorded:
 
 
 def replay(
-    reader: BagReader, interrupt: Interrupt, report: Report, scenario: Scenario | None = None
+    reader: BagReader,
+    interrupt: Interrupt,
+    report: Report,
+    scenario: Scenario | None = None,
+    tamper: Tamper | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can, in lock-step.
 
@@ -79,6 +94,8 @@ def replay(
     ----------
     scenario : Scenario, optional
         None = the bag's own.
+    tamper : Tamper, optional
+        Changes messages on their way.
 
     Raises
     ------
@@ -106,7 +123,7 @@ def replay(
         )
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
-        outputs, answered = _run(recorded, context, interrupt, report)
+        outputs, answered = _run(recorded, context, interrupt, report, tamper)
     outputs.truth, outputs.unaided = recorded.collector.truth, recorded.collector.unaided
     outputs.readings = recorded.collector.readings
     return Replay(
@@ -142,7 +159,11 @@ def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
 
 
 def _run(
-    recorded: _Recorded, context: Context, interrupt: Interrupt, report: Report
+    recorded: _Recorded,
+    context: Context,
+    interrupt: Interrupt,
+    report: Report,
+    tamper: Tamper | None = None,
 ) -> tuple[Collector, int]:
     """Return the fresh nodes' messages and the last stamp (ns) that was answered, 0 = none."""
     executor = make_executor(context)
@@ -159,7 +180,7 @@ def _run(
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
         for node in nodes.values():
             executor.add_node(node)
-        answered = _LockStep(recorded, nodes, executor).run(interrupt, report)
+        answered = _LockStep(recorded, nodes, executor, tamper).run(interrupt, report)
         drain(feeder, executor)
         return feeder.collector, answered
     finally:
@@ -207,14 +228,22 @@ class _Feeder(GraphNode):
 class _LockStep:
     """Every IMU sample is answered before the next, every reading before what follows it."""
 
-    def __init__(self, recorded: _Recorded, nodes: dict[str, Any], executor: Any) -> None:
+    def __init__(
+        self,
+        recorded: _Recorded,
+        nodes: dict[str, Any],
+        executor: Any,
+        tamper: Tamper | None = None,
+    ) -> None:
+        self._tamper = tamper
+        self._reduced = adapter_of(recorded.scenario).reduced
         self._imu, self._readings = recorded.imu, recorded.collector.readings
         self._executor = executor
         self._nodes = nodes.values()
         self._matcher, self._filter = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION]
         self._feeder = nodes[FEEDER]
-        self._samples = self._played = 0
-        """IMU samples and readings published so far."""
+        self._samples = self._played = self._given = 0
+        """IMU samples published, readings played, and those published so far."""
 
     def run(self, interrupt: Interrupt, report: Report) -> int:
         """Play all; return the last stamp (ns) that was answered, 0 = none."""
@@ -236,14 +265,20 @@ class _LockStep:
         return answered
 
     def _play_sample(self, ns: int) -> None:
-        self._feeder.imu(ns, self._imu[ns])
-        self._samples += 1
+        for data in self._changed(topics.IMU, self._imu[ns]):
+            self._feeder.imu(ns, data)
+            self._samples += 1
         self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
 
     def _play_reading(self, stamp: int, now: int) -> None:
-        self._feeder.reading(self._readings[stamp])
+        for data in self._changed(self._reduced, self._readings[stamp]):
+            self._feeder.reading(data)
+            self._given += 1
         self._played += 1
         self._wait(self._settled, f"the matcher's answer at {to_seconds(now):.3f} s")
+
+    def _changed(self, topic: topics.Topic, data: bytes) -> list[bytes]:
+        return [data] if self._tamper is None else self._tamper(topic, data)
 
     def _ready(self) -> bool:
         return all(node.ready for node in self._nodes)
@@ -254,12 +289,17 @@ class _LockStep:
 
     def _settled(self) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        done = self._matcher.taken >= self._played and not self._matcher.scans.waiting
+        done = self._matcher.taken >= self._given and not self._matcher.scans.waiting
         return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE
+        patience = (
+            PATIENCE if self._tamper is None or self._samples == 0 else self._tamper.patience
+        )
+        deadline = time.monotonic() + patience
         while not condition():
             self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() > deadline and patience < PATIENCE:
+                return  # what was tampered with may leave no answer
             if time.monotonic() > deadline:
                 raise GraphError(f"replay: waited {PATIENCE:g} s for {what}")

@@ -7,13 +7,16 @@ import numpy as np
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Place
-from isogal_ros.messages.checks import require_frame, require_reading
+from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
 from isogal_ros.messages.position import NOT_MEASURED
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
 PLATFORM = "gravimeter_link"
 """Frame of the level platform, z up."""
+
+LARGEST_GRAVITY, LARGEST_DISTURBANCE = 20.0, 1.0
+"""m/s²; beyond, the unit is another."""
 
 
 def gravity(scenario: Scenario) -> "GravimeterAdapter":
@@ -50,7 +53,7 @@ class GravimeterAdapter:
 
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return a value and its variance."""
-        return self.read_reduced(message)
+        return self._read(message, LARGEST_GRAVITY)
 
     def new_reduced(self) -> Any:
         """Return a message in the platform's frame."""
@@ -64,7 +67,13 @@ class GravimeterAdapter:
 
     def read_reduced(self, message: Any) -> tuple[float, float]:
         """Return a value and its variance."""
+        is_gravity = self.reduced is topics.GRAVITY
+        return self._read(message, LARGEST_GRAVITY if is_gravity else LARGEST_DISTURBANCE)
+
+    def _read(self, message: Any, largest: float) -> tuple[float, float]:
         require_frame(message, PLATFORM)
         value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
         require_reading(value, variance)
+        if abs(value) > largest:
+            raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s²")
         return value, variance
