@@ -6,5 +6,7 @@ parameters  which ROS parameters has a scenario?
 nodes       what has every node: parameters, guarded subscriptions, diagnostics, its process?
 bags        how are recordings written and read?
 graph       how is the whole graph run, watched, replayed and evaluated?
+faults      what do faulty sensors do to it?
+security    who may publish and hear what?
 
 Each knows those above it only."""

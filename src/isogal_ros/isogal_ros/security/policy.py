@@ -1,0 +1,98 @@
+"""The SROS 2 policy of the graph, generated from its topics: each node may publish and subscribe
+to what it does publish and subscribe to, answer its own services, and nothing else.
+
+``python -m isogal_ros.security.policy > policy.xml``; how keys are made of it is in
+``docs/security.md``. The form is that of the policy schema of sros2, version 0.2.0
+(https://github.com/ros2/sros2, sros2/sros2/policy/schemas/policy.xsd)."""
+
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+from isogal.fields.measured import measured_field, of_instrument
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.messages.adapter import adapter_of, all_topics
+from isogal_ros.topics import Topic
+
+ENCLAVES = "/isogal"
+COMMON_PUBLISHED = ("rosout", "/parameter_events", "~/transition_event")
+PARAMETERS = (
+    "describe_parameters", "get_parameter_types", "get_parameters", "get_type_description",
+    "list_parameters", "set_parameters", "set_parameters_atomically",
+)  # fmt: skip
+LIFECYCLE = (
+    "change_state", "get_available_states", "get_available_transitions", "get_state",
+    "get_transition_graph",
+)  # fmt: skip
+RESETTABLE = (topics.PMHT_MM, topics.UKF_FUSION)
+NAVIGATION = (topics.NAV_FIX, topics.NAV_ODOM, topics.NAV_COVARIANCE)
+
+
+def published(name: str, scenario: Scenario) -> set[Topic]:
+    """Return the topics of the graph that a node publishes."""
+    instrument = [
+        adapter_of(scenario, field.name)
+        for field in of_instrument(measured_field(scenario).instrument)
+    ]
+    own: dict[str, Iterable[Topic]] = {
+        topics.INS_SIM: (
+            topics.CLOCK, topics.IMU, topics.TRUTH_FIX, topics.TRUTH_ODOM, topics.INS_FIX,
+        ),
+        topics.GRAVIMETER: {topic for a in instrument for topic in (a.raw, a.reduced)},
+        topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.CANDIDATES),
+        topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH),
+        RECORDER: (),
+    }  # fmt: skip
+    return {*own[name], topics.DIAGNOSTICS}
+
+
+def subscribed(name: str, scenario: Scenario) -> set[Topic]:
+    """Return the topics of the graph that a node may listen to."""
+    adapter = adapter_of(scenario)
+    own: dict[str, Iterable[Topic]] = {
+        topics.INS_SIM: (topics.NAV_ODOM, topics.FIX, adapter.reduced, topics.DIAGNOSTICS),
+        # the raw readings of a real instrument, where it does not simulate one
+        topics.GRAVIMETER: (topics.TRUTH_FIX, adapter.raw, *NAVIGATION),
+        topics.PMHT_MM: (adapter.reduced, *NAVIGATION),
+        topics.UKF_FUSION: (topics.IMU, topics.FIX, topics.INFORMATION, topics.INITIAL_POSE),
+        RECORDER: all_topics(scenario),
+    }
+    return set(own[name])
+
+
+def services(name: str) -> tuple[str, ...]:
+    """Return the services that a node answers."""
+    own = ("reset",) if name in RESETTABLE else ()
+    return (*PARAMETERS, *LIFECYCLE, *own)
+
+
+def policy(scenario: Scenario) -> ET.ElementTree:
+    """Return the policy of a scenario's graph with a recorder."""
+    root = ET.Element("policy", version="0.2.0")
+    enclaves = ET.SubElement(root, "enclaves")
+    for name in (*topics.NODES, RECORDER):
+        enclave = ET.SubElement(enclaves, "enclave", path=f"{ENCLAVES}/{name}")
+        profiles = ET.SubElement(enclave, "profiles")
+        profile = ET.SubElement(profiles, "profile", ns="/", node=name)
+        answered = [f"~/{service}" for service in services(name)]
+        _allow(profile, "services", "reply", "service", answered)
+        names = sorted(topic.name for topic in subscribed(name, scenario))
+        _allow(profile, "topics", "subscribe", "topic", names)
+        names = sorted(topic.name for topic in published(name, scenario))
+        _allow(profile, "topics", "publish", "topic", [*COMMON_PUBLISHED, *names])
+    tree = ET.ElementTree(root)
+    ET.indent(tree)
+    return tree
+
+
+def _allow(profile: ET.Element, kind: str, what: str, item: str, names: Iterable[str]) -> None:
+    allowed = ET.SubElement(profile, kind, {what: "ALLOW"})
+    for name in names:
+        ET.SubElement(allowed, item).text = name
+
+
+if __name__ == "__main__":
+    policy(Scenario()).write(sys.stdout, encoding="unicode", xml_declaration=True)
+    print()

@@ -1,0 +1,67 @@
+"""The policy allows what the running graph does, and nothing else."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.security.policy import policy
+
+
+def absolute(name: str, node: str) -> str:
+    return f"/{node}/{name[2:]}" if name.startswith("~/") else "/" + name.lstrip("/")
+
+
+@pytest.fixture(scope="module")
+def allowed(scenario):
+    """By node: what it may publish, subscribe to, and answer."""
+    found = {}
+    for profile in policy(scenario()).getroot().iter("profile"):
+        node = profile.get("node")
+        names: dict[str, set[str]] = {"publish": set(), "subscribe": set(), "reply": set()}
+        for part in profile:
+            (what,) = part.attrib
+            assert part.get(what) == "ALLOW"
+            names[what] = {absolute(item.text, node) for item in part}
+        found[node] = names
+    return found
+
+
+def test_it_is_the_running_graph(scenario, allowed, tmp_path) -> None:
+    plan = Plan(scenario("matcher.name=pmht"), tmp_path / "bag")
+    assert set(allowed) == set(plan.names)
+    with claim_domain() as domain, local_context(domain) as context:
+        for name in plan.names:
+            node = node_class(name)(name, values=plan.values(name), context=context)
+            try:
+                published = {t for t, _ in node.get_publisher_names_and_types_by_node(name, "/")}
+                heard = {t for t, _ in node.get_subscriber_names_and_types_by_node(name, "/")}
+                answered = {t for t, _ in node.get_service_names_and_types_by_node(name, "/")}
+            finally:
+                node.close()
+            assert allowed[name]["publish"] == published, name
+            # a simulated instrument listens to no readings of a real one
+            more = {"/gravimeter/data_raw"} if name == topics.GRAVIMETER else set()
+            assert allowed[name]["subscribe"] == heard | more, name
+            assert allowed[name]["reply"] == answered, name
+
+
+def test_nobody_but_its_node_publishes_a_topic(allowed) -> None:
+    several = {"/diagnostics", "/rosout", "/parameter_events"}
+    seen: set[str] = set()
+    for names in allowed.values():
+        assert not names["publish"] & seen - several
+        seen |= names["publish"]
+    assert "/initialpose" not in seen  # a user's, who needs an enclave
+    assert allowed[RECORDER]["publish"] - several == {f"/{RECORDER}/transition_event"}
+
+
+def test_it_can_be_written() -> None:
+    words = [sys.executable, "-m", "isogal_ros.security.policy"]
+    result = subprocess.run(words, capture_output=True, text=True, check=True, timeout=120)
+    assert ET.fromstring(result.stdout).get("version") == "0.2.0"
