@@ -6,6 +6,7 @@ judgement          is a run worse than without aiding, or not what it claims?
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
 gravimeter_states  states of the bound for the slow errors of a gravimeter
+navigability       how good can it be over an area, by heading?
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`

@@ -216,7 +216,7 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     m, slow = STATES + len(auxiliary), readings.slow.variance
     start = np.zeros((m + channels + len(slow) + 2, m + channels + len(slow) + 2))
     start[:m, :m] = initial_covariance(scenario, auxiliary)
-    bias = _bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
+    bias = bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
     start[m:, m:] = np.diag([scenario.map_error.sigma**2] * channels + [*slow, *np.square(bias)])
     aged = _Ageing(
         auxiliary_of(auxiliary), *ageing(segments, auxiliary), _correlation(scenario, segments)
@@ -226,7 +226,7 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     return BoundResult(time, covariance)
 
 
-def _bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:
+def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:
     """Return the 1-sigma of the readings' offset and of its drift (per s): those of the sensor and
     of the map's datum, whose tilt is a drift on a straight route at a constant speed, for which it
     is taken here."""
@@ -263,7 +263,7 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
     for k in range(geometry.shape[0]):
         fill_dynamics(F, geometry[k], force[k], rotation[k])
         fill_auxiliary(F, aged.states, force[k], rotation[k], rate[k])
-        _discretise(transition, half_noise, F, rotation[k], density, dt)
+        discretise(transition, half_noise, F, rotation[k], density, dt)
         for j in range(STATES, m):
             transition[j, j] = aged.correlation[k, j - STATES]
             half_noise[j, j] = aged.half_noise[k, j - STATES]
@@ -293,7 +293,7 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
 
 
 @kernel
-def _discretise(transition, half_noise, F, rotation, density, dt):  # type: ignore[no-untyped-def]
+def discretise(transition, half_noise, F, rotation, density, dt):  # type: ignore[no-untyped-def]
     """Write transition and half of the process noise of one stretch, of the navigator's errors and
     the sensor's bias, in place."""
     m = F.shape[0]

@@ -7,12 +7,13 @@ from isogal.cli.map.convert import convert
 from isogal.cli.map.fetch import fetch
 from isogal.cli.map.grid import grid
 from isogal.cli.map.info import info
+from isogal.cli.map.navigability import navigability
 from isogal.cli.map.synth import synth
 from isogal.cli.map.variability import variability
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Look at maps, make, fetch and convert them."
 )
-for _command in (info, variability, synth, fetch, convert, grid):
+for _command in (info, variability, synth, fetch, convert, grid, navigability):
     app.command()(_command)
 app.command("continue")(continue_)

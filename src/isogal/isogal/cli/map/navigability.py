@@ -1,0 +1,113 @@
+"""``isogal map navigability``: where can one navigate?"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isogal.cli.map.part import PartChoice, whole_window
+from isogal.cli.map.results import Picture, draw, print_json
+from isogal.cli.map_choice import MapChoice
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json
+
+if TYPE_CHECKING:
+    from isogal.evaluation.navigability.area import Navigability
+
+_ROWS = {
+    "error_worst": "worst heading (m)",
+    "error_mean": "all headings (m)",
+    "error_best": "best heading (m)",
+    "ambiguity": "second place",
+    "variability": "variability",
+}
+
+
+@with_groups
+def navigability(
+    map_: MapChoice,
+    where: PartChoice,
+    headings: Annotated[
+        int,
+        typer.Option("--headings", min=1, max=72, help="How many, evenly spread."),
+    ] = 8,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Grids as .nc or .tif; repeatable.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None,
+    figure: Picture = None,
+    json: Json = False,
+) -> None:
+    """Compute how well one can navigate over the area of a map: the RMS error on arrival at each
+    node after a straight leg, on the worst, all and the best headings, the probability of a second
+    place, and the map feature variability.
+
+    The error is the posterior Cramér-Rao bound with the scenario's sensors, speed, initial errors
+    and batch length, and the error of the map. The route of the scenario counts only where it says
+    the part of the map: without --window, --scenario, --set or --route the whole map is taken."""
+    from isogal.cli.progress import Bars
+    from isogal.evaluation.navigability.area import navigability as compute
+    from isogal.evaluation.navigability.files import check_name, write_navigability
+    from isogal.fields.measured import measured_field
+
+    for path in out or ():
+        check_name(path)
+    settings = where.load()
+    part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
+    window = None if part is None else whole_window(part)
+    field_map = map_.load(window, measured_field(settings).source)
+    with Bars("headings") as bars:
+        found = compute(
+            settings, field_map, headings, lambda done, total: bars("headings", done, total)
+        )
+    for path in out or ():
+        write_navigability(found, path)
+    if figure is not None:
+        from isogal.cli.map.navigability_figure import navigability_figure
+
+        draw(figure, navigability_figure(found))
+    if json:
+        print_json(found.summary())
+    else:
+        _print(found, [*(out or ()), *([figure] if figure else ())])
+
+
+def _along_a_route(where: PartChoice) -> bool:
+    """Return whether a route says the part of the map."""
+    return where.route is not None or any(
+        item.startswith("route.") and item.partition("=")[0] in ("route.start", "route.end")
+        for item in where.set_ or ()
+    )
+
+
+def _print(found: "Navigability", files: list[Path]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    summary: dict[str, Any] = found.summary()
+    rows, columns = summary["nodes"]
+    table = Table(
+        box=SIMPLE_HEAD,
+        title=(
+            f"{rows} x {columns} nodes, {summary['headings']} headings; error on arrival (RMS), without"
+            f" readings {found.prior:.0f} m"
+        ),
+        title_justify="left",
+    )
+    for heading in ("", "least", "quarter", "median", "three quarters", "largest"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name, text in _ROWS.items():
+        if name in summary:
+            numbers = [f"{value:.3g}" for value in summary[name].values()]
+            table.add_row(
+                f"variability ({found.unit})" if name == "variability" else text, *numbers
+            )
+    Console().print(table, highlight=False)
+    for path in files:
+        typer.echo(str(path))

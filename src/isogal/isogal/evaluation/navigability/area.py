@@ -1,0 +1,258 @@
+"""Where can one navigate? The expected error of the navigator over an area, by heading."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.evaluation.navigability.kernels import confusions, errors_on_arrival
+from isogal.evaluation.navigability.leg import Leg, leg_to
+from isogal.fields.measured import measured_field
+from isogal.maps.field_map import FieldMap
+from isogal.maps.variability import feature_variability
+from isogal.scenario import Scenario
+
+HEADINGS = 8
+MOST_NODES = 1000
+"""Along each side of the area; of finer maps every so many-th node is taken."""
+_THINNED = 3
+"""Of the readings of a leg every third counts for the probability of a second place, with the
+noise of a mean of three."""
+_RINGS = (1.0, 2.0)
+"""1-sigmas of the prior away from the true place, where second places are looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Navigability:
+    """What is to be expected at the nodes of an area, (N, M) each."""
+
+    latitude: Array
+    """(N,) rad."""
+    longitude: Array
+    """(M,) rad."""
+    heading: Array
+    """(H,) rad."""
+    error: Array
+    """(H, N, M) m, RMS horizontal error on arrival on each heading."""
+    ambiguity: Array
+    """Probability of a second place, mean of some headings."""
+    variability: Array
+    """Root of the map feature variability (paper eq. CV), map's unit."""
+    prior: float
+    """m, RMS horizontal error on arrival without any reading."""
+    unit: str
+
+    @property
+    def worst(self) -> Array:
+        """m, on the worst heading."""
+        return np.asarray(self.error.max(axis=0))
+
+    @property
+    def mean(self) -> Array:
+        """m, root mean square over the headings."""
+        return np.asarray(np.sqrt((self.error**2).mean(axis=0)))
+
+    @property
+    def best(self) -> Array:
+        """m, on the best heading."""
+        return np.asarray(self.error.min(axis=0))
+
+    @property
+    def best_heading(self) -> Array:
+        """deg, clockwise from north."""
+        known = np.isfinite(self.error).all(axis=0)
+        index = np.argmin(np.where(known, self.error, 0.0), axis=0)
+        return np.where(known, np.degrees(self.heading)[index], np.nan)
+
+    def layers(self) -> dict[str, tuple[Array, str, str]]:
+        """Return the grids by name, with unit and description."""
+        return {
+            "error_worst": (self.worst, "m", "RMS horizontal error on arrival, worst heading"),
+            "error_mean": (self.mean, "m", "RMS horizontal error on arrival, all headings"),
+            "error_best": (self.best, "m", "RMS horizontal error on arrival, best heading"),
+            "best_heading": (self.best_heading, "degree", "best heading, clockwise from north"),
+            "ambiguity": (self.ambiguity, "1", "probability of a second place"),
+            "variability": (self.variability, self.unit, "root of map feature variability"),
+        }
+
+    def summary(self) -> dict[str, object]:
+        """Return quantiles of each layer."""
+        return {
+            "nodes": list(self.mean.shape),
+            "headings": len(self.heading),
+            "unaided_m": self.prior,
+            **{
+                name: dict(
+                    zip(
+                        ("least", "quarter", "median", "three_quarters", "largest"),
+                        np.nanquantile(grid, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist(),
+                        strict=True,
+                    )
+                )
+                for name, (grid, _, _) in self.layers().items()
+                if np.isfinite(grid).any()
+            },
+        }
+
+
+class Area:
+    """A map and a scenario, as the kernels take them.
+
+    Raises
+    ------
+    InputError
+        See `fitting`.
+    """
+
+    def __init__(self, scenario: Scenario, field_map: FieldMap) -> None:
+        self.scenario, self.field_map = fitting(scenario, field_map), field_map
+        self.values = np.ascontiguousarray(field_map.values, dtype=np.float64)
+        metres = np.stack(metres_per_radian(field_map.latitude, scenario.route.height), axis=1)
+        self.cell = np.ascontiguousarray(metres * np.array(field_map.step))
+        self.sigma, self.length = _map_error(scenario, field_map)
+
+    def leg(self, heading: float) -> Leg:
+        """Return the leg on a heading (rad) in the middle of the area."""
+        middle = [float(axis[axis.size // 2]) for axis in self._axes]
+        return leg_to(self.scenario, middle[0], middle[1], heading, self.field_map.quantisation)
+
+    @property
+    def _axes(self) -> tuple[Array, Array]:
+        return self.field_map.latitude, self.field_map.longitude
+
+    def errors(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
+        """Return (N, M) the RMS horizontal error (m) on arrival at nodes."""
+        return errors_on_arrival(
+            rows,
+            columns,
+            self.values,
+            self.cell,
+            leg.offset,
+            leg.position,
+            leg.reduction,
+            np.array([leg.noise, leg.step, leg.rest]),
+            self.sigma,
+            self.length,
+        )
+
+    def ambiguity(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
+        """Return (N, M) the probability of a second place at nodes."""
+        prior = math.sqrt((leg.position[0] ** 2).sum() / 2.0)
+        angles = np.arange(8) * math.pi / 4.0
+        away = np.concatenate(
+            [ring * prior * np.stack([np.cos(angles), np.sin(angles)], axis=1) for ring in _RINGS]
+        )
+        every = slice(len(leg.offset) % _THINNED, None, _THINNED)
+        return confusions(
+            rows,
+            columns,
+            self.values,
+            self.cell,
+            np.ascontiguousarray(leg.offset[every]),
+            np.array([leg.noise / _THINNED, leg.step * _THINNED, prior]),
+            away,
+            self.sigma,
+            self.length,
+        )
+
+
+def fitting(scenario: Scenario, field_map: FieldMap) -> Scenario:
+    """Return the scenario with the reduction that a map of gravity or of any kind of gravity
+    disturbance or anomaly needs.
+
+    Raises
+    ------
+    InputError
+        The scenario measures several channels, or not what the map is of.
+    """
+    field = measured_field(scenario)
+    if field.channels is not None:
+        raise InputError(f"field {field.name}: has several channels; the area needs one map")
+    if field_map.unit != field.unit:
+        raise InputError(
+            f"{field_map.provenance}: is a map of {field_map.quantity}, the scenario measures"
+            f" {field.quantity}; give --set field=... and --set gravimeter.sigma=..."
+        )
+    if field.instrument != "gravimeter":
+        return scenario
+    quantity = "gravity" if field_map.quantity == "gravity" else "disturbance"
+    gravimeter = scenario.gravimeter.model_copy(update={"quantity": quantity})
+    return scenario.model_copy(update={"gravimeter": gravimeter})
+
+
+def navigability(
+    scenario: Scenario,
+    field_map: FieldMap,
+    headings: int = HEADINGS,
+    progress: Callable[[int, int], None] | None = None,
+) -> Navigability:
+    """Compute the navigability of the area of a map.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Sensors, speed, initial errors and batch length; its route does not count. The map's error
+        is what the map says, or `map_error` where that is larger.
+    field_map : FieldMap
+        Of what the scenario measures.
+    headings : int
+        How many, evenly spread.
+    progress : function, optional
+        Called with the number of headings that are done, and of all.
+
+    Raises
+    ------
+    InputError
+        See `Area`; no heading.
+    """
+    if headings < 1:
+        raise InputError(f"headings: must be at least 1, is {headings}")
+    area = Area(scenario, field_map)
+    rows, columns = (
+        np.arange(0, count, -(-count // MOST_NODES), dtype=np.int64) for count in field_map.shape
+    )
+    bearing = 2.0 * math.pi * np.arange(headings) / headings
+    error = np.empty((headings, rows.size, columns.size))
+    ambiguity = np.zeros((rows.size, columns.size))
+    among = range(0, headings, max(1, headings // 4))
+    prior = 0.0
+    for k in range(headings):
+        leg = area.leg(float(bearing[k]))
+        error[k] = area.errors(leg, rows, columns)
+        prior += ((leg.position[-1] ** 2).sum() + leg.rest) / headings
+        if k in among:
+            ambiguity += area.ambiguity(leg, rows, columns) / len(among)
+        if progress is not None:
+            progress(k + 1, headings)
+    latitude, longitude = field_map.latitude[rows], field_map.longitude[columns]
+    variability = np.sqrt(feature_variability(field_map, latitude[:, None], longitude))
+    return Navigability(
+        latitude,
+        longitude,
+        bearing,
+        error,
+        ambiguity,
+        variability,
+        math.sqrt(prior),
+        field_map.unit,
+    )
+
+
+def _map_error(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
+    """Return (n, m) 1-sigma and correlation length (m) of the map's error: what the map says, or
+    what the scenario does where that is larger."""
+    assumed = scenario.world.map_error
+    own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
+    length = np.full(field_map.shape, assumed.correlation_length)
+    if field_map.correlation_lengths is not None:
+        said = np.where(
+            np.isfinite(field_map.correlation_lengths), field_map.correlation_lengths, length
+        )
+        length = np.where(own > assumed.sigma, said, length)
+    elif field_map.correlation_length is not None:
+        length = np.where(own > assumed.sigma, field_map.correlation_length, length)
+    return np.maximum(own, assumed.sigma), length

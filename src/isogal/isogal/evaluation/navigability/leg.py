@@ -1,0 +1,192 @@
+"""A straight leg that ends at a place: what the navigator's error along it can be, before any
+reading counts.
+
+It is the linear error model of the bound (`isogal.evaluation.bound`), whose states at all
+readings are one large Gaussian vector. Over a leg of some minutes few combinations of them matter:
+position, velocity and acceleration errors. The vector is written as B c with coefficients c of
+variance one, B from the largest eigenvalues of its covariance. B does not depend on the map and
+hardly on the place, so that it is computed once for each heading."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.bound import bias_and_drift, discretise, effective_noise_variance
+from isogal.evaluation.ins_error_model import (
+    ageing,
+    divide,
+    fill_auxiliary,
+    initial_covariance,
+    noise_density,
+)
+from isogal.fields.gravity_vector import true_residual_gravity
+from isogal.fields.measured import measured_field
+from isogal.fusion.auxiliary import auxiliary_of
+from isogal.fusion.model import FilterModel
+from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.scenario import Scenario
+from isogal.sensors.reduction import State
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+MOST = 10
+"""Coefficients at most."""
+_NEGLECTED = 1e-5
+"""Share of the variance that may be left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """A leg on one heading, with T readings, the last at its end."""
+
+    heading: float
+    """rad, clockwise from north."""
+    offset: Array
+    """(T, 2) m north and east of each reading from the end."""
+    step: float
+    """m between readings."""
+    position: Array
+    """(T, 2, m) position error (m) by the coefficients."""
+    reduction: Array
+    """(T, m) reading by the coefficients, without the part of the map's gradient."""
+    rest: float
+    """m², variance of the position at the end that is left out."""
+    noise: float
+    """Variance of a reading's noise."""
+
+
+def leg_to(
+    scenario: Scenario, latitude: float, longitude: float, heading: float, quantisation: float
+) -> Leg:
+    """Return the leg that ends at a place.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its speed, height, interval of readings, sensors and initial errors count, and the batch
+        length as the number of readings, or `route.duration` where that is shorter.
+    latitude, longitude, heading : float
+        rad.
+    quantisation : float
+        Step of the map's values.
+    """
+    scenario = leg_scenario(scenario, latitude, longitude, heading)
+    trajectory = build_trajectory(scenario)
+    stride = scenario.steps_per_scan
+    scans = np.arange(stride, len(trajectory) + 1, stride)
+    stacked = _covariance(scenario.world, trajectory)
+    T = len(scans)
+    north, east = metres_per_radian(latitude, trajectory.height[-1])
+    end = scans[-1]
+    offset = np.stack(
+        [
+            (trajectory.latitude[scans] - trajectory.latitude[end]) * north,
+            (trajectory.longitude[scans] - trajectory.longitude[end]) * east,
+        ],
+        axis=1,
+    )
+    velocity = trajectory.velocity[scans]
+    at = State(
+        trajectory.latitude[scans],
+        trajectory.longitude[scans],
+        trajectory.height[scans],
+        velocity[:, 0],
+        velocity[:, 1],
+    )
+    jacobian = measured_field(scenario).reduction(scenario).jacobian(at)
+    basis = _basis(stacked, jacobian)
+    rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
+    return Leg(
+        heading,
+        offset,
+        float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
+        np.ascontiguousarray(basis[:, :2]),
+        np.einsum("ti,tim->tm", np.column_stack([jacobian, np.ones(T)]), basis),
+        max(float(rest), 0.0),
+        effective_noise_variance(scenario.world.gravimeter, quantisation),
+    )
+
+
+def leg_scenario(
+    scenario: Scenario, latitude: float, longitude: float, heading: float
+) -> Scenario:
+    """Return the scenario with a straight route that ends at a place (rad)."""
+    count = scenario.matcher.batch_length
+    if scenario.route.duration is not None:
+        count = min(count, int(scenario.route.duration / scenario.gravimeter.interval + 1e-9))
+    duration = max(count, 1) * scenario.gravimeter.interval
+    length = duration * scenario.route.speed
+    north, east = metres_per_radian(latitude, scenario.route.height)
+    start = (
+        latitude - length * math.cos(heading) / float(north),
+        longitude - length * math.sin(heading) / float(east),
+    )
+    # the end lies a little beyond the place, so that the vehicle is there at the last reading
+    end = (
+        latitude + 0.05 * length * math.cos(heading) / float(north),
+        longitude + 0.05 * length * math.sin(heading) / float(east),
+    )
+    route = scenario.route.model_copy(
+        update={
+            "start": (math.degrees(start[0]), math.degrees(start[1])),
+            "end": (math.degrees(end[0]), math.degrees(end[1])),
+            "waypoints": None,
+            "duration": duration,
+        }
+    )
+    return scenario.model_copy(update={"route": route})
+
+
+def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
+    """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
+    offset at all readings."""
+    segments = divide(world, trajectory)
+    gravity = true_residual_gravity(world, trajectory)
+    states = FilterModel.from_scenario(world, gravity).auxiliary
+    m = STATES + len(states)
+    n = m + 2
+    P = np.zeros((n, n))
+    P[:m, :m] = initial_covariance(world, states)
+    P[m:, m:] = np.diag(np.square(bias_and_drift(world, trajectory)))
+    correlation, steady = ageing(segments, states)
+    auxiliary, density = auxiliary_of(states), noise_density(world)
+    F, transition, half = np.zeros((m, m)), np.zeros((n, n)), np.zeros((n, n))
+    chosen = np.r_[0:4, m]
+    crosses = np.zeros((0, n))
+    rows: list[Array] = []
+    for k in range(len(segments.geometry)):
+        rotation, force = segments.rotation[k], segments.force[k]
+        fill_dynamics(F, segments.geometry[k], force, rotation)
+        fill_auxiliary(F, auxiliary, force, rotation, segments.rate[k])
+        discretise(transition, half, F, rotation, density, segments.dt)
+        for j in range(STATES, m):
+            transition[j, j], half[j, j] = correlation[k, j - STATES], steady[k, j - STATES]
+        P = transition @ (P + half) @ transition.T + half
+        crosses = crosses @ transition.T
+        if (k + 1) % segments.per_scan == 0:
+            rows.append(np.concatenate([crosses[:, chosen].T, P[np.ix_(chosen, chosen)]], axis=1))
+            crosses = np.concatenate([crosses, P[chosen]])
+    T = len(rows)
+    stacked = np.zeros((5 * T, 5 * T))
+    for k, row in enumerate(rows):
+        stacked[5 * k : 5 * (k + 1), : row.shape[1]] = row
+    lower = np.tril(stacked)
+    return lower + np.tril(stacked, -1).T
+
+
+def _basis(stacked: Array, jacobian: Array) -> Array:
+    """Return B (T, 5, m): what is largest in position, and in what a reading gets from velocity
+    and offset."""
+    T = len(jacobian)
+    diagonal = np.diag(stacked).reshape(T, 5).max(axis=0)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
+    scaled = stacked * np.outer(np.tile(scale, T), np.tile(scale, T))
+    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    kept = int(np.searchsorted(np.cumsum(values), (1.0 - _NEGLECTED) * values.sum())) + 1
+    kept = min(kept, MOST, len(values))
+    back = np.tile(np.where(scale > 0.0, np.sqrt(diagonal), 0.0), T)
+    basis = back[:, None] * vectors[:, :kept] * np.sqrt(values[:kept])
+    return np.ascontiguousarray(basis.reshape(T, 5, kept))

@@ -1,0 +1,144 @@
+"""Expected errors over an area, against the bound along the same legs and hand-worked cases."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from isogal.errors import InputError
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.navigability.area import Area, navigability
+from isogal.evaluation.navigability.leg import leg_scenario
+from isogal.scenario import validate_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+ROUGH = field_map_of(wavy, half=40e3, step=500.0)
+
+
+def scenario(**sections):
+    return validate_scenario({"gravimeter": {"quantity": "disturbance"}, **sections})
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {},
+        {"map_error": {"sigma": 2e-5, "correlation_length": 2000.0}},
+        {
+            "gravimeter": {"quantity": "disturbance", "bias": 3e-5, "drift": 1e-7},
+            "initial_error": {"velocity": 0.4},
+            "route": {"duration": 200.0, "speed": 60.0},
+        },
+    ],
+)
+@pytest.mark.parametrize(("row", "column", "degrees"), [(70, 80, 20.0), (95, 60, 251.0)])
+def test_at_a_node_it_is_the_bound(sections, row, column, degrees):
+    settings = scenario(**sections)
+    area, heading = Area(settings, ROUGH), np.radians(degrees)
+    nodes = np.array([row]), np.array([column])
+    found = area.errors(area.leg(heading), *nodes)[0, 0]
+    there = leg_scenario(settings, ROUGH.latitude[row], ROUGH.longitude[column], heading)
+    bound = posterior_cramer_rao(there, build_trajectory(there), ROUGH)
+    assert found == pytest.approx(bound.rms[-1], rel=0.01)
+    assert found < 0.95 * area_unaided(area, heading)
+
+
+def area_unaided(area, heading):
+    leg = area.leg(heading)
+    return np.sqrt((leg.position[-1] ** 2).sum() + leg.rest)
+
+
+def test_nodes_side_by_side_are_as_each_alone():
+    area = Area(scenario(map_error={"sigma": 1e-5}), ROUGH)
+    leg = area.leg(1.0)
+    rows, columns = np.array([40, 77]), np.arange(0, ROUGH.shape[1], 2)
+    together = area.errors(leg, rows, columns)
+    for b in (0, 20, 33, len(columns) - 1):
+        alone = area.errors(leg, rows[1:], columns[b : b + 1])[0, 0]
+        assert together[1, b] == pytest.approx(alone, rel=1e-12)
+    assert area.ambiguity(leg, rows, columns).shape == together.shape
+
+
+def test_a_map_that_is_flat_tells_nothing():
+    flat = field_map_of(lambda north, east: 1e-5 + 0.0 * north, half=20e3, step=1000.0)
+    area = Area(scenario(initial_error={"velocity": 1e-3}), flat)
+    leg = area.leg(0.0)
+    found = area.errors(leg, np.array([20]), np.array([20]))[0, 0]
+    # but for normal gravity, which the disturbance takes off where the navigator believes to be
+    assert found == pytest.approx(area_unaided(area, 0.0), rel=0.05)
+
+
+def test_a_slope_tells_along_itself_only():
+    slope = field_map_of(lambda north, east: 1e-7 * east + 0.0 * north, half=30e3, step=1000.0)
+    settings = scenario(
+        initial_error={"position": 100.0, "velocity": 1e-4, "tilt": 1e-9, "heading": 1e-9}
+    )
+    area = Area(settings, slope)
+    found = area.errors(area.leg(0.0), np.array([40]), np.array([30]))[0, 0]
+    # 30 readings of 1e-5 with a slope of 1e-7 per m: 100 m / sqrt(30) beside the prior's 100 m
+    east = 1.0 / np.sqrt(30.0 / 100.0**2 + 1.0 / 100.0**2)
+    assert found == pytest.approx(np.hypot(100.0, east), rel=0.03)
+
+
+def test_a_field_that_repeats_itself_is_ambiguous():
+    def repeating(north, east):
+        return 5e-4 * np.sin(2.0 * np.pi * north / 4000.0) + 1e-9 * east
+
+    settings = scenario(initial_error={"position": 4000.0})
+    ambiguous = [Area(settings, field_map_of(f, half=40e3, step=400.0)) for f in (repeating, wavy)]
+    nodes = np.array([100]), np.array([100])
+    twin, single = (area.ambiguity(area.leg(0.0), *nodes)[0, 0] for area in ambiguous)
+    # a place one wave away is as likely but for the prior: Phi(-1/2) at one 1-sigma
+    assert twin == pytest.approx(0.31, abs=0.03)
+    assert single < 0.5 * twin
+
+
+def test_the_whole_area():
+    holes = ROUGH.values.copy()
+    holes[100:120, 40:70] = np.nan
+    done = []
+    found = navigability(
+        scenario(), replace(ROUGH, values=holes), 4, lambda *progress: done.append(progress)
+    )
+    assert done[-1] == (4, 4)
+    assert found.error.shape == (4, *ROUGH.shape)
+    known = np.isfinite(found.mean)
+    assert not known[100:120, 40:70].any()
+    assert known[50:90, 50:90].all()
+    assert (found.best <= found.mean)[known].all()
+    assert (found.mean <= found.worst)[known].all()
+    assert (found.worst[known] <= found.prior * 1.01).all()
+    assert set(np.unique(found.best_heading[known])) <= {0.0, 90.0, 180.0, 270.0}
+    summary = found.summary()
+    assert summary["nodes"] == list(ROUGH.shape)
+    assert summary["error_mean"]["median"] == pytest.approx(np.nanmedian(found.mean))
+
+
+def test_a_map_that_says_its_error_counts():
+    told = replace(ROUGH, sigma=np.full(ROUGH.shape, 5e-5), correlation_length=3000.0)
+    nodes = np.array([70]), np.array([80])
+    errors = []
+    for settings, field_map in (
+        (scenario(), told),
+        (scenario(map_error={"sigma": 5e-5, "correlation_length": 3000.0}), ROUGH),
+        (scenario(), ROUGH),
+        (
+            scenario(),
+            replace(told, correlation_lengths=np.full(ROUGH.shape, 3000.0)),
+        ),
+    ):
+        area = Area(settings, field_map)
+        errors.append(area.errors(area.leg(0.5), *nodes)[0, 0])
+    assert errors[0] == pytest.approx(errors[1])
+    assert errors[0] == pytest.approx(errors[3])
+    assert errors[0] > 1.2 * errors[2]
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(InputError, match="the scenario measures height"):
+        Area(validate_scenario({"field": "terrain", "gravimeter": {"sigma": 5.0}}), ROUGH)
+    with pytest.raises(InputError, match="several channels"):
+        Area(validate_scenario({"field": "gradient"}), ROUGH)
+    with pytest.raises(InputError, match="at least 1"):
+        navigability(scenario(), ROUGH, 0)
