@@ -28,7 +28,7 @@ def test_files_hold_the_same_grids(rough, tmp_path):
         assert bands.descriptions[1] == "error_mean"
         mean = np.ma.filled(grids["error_mean"][:], np.nan)
         np.testing.assert_array_equal(bands.read(2)[::-1], mean)
-        latitude, longitude = grids["lat"][30], grids["lon"][20]
+        latitude, longitude = float(grids["lat"][30]), float(grids["lon"][20])
         assert bands.index(longitude, latitude) == (mean.shape[0] - 1 - 30, 20)
         assert grids["error"].shape == (4, *mean.shape)
     found = json.loads(answer("map", "navigability", rough, "--headings", 1, "--json"))

@@ -95,8 +95,8 @@ def _print(found: "Navigability", files: list[Path]) -> None:
     table = Table(
         box=SIMPLE_HEAD,
         title=(
-            f"{rows} x {columns} nodes, {summary['headings']} headings; error on arrival (RMS), without"
-            f" readings {found.prior:.0f} m"
+            f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings;"
+            f" without readings {found.prior:.0f} m"
         ),
         title_justify="left",
     )
