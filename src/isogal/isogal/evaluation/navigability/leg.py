@@ -22,7 +22,7 @@ from isogal.evaluation.ins_error_model import (
     initial_covariance,
     noise_density,
 )
-from isogal.fields.gravity_vector import true_residual_gravity
+from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
 from isogal.fusion.auxiliary import auxiliary_of
 from isogal.fusion.model import FilterModel
