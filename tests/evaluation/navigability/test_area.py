@@ -130,9 +130,9 @@ def test_a_map_that_says_its_error_counts():
     ):
         area = Area(settings, field_map)
         errors.append(area.errors(area.leg(0.5), *nodes)[0, 0])
-    assert errors[0] == pytest.approx(errors[1])
-    assert errors[0] == pytest.approx(errors[3])
-    assert errors[0] > 1.2 * errors[2]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+    assert errors[0] == pytest.approx(errors[3], rel=1e-12)
+    assert errors[0] > 1.1 * errors[2]
 
 
 def test_what_does_not_fit_is_refused():
