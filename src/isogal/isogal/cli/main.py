@@ -51,6 +51,9 @@ COMMANDS = {
     "match": Command(
         "match.command", "match", "Match a recorded track of any scalar field against a map."
     ),
+    "plan": Command(
+        "plan", "plan", "Find the route on which the navigator arrives with the least error."
+    ),
     "map": Command("map.app", "app", "Look at maps, make, fetch and convert them."),
 }
 

@@ -1,0 +1,190 @@
+"""``isogal plan``: the route that lets the navigator arrive with the least error."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isogal.cli.checks import positive
+from isogal.cli.map.results import print_json
+from isogal.cli.map_choice import MapOption
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json, ScenarioChoice
+from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal.evaluation.planning.planner import Plan, Wish
+
+ROUTE = "Route"
+"""Heading of the options that say what is asked of the route."""
+_MARGIN = 10_000.0  # m of map around the lattice
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of the route."""
+
+    start: Annotated[
+        str,
+        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg.", rich_help_panel=ROUTE),
+    ]
+    goal: Annotated[
+        str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.", rich_help_panel=ROUTE)
+    ]
+    detour: Annotated[
+        float,
+        typer.Option(
+            "--detour",
+            metavar="SHARE",
+            callback=positive,
+            help="How much longer than the straight way, at most.",
+            rich_help_panel=ROUTE,
+        ),
+    ] = 0.15
+    ceiling: Annotated[
+        float | None,
+        typer.Option(
+            "--ceiling",
+            metavar="M",
+            callback=positive,
+            help="Shortest route with an expected error on arrival below this, instead of the"
+            " least error.",
+            rich_help_panel=ROUTE,
+        ),
+    ] = None
+    no_go: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--no-go",
+            metavar="FILE.geojson",
+            help="Polygons to keep out of; repeatable.",
+            rich_help_panel=ROUTE,
+        ),
+    ] = None
+
+    def wish(self) -> "Wish":
+        """Return the same as the library takes it; raises InputError."""
+        from isogal.evaluation.planning.areas import read_areas
+        from isogal.evaluation.planning.planner import Wish
+
+        areas = tuple(area for path in self.no_go or () for area in read_areas(path))
+        wish = Wish(
+            _place("--from", self.start),
+            _place("--to", self.goal),
+            self.detour,
+            self.ceiling,
+            areas,
+        )
+        wish.check()
+        return wish
+
+
+@with_groups
+def plan(
+    map_: MapOption,
+    asked: Asked,
+    chosen: ScenarioChoice,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None,
+    path: Annotated[
+        Path | None,
+        typer.Option(
+            "--path",
+            metavar="FILE.yaml",
+            help="nav_msgs/Path for ros2 topic pub.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Find the route from A to B on which the navigator arrives with the least expected error, or
+    the shortest with an error below a ceiling.
+
+    The scenario says speed, turn rate, sensors and initial errors. The expected error is the
+    posterior Cramér-Rao bound along the route as it is driven."""
+    from isogal.cli.progress import Bars
+    from isogal.evaluation.navigability.area import fitting
+    from isogal.evaluation.planning.files import check_name, write_path, write_route
+    from isogal.evaluation.planning.planner import plan_route
+
+    for name in out or ():
+        check_name(name)
+    wish = asked.wish()
+    field_map = map_.load(_around(wish), "disturbance")
+    settings = fitting(chosen.load(), field_map)
+    with Bars("columns") as bars:
+        found = plan_route(
+            settings, field_map, wish, lambda done, total: bars("columns", done, total)
+        )
+    for name in out or ():
+        write_route(found.route, name)
+    if path is not None:
+        write_path(found.route, path)
+    files = [str(name) for name in (*(out or ()), *((path,) if path else ()))]
+    _show(found, files, json)
+
+
+def _place(option: str, text: str) -> tuple[float, float]:
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
+        raise InputError(f"{option} '{text}': must be LATITUDE,LONGITUDE in deg")
+    return math.radians(latitude), math.radians(longitude)
+
+
+def _around(wish: "Wish") -> Any:
+    """Return the window of all routes."""
+    import numpy as np
+
+    from isogal.evaluation.planning.lattice import lattice_between
+    from isogal.maps.axes import Window
+
+    if wish.start == wish.goal:
+        raise InputError("--from and --to are the same place")
+    lattice = lattice_between(wish.start, wish.goal, wish.detour, [])
+    lat, lon = lattice.latitude, lattice.longitude
+    return Window(
+        float(np.min(lat)), float(np.max(lat)), float(np.min(lon)), float(np.max(lon))
+    ).grown(_MARGIN)
+
+
+def _show(found: "Plan", files: list[str], as_json: bool) -> None:
+    import numpy as np
+
+    route, straight = found.route, found.straight
+    result: dict[str, Any] = {
+        "length_m": route.length,
+        "error_on_arrival_m": route.error,
+        "largest_error_m": float(route.bound.rms.max()),
+        "waypoints": np.degrees(route.waypoints).tolist(),
+        "straight": straight
+        and {"length_m": straight.length, "error_on_arrival_m": straight.error},
+        "files": files,
+    }
+    if as_json:
+        print_json(result)
+        return
+    typer.echo(
+        f"{route.length / 1e3:.1f} km with {len(route.waypoints)} waypoints, expected error on"
+        f" arrival {route.error:.0f} m"
+    )
+    if straight is None:
+        typer.echo("the straight way is not free")
+    else:
+        typer.echo(
+            f"straight: {straight.length / 1e3:.1f} km, {straight.error:.0f} m; detour"
+            f" {100.0 * (route.length / straight.length - 1.0):.1f} %"
+        )
+    for name in files:
+        typer.echo(name)

@@ -1,0 +1,70 @@
+"""Areas that a route must keep out of: polygons of a GeoJSON file (RFC 7946)."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.errors import InputError
+
+Rings = list[Array]
+"""Outer ring and holes of a polygon, (K, 2) longitude and latitude, deg."""
+
+
+def read_areas(path: Path) -> list[Rings]:
+    """Return the polygons of a file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not GeoJSON or has no polygon.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON: {error}") from None
+    try:
+        polygons = [
+            [np.array(ring, dtype=np.float64)[:, :2] for ring in rings]
+            for rings in _polygons(data)
+        ]
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+        raise InputError(f"{path}: is not GeoJSON with coordinates of polygons") from None
+    if not polygons:
+        raise InputError(f"{path}: has no polygon")
+    return polygons
+
+
+def _polygons(item: Any) -> list[Any]:
+    kind = item["type"]
+    if kind == "FeatureCollection":
+        return [p for feature in item["features"] for p in _polygons(feature)]
+    if kind == "Feature":
+        return _polygons(item["geometry"])
+    if kind == "GeometryCollection":
+        return [p for geometry in item["geometries"] for p in _polygons(geometry)]
+    if kind == "Polygon":
+        return [item["coordinates"]]
+    return list(item["coordinates"]) if kind == "MultiPolygon" else []
+
+
+def inside(areas: list[Rings], latitude: Array, longitude: Array) -> Booleans:
+    """Return whether places (rad, any shape) lie in one of the areas.
+
+    A ray to the east crosses the rings of the polygon around it an odd number of times.
+    """
+    y, x = np.degrees(latitude), np.degrees(longitude)
+    found = np.zeros(y.shape, dtype=np.bool_)
+    for rings in areas:
+        odd = np.zeros(y.shape, dtype=np.bool_)
+        for ring in rings:
+            for (x0, y0), (x1, y1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+                if y0 != y1:
+                    crossing = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+                    odd ^= ((y0 > y) != (y1 > y)) & (x < crossing)
+        found |= odd
+    return found

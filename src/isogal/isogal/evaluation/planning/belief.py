@@ -1,0 +1,152 @@
+"""The navigator's error covariance along a straight edge: the recursion of the bound
+(`isogal.evaluation.bound`) with the reading interval as its step.
+
+Thirteen errors of the navigator, the map's error along the track, and offset and drift of the
+readings. Auxiliary states of the filter are left out here; the route that is found is assessed
+with them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.earth.ellipsoid import curvature
+from isogal.earth.gravity import normal_gravity
+from isogal.evaluation.bound import discretise, effective_noise_variance
+from isogal.evaluation.ins_error_model import initial_covariance, noise_density
+from isogal.evaluation.planning.lattice import Lattice
+from isogal.fields.measured import measured_field
+from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.rotations import from_heading, matrix
+from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.scenario import Scenario
+from isogal.sensors.reduction import State
+
+SIZE = STATES + 3
+"""Navigator's errors, map error, offset and drift."""
+
+
+class Edges(NamedTuple):
+    """What the kernel needs besides the place, by direction (D)."""
+
+    velocity: Array
+    """(D, 2) m/s north and east."""
+    rotation: Array
+    """(D, 3, 3) body to NED."""
+    jacobian: Array
+    """(D, 4) a reading's derivative by the navigator's error."""
+    density: Array
+    """(6,)"""
+    map_error: Array
+    """(2,) variance and correlation length of the map's error where the map says nothing."""
+    constants: Array
+    """(4,) reading interval s, noise variance, height m, gravity m/s²."""
+
+
+def edges_of(scenario: Scenario, lattice: Lattice, quantisation: float) -> Edges:
+    """Return the edges of a lattice, driven with a scenario's speed and sensors."""
+    world = scenario.world
+    speed, height = world.route.speed, world.route.height
+    middle = len(lattice.latitude) // 2, lattice.middle
+    latitude, longitude = float(lattice.latitude[middle]), float(lattice.longitude[middle])
+    velocity = speed * np.stack([np.cos(lattice.heading), np.sin(lattice.heading)], axis=1)
+    here = np.full(len(velocity), latitude), np.full(len(velocity), longitude)
+    at = State(*here, np.full(len(velocity), height), velocity[:, 0], velocity[:, 1])
+    error = world.map_error
+    return Edges(
+        velocity,
+        matrix(from_heading(lattice.heading)),
+        np.ascontiguousarray(measured_field(scenario).reduction(scenario).jacobian(at)),
+        noise_density(world),
+        np.array([error.sigma**2, error.correlation_length]),
+        np.array(
+            [
+                world.gravimeter.interval,
+                effective_noise_variance(world.gravimeter, quantisation),
+                height,
+                float(normal_gravity(latitude, height)),
+            ]
+        ),
+    )
+
+
+def start_covariance(scenario: Scenario, own_variance: float) -> Array:
+    """Return the covariance (SIZE, SIZE) at the start, with the variance of the map's error."""
+    world = scenario.world
+    P = np.zeros((SIZE, SIZE))
+    P[:STATES, :STATES] = initial_covariance(world)
+    P[STATES, STATES] = own_variance
+    P[-2, -2] = world.gravimeter.bias**2 + world.map_error.offset**2
+    P[-1, -1] = world.gravimeter.drift**2
+    return P
+
+
+def uncertainty_grid(scenario: Scenario, field_map: FieldMap) -> Array:
+    """Return (n, m) the 1-sigma of the map's error: as the map says, or `map_error` where that is
+    larger."""
+    own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
+    return np.ascontiguousarray(np.maximum(own, scenario.world.map_error.sigma))
+
+
+@kernel(error_model="numpy")
+def along_edge(  # type: ignore[no-untyped-def]
+    P, latitude, longitude, length, direction, edges, grid: Grid, sigma
+):
+    """Return the covariance at the end of an edge that begins at a place (rad)."""
+    velocity, rotation, jacobian, density, map_error, constants = edges
+    vn, ve = velocity[direction]
+    interval, noise, height, gravity = constants
+    speed = math.sqrt(vn * vn + ve * ve)
+    count = max(1, int(length / (speed * interval) + 0.5))
+    dt = length / (speed * count)
+    n = P.shape[0]
+    m = n - 3
+    F = np.zeros((m, m))
+    core, half_core = np.zeros((m + 2, m + 2)), np.zeros((m + 2, m + 2))
+    transition, half = np.zeros((n, n)), np.zeros((n, n))
+    force = np.array([0.0, 0.0, -gravity])
+    meridian, normal = curvature(math.sin(latitude))
+    inv_m, inv_n = 1.0 / (meridian + height), 1.0 / (normal + height)
+    geometry = np.array([latitude, vn, ve, inv_m, inv_n])
+    fill_dynamics(F, geometry, force, rotation[direction])
+    discretise(core, half_core, F, rotation[direction], density, dt)
+    for i in range(n):
+        for j in range(n):
+            a, b = (i if i < m else i - 1), (j if j < m else j - 1)
+            if i != m and j != m:  # noqa: PLR1714 - compiled
+                transition[i, j], half[i, j] = core[a, b], half_core[a, b]
+    c = math.exp(-speed * dt / map_error[1])
+    transition[m, m] = c
+    h, column = np.zeros(n), np.empty(n)
+    for k in range(count):
+        lat = latitude + (k + 1) * dt * vn * inv_m
+        lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
+        _, by_lat, by_lon = value_and_gradient(grid, lat, lon)
+        i = int((lat - grid.latitude0) / grid.latitude_step + 0.5)
+        j = int((lon - grid.longitude0) / grid.longitude_step + 0.5)
+        known = not math.isnan(by_lat)
+        variance = sigma[i, j] ** 2 if known else P[m, m]
+        half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
+        P = transition @ (P + half) @ transition.T + half
+        if not known:
+            continue
+        h[:] = 0.0
+        for a in range(4):
+            h[a] = jacobian[direction, a]
+        h[0] -= by_lat * inv_m
+        h[1] -= by_lon * inv_n / math.cos(lat)
+        h[m] = h[n - 2] = 1.0
+        for a in range(n):
+            column[a] = 0.0
+            for b in range(n):
+                column[a] += P[a, b] * h[b]
+        total = noise
+        for a in range(n):
+            total += column[a] * h[a]
+        for a in range(n):
+            for b in range(n):
+                P[a, b] -= column[a] * column[b] / total
+    return 0.5 * (P + P.T)

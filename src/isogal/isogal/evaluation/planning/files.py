@@ -1,0 +1,91 @@
+"""A route as a file: waypoints of a scenario, GeoJSON, or a nav_msgs/Path as ``ros2 topic pub``
+reads it."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from isogal.earth.frames import LocalFrame
+from isogal.errors import InputError
+from isogal.evaluation.planning.planner import Assessed
+from isogal.files import write_atomic
+
+_SUFFIXES = (".yaml", ".yml", ".geojson")
+
+
+def check_name(path: Path) -> None:
+    """Raise InputError unless the suffix is one that can be written."""
+    if path.suffix.casefold() not in _SUFFIXES:
+        raise InputError(f"{path}: must end in .yaml or .geojson")
+
+
+def write_route(route: Assessed, path: Path) -> None:
+    """Write the waypoints, as a scenario's section `route` or as GeoJSON."""
+    check_name(path)
+    text = _geojson(route) if path.suffix.casefold() == ".geojson" else _yaml(route)
+    write_atomic(path, text)
+
+
+def _yaml(route: Assessed) -> str:
+    import yaml
+
+    settings = route.scenario.route
+    points = [[round(a, 7), round(b, 7), c] for a, b, c in settings.waypoints or ()]
+    section = {
+        "waypoints": points,
+        "height": settings.height,
+        "turn_rate": settings.turn_rate,
+        "duration": None,
+    }
+    return yaml.safe_dump({"route": section}, sort_keys=False, default_flow_style=None)
+
+
+def _geojson(route: Assessed) -> str:
+    every = max(1, len(route.bound.time) // 200)
+    index = np.arange(0, len(route.bound.time), every)
+    steps = index * route.scenario.steps_per_scan
+    line = np.degrees(
+        np.stack([route.trajectory.longitude[steps], route.trajectory.latitude[steps]], axis=1)
+    )
+    properties = {
+        "length_m": route.length,
+        "error_on_arrival_m": route.error,
+        "expected_error_m": route.bound.rms[index].round(2).tolist(),
+    }
+    feature = {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": "LineString", "coordinates": line.round(7).tolist()},
+    }
+    return json.dumps({"type": "FeatureCollection", "features": [feature]}) + "\n"
+
+
+def write_path(route: Assessed, path: Path) -> None:
+    """Write a nav_msgs/Path in the frame `map` (east, north, up at the first point) as YAML."""
+    import yaml
+
+    track = route.trajectory
+    every = max(1, len(track.latitude) // 500)
+    index = np.unique(np.r_[np.arange(0, len(track.latitude), every), len(track.latitude) - 1])
+    frame = LocalFrame(track.latitude[0], track.longitude[0], track.height[0])
+    places = frame.from_geodetic(
+        track.latitude[index], track.longitude[index], track.height[index]
+    )
+    heading = np.arctan2(track.velocity[index, 1], track.velocity[index, 0])
+    poses = []
+    for k, (place, turn) in enumerate(zip(places, heading, strict=True)):
+        seconds = float(track.time[index[k]])
+        yaw = 0.5 * math.pi - turn  # from east, anticlockwise (REP-103)
+        stamp = {"sec": int(seconds), "nanosec": round(1e9 * (seconds % 1.0))}
+        orientation = {"z": math.sin(0.5 * yaw), "w": math.cos(0.5 * yaw)}
+        position = dict(zip("xyz", (round(float(x), 3) for x in place), strict=True))
+        poses.append(
+            {
+                "header": {"stamp": stamp, "frame_id": "map"},
+                "pose": {"position": position, "orientation": orientation},
+            }
+        )
+    message = {"header": {"frame_id": "map"}, "poses": poses}
+    write_atomic(path, yaml.safe_dump(message, sort_keys=False))

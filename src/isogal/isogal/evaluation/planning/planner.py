@@ -1,0 +1,290 @@
+"""The search for a route in belief space: over places and what the navigator knows there.
+
+The error covariance is carried along the edges of a lattice (information filter over a graph:
+Prentice & Roy 2009, Int. J. Robotics Research 28(11-12); Bry & Roy 2011, Proc. IEEE ICRA). One
+covariance does not always beat another in every direction, and a longer way may pay later. So each
+place keeps several ways to it: the one of least error for each of some classes of length, counted
+with the least way that is left to the goal. What is kept is compared by the variances of position
+and velocity, these over some minutes.
+
+The route that is found, and the straight one, are then assessed by the bound along the route as it
+is driven, with its turns (`isogal.evaluation.bound`)."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
+from isogal.evaluation.planning.areas import Rings, inside
+from isogal.evaluation.planning.belief import (
+    Edges,
+    along_edge,
+    edges_of,
+    start_covariance,
+    uncertainty_grid,
+)
+from isogal.evaluation.planning.lattice import Lattice, lattice_between
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+CLASSES = 10
+"""Of length, for which each place keeps a way."""
+_HORIZON = 300.0  # s, over which a velocity error counts
+_SHARPEST = math.radians(75.0)
+_DRIVEN = 0.98
+"""Share of the detour that the edges may take; turns take the rest."""
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What is asked of a route."""
+
+    start: Place
+    """Latitude, longitude, rad."""
+    goal: Place
+    detour: float = 0.15
+    """Share of the straight way that the route may be longer."""
+    ceiling: float | None = None
+    """m: the shortest route whose RMS error on arrival is below; None = the least error."""
+    areas: tuple[Rings, ...] = ()
+
+    def check(self) -> None:
+        """Raise InputError unless this can be asked."""
+        if not 0.0 < self.detour <= 1.0:
+            raise InputError(f"detour must be above 0 and at most 1, is {self.detour:g}")
+        if self.ceiling is not None and not self.ceiling > 0.0:
+            raise InputError(f"ceiling of the error must be > 0 m, is {self.ceiling:g}")
+        for name, place in (("start", self.start), ("goal", self.goal)):
+            if inside(list(self.areas), np.array(place[0]), np.array(place[1])).any():
+                raise InputError(f"{name} lies in an area that the route must keep out of")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessed:
+    """A route as it is driven, and the bound along it."""
+
+    waypoints: Array
+    """(W, 2) latitude, longitude, rad."""
+    scenario: Scenario
+    trajectory: Trajectory
+    bound: BoundResult
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return float(self.trajectory.time[-1] * self.scenario.route.waypoints[0][2])  # type: ignore[index]
+
+    @property
+    def error(self) -> float:
+        """m, RMS horizontal error on arrival."""
+        return float(self.bound.rms[-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """The route found, and the straight one."""
+
+    route: Assessed
+    straight: Assessed | None
+    """None where an area is in the way."""
+
+
+@dataclass(slots=True, eq=False)
+class _Way:
+    """A way to a place."""
+
+    length: float
+    covariance: Array
+    cost: float
+    direction: int
+    row: int
+    before: "_Way | None"
+
+    def rows(self) -> list[int]:
+        """Return the rows from the start on."""
+        rows, way = [self.row], self.before
+        while way is not None:
+            rows.append(way.row)
+            way = way.before
+        return rows[::-1]
+
+
+def plan_route(
+    scenario: Scenario,
+    field_map: FieldMap,
+    wish: Wish,
+    progress: Callable[[int, int], None] | None = None,
+) -> Plan:
+    """Find a route.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Speed, turn rate, height, sensors and initial errors; its route's points do not count.
+    field_map : FieldMap
+        Of what the scenario measures.
+    wish : Wish
+    progress : function, optional
+        Called with the number of columns of the lattice that are done, and of all.
+
+    Raises
+    ------
+    InputError
+        No route keeps out of all areas within the detour, or none has an error below the ceiling.
+    """
+    wish.check()
+    lattice = lattice_between(wish.start, wish.goal, wish.detour, list(wish.areas))
+    least = 4.0 * scenario.route.speed / scenario.route.turn_rate
+    if lattice.straight < least:
+        raise InputError(
+            f"start and goal are {lattice.straight:.0f} m apart; with this speed and turn rate a"
+            f" route needs {least:.0f} m"
+        )
+    ends = _search(scenario, field_map, wish, lattice, progress)
+    if not ends:
+        raise InputError(
+            f"the goal cannot be reached: no way keeps out of the areas within"
+            f" {100.0 * wish.detour:.3g} % of detour"
+        )
+    straight = None
+    if lattice.free[:, lattice.middle, len(lattice.rise) // 2].all():
+        straight = assess(scenario, field_map, np.array([wish.start, wish.goal]))
+    found = [assess(scenario, field_map, _corners(lattice, way.rows())) for way in ends]
+    if straight is not None:
+        found.append(straight)
+    if wish.ceiling is None:
+        return Plan(min(found, key=lambda one: one.error), straight)
+    good = [one for one in found if one.error <= wish.ceiling]
+    if not good:
+        best = min(one.error for one in found)
+        raise InputError(
+            f"no route within {100.0 * wish.detour:.3g} % of detour has an expected error below"
+            f" {wish.ceiling:g} m; the best has {best:.0f} m"
+        )
+    return Plan(min(good, key=lambda one: one.length), straight)
+
+
+def assess(scenario: Scenario, field_map: FieldMap, waypoints: Array) -> Assessed:
+    """Return the bound along a route (W, 2) as it is driven."""
+    driven = with_waypoints(scenario, waypoints)
+    trajectory = build_trajectory(driven)
+    return Assessed(
+        waypoints, driven, trajectory, posterior_cramer_rao(driven, trajectory, field_map)
+    )
+
+
+def with_waypoints(scenario: Scenario, waypoints: Array) -> Scenario:
+    """Return the scenario with a route through waypoints (W, 2), rad, to the last of them."""
+    points = tuple(
+        (math.degrees(latitude), math.degrees(longitude), scenario.route.speed)
+        for latitude, longitude in waypoints
+    )
+    route = scenario.route.model_copy(update={"waypoints": points, "duration": None})
+    return scenario.model_copy(update={"route": route})
+
+
+def _search(
+    scenario: Scenario,
+    field_map: FieldMap,
+    wish: Wish,
+    lattice: Lattice,
+    progress: Callable[[int, int], None] | None,
+) -> list[_Way]:
+    """Return the ways that reach the goal, one for each class of length at most."""
+    own = float(field_map.sigma_at(*wish.start))
+    own = max(own, scenario.world.map_error.sigma) if math.isfinite(own) else 0.0
+    start = start_covariance(scenario, own**2)
+    world = _World(
+        lattice,
+        edges_of(scenario, lattice, field_map.quantisation),
+        field_map,
+        uncertainty_grid(scenario, field_map),
+        (1.0 + _DRIVEN * wish.detour) * lattice.straight,
+    )
+    columns = len(lattice.free)
+    ways = {lattice.middle: [_Way(0.0, start, 0.0, -1, lattice.middle, None)]}
+    for column in range(columns):
+        reached: dict[int, dict[int, _Way]] = {}
+        for here in ways.values():
+            for way in here:
+                for kind, after in world.after(way, column):
+                    kept = reached.setdefault(after.row, {})
+                    if kind not in kept or after.cost < kept[kind].cost:
+                        kept[kind] = after
+        ways = {row: _useful(kept) for row, kept in reached.items()}
+        if progress is not None:
+            progress(column + 1, columns)
+    return ways.get(lattice.middle, [])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _World:
+    """What ways go through."""
+
+    lattice: Lattice
+    edges: Edges
+    field_map: FieldMap
+    sigma: Array
+    """(n, m) 1-sigma of the map's error."""
+    most: float
+    """m, length of the longest route."""
+
+    def after(self, way: _Way, column: int) -> Iterator[tuple[int, _Way]]:
+        """Yield the ways that go on from a place of a column by one edge, with their classes of
+        length."""
+        lattice = self.lattice
+        for direction, rise in enumerate(lattice.rise):
+            there = way.row + int(rise)
+            if not (
+                0 <= there < lattice.free.shape[1] and lattice.free[column, way.row, direction]
+            ):
+                continue
+            length = way.length + float(lattice.length[direction])
+            whole = length + lattice.left(column + 1, there)
+            if whole > self.most * (1.0 + 1e-9) or _too_sharp(lattice, way.direction, direction):
+                continue
+            P = along_edge(
+                way.covariance,
+                lattice.latitude[column, way.row],
+                lattice.longitude[column, way.row],
+                lattice.length[direction],
+                direction,
+                self.edges,
+                self.field_map.grid,
+                self.sigma,
+            )
+            cost = float(P[0, 0] + P[1, 1] + _HORIZON**2 * (P[2, 2] + P[3, 3]))
+            excess = (whole - lattice.straight) / (self.most - lattice.straight)
+            kind = min(int(CLASSES * excess), CLASSES - 1)
+            yield kind, _Way(length, P, cost, direction, there, way)
+
+
+def _useful(kept: dict[int, _Way]) -> list[_Way]:
+    """Return the ways of which no shorter one has less error."""
+    useful: list[_Way] = []
+    for kind in sorted(kept):
+        if not useful or kept[kind].cost < useful[-1].cost:
+            useful.append(kept[kind])
+    return useful
+
+
+def _too_sharp(lattice: Lattice, before: int, after: int) -> bool:
+    if before < 0:
+        return False
+    turn = lattice.heading[after] - lattice.heading[before]
+    return abs(math.remainder(turn, 2.0 * math.pi)) > _SHARPEST
+
+
+def _corners(lattice: Lattice, rows: list[int]) -> Array:
+    """Return the start, the places where a way turns, and the goal (W, 2), rad."""
+    turns = [0]
+    turns += [k for k in range(1, len(rows) - 1) if rows[k + 1] - rows[k] != rows[k] - rows[k - 1]]
+    turns.append(len(rows) - 1)
+    return np.array([(lattice.latitude[k, rows[k]], lattice.longitude[k, rows[k]]) for k in turns])

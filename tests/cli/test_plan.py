@@ -1,0 +1,47 @@
+"""What `isogal plan` writes and prints."""
+
+import json
+
+import pytest
+import yaml
+
+from helpers.batches import field_map_of, wavy
+from helpers.command_line import answer, refusal
+from isogal.maps.formats.netcdf_writing import write_netcdf
+
+ENDS = ("--from", "-36.5,146.75", "--to", "-36.5,147.25")
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "rough.nc"
+    write_netcdf(field_map_of(wavy, half=40e3, step=500.0), path)
+    return path
+
+
+def test_the_files_of_a_plan(rough, tmp_path):
+    words = ("--out", tmp_path / "a.yaml", "--out", tmp_path / "a.geojson")
+    found = json.loads(
+        answer("plan", "--map", rough, *ENDS, *words, "--path", tmp_path / "p.yaml", "--json")
+    )
+    assert found["error_on_arrival_m"] <= found["straight"]["error_on_arrival_m"]
+    assert len(found["files"]) == 3
+    route = yaml.safe_load((tmp_path / "a.yaml").read_text())["route"]
+    assert len(route["waypoints"]) == len(found["waypoints"])
+    feature = json.loads((tmp_path / "a.geojson").read_text())["features"][0]
+    assert feature["properties"]["error_on_arrival_m"] == found["error_on_arrival_m"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--from", "here", "--to", "-36,147"), "must be LATITUDE,LONGITUDE"),
+        (("--from", "-36.5,147", "--to", "-36.5,147"), "the same place"),
+        ((*ENDS, "--detour", "-1"), "must be > 0"),
+        ((*ENDS, "--out", "a.txt"), "must end in .yaml or .geojson"),
+        ((*ENDS, "--no-go", "none.geojson"), "cannot be read"),
+        ((*ENDS, "--ceiling", "0.1"), "no route within"),
+    ],
+)
+def test_bad_input_is_one_line(rough, words, message):
+    assert message in refusal("plan", "--map", rough, *words)

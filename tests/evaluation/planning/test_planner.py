@@ -1,0 +1,168 @@
+"""Routes in belief space, against the bound along them and hand-made worlds."""
+
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from isogal.errors import InputError
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.planning.areas import inside, read_areas
+from isogal.evaluation.planning.belief import along_edge, edges_of, start_covariance
+from isogal.evaluation.planning.files import write_path, write_route
+from isogal.evaluation.planning.lattice import lattice_between
+from isogal.evaluation.planning.planner import Wish, plan_route, with_waypoints
+from isogal.scenario import load_scenario, validate_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+NORTH, EAST = 6.36e6, 6.37e6 * math.cos(ORIGIN[0])
+
+
+def place(north, east):
+    return ORIGIN[0] + north / NORTH, ORIGIN[1] + east / EAST
+
+
+def rough_in_the_north(north, east):
+    """Rough to the north of the straight way, flat on it."""
+    return wavy(north, east) / (1.0 + np.exp(-(np.asarray(north) - 6e3) / 500.0))
+
+
+FIELD = field_map_of(rough_in_the_north, half=45e3, step=500.0)
+START, GOAL = place(0.0, -30e3), place(0.0, 30e3)
+SETTINGS = validate_scenario({"gravimeter": {"quantity": "disturbance"}})
+
+
+@pytest.fixture(scope="module")
+def planned():
+    done = []
+    plan = plan_route(SETTINGS, FIELD, Wish(START, GOAL), lambda *p: done.append(p))
+    assert done[-1][0] == done[-1][1]
+    return plan
+
+
+def test_it_goes_where_the_field_is_rough(planned):
+    assert planned.route.error < 0.7 * planned.straight.error
+    assert planned.straight.length < planned.route.length < 1.155 * planned.straight.length
+    assert ((planned.route.waypoints[:, 0] - ORIGIN[0]) * NORTH).max() > 5e3
+    np.testing.assert_allclose(planned.route.waypoints[[0, -1]], [START, GOAL], atol=1e-12)
+
+
+def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_path):
+    write_route(planned.route, tmp_path / "route.yaml")
+    scenario = load_scenario(tmp_path / "route.yaml", ["gravimeter.quantity=disturbance"])
+    bound = posterior_cramer_rao(scenario, build_trajectory(scenario), FIELD)
+    assert bound.rms[-1] == pytest.approx(planned.route.error, rel=1e-3)
+
+
+def test_the_belief_along_an_edge_is_the_bound():
+    lattice = lattice_between(START, GOAL, 0.15, [], columns=1)
+    edges = edges_of(SETTINGS, lattice, 0.0)
+    straight = len(lattice.rise) // 2
+    P = along_edge(
+        start_covariance(SETTINGS, 0.0),
+        *START,
+        lattice.length[straight],
+        straight,
+        edges,
+        FIELD.grid,
+        np.zeros(FIELD.shape),
+    )
+    driven = with_waypoints(SETTINGS, np.array([START, GOAL]))
+    bound = posterior_cramer_rao(driven, build_trajectory(driven), FIELD)
+    assert np.sqrt(P[0, 0] + P[1, 1]) == pytest.approx(bound.rms[-1], rel=0.1)
+
+
+def test_a_ceiling_gives_a_shorter_route(planned):
+    ceiling = 0.5 * (planned.route.error + planned.straight.error)
+    found = plan_route(SETTINGS, FIELD, Wish(START, GOAL, ceiling=ceiling)).route
+    assert found.error <= ceiling
+    assert found.length <= planned.route.length
+    with pytest.raises(InputError, match="below 1 m; the best has"):
+        plan_route(SETTINGS, FIELD, Wish(START, GOAL, ceiling=1.0))
+
+
+def square(north, east, half):
+    corners = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)]
+    places = [place(north + n, east + e) for n, e in corners]
+    return [[math.degrees(lon), math.degrees(lat)] for lat, lon in places]
+
+
+def areas_of(tmp_path, *squares):
+    path = tmp_path / "areas.geojson"
+    feature = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "MultiPolygon", "coordinates": [[ring] for ring in squares]},
+    }
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    return path
+
+
+def test_it_keeps_out_of_areas(tmp_path):
+    areas = read_areas(areas_of(tmp_path, square(5e3, 0.0, 6e3)))
+    plan = plan_route(SETTINGS, FIELD, Wish(START, GOAL, 0.3, areas=tuple(areas)))
+    assert plan.straight is None
+    track = plan.route.trajectory
+    # corners are cut by the turn's radius
+    inner = read_areas(areas_of(tmp_path, square(5e3, 0.0, 5e3)))
+    assert not inside(inner, track.latitude, track.longitude).any()
+
+
+def test_a_goal_that_cannot_be_reached_is_one_line(tmp_path):
+    wall = tuple(read_areas(areas_of(tmp_path, square(0.0, 10e3, 39e3)[:])))
+    for wish, message in (
+        (Wish(START, GOAL, areas=wall), "start lies in an area|goal lies in an area"),
+        (
+            Wish(
+                START,
+                GOAL,
+                areas=tuple(read_areas(areas_of(tmp_path, square(0.0, 0.0, 25e3)))),
+            ),
+            "the goal cannot be reached",
+        ),
+        (Wish(START, place(0.0, -29e3)), "a route needs"),
+        (Wish(START, GOAL, detour=0.0), "above 0 and at most 1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            plan_route(SETTINGS, FIELD, wish)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON"),
+        ('{"type": "FeatureCollection", "features": []}', "has no polygon"),
+        ('{"type": "Polygon"}', "is not GeoJSON"),
+    ],
+)
+def test_bad_areas_are_refused(tmp_path, text, message):
+    path = tmp_path / "bad.geojson"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_areas(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_areas(tmp_path / "none.geojson")
+
+
+def test_holes_are_outside(tmp_path):
+    outer, hole = (np.array(square(0.0, 0.0, half)) for half in (10e3, 4e3))
+    at = np.array([place(n, 0.0) for n in (0.0, 7e3, 12e3)])
+    assert inside([[outer, hole]], *at.T).tolist() == [False, True, False]
+
+
+def test_a_path_faces_along_itself(planned, tmp_path):
+    write_path(planned.route, tmp_path / "path.yaml")
+    poses = yaml.safe_load((tmp_path / "path.yaml").read_text())["poses"]
+    first, last = (SimpleNamespace(**poses[k]["pose"]["position"]) for k in (0, -1))
+    assert (first.x, first.y) == pytest.approx((0.0, 0.0), abs=0.01)
+    assert last.x == pytest.approx(60e3, rel=0.01)
+    a, b = (poses[k]["pose"] for k in (10, 11))
+    turn = 2.0 * math.atan2(a["orientation"]["z"], a["orientation"]["w"])
+    course = math.atan2(
+        b["position"]["y"] - a["position"]["y"], b["position"]["x"] - a["position"]["x"]
+    )
+    assert math.remainder(turn - course, 2.0 * math.pi) == pytest.approx(0.0, abs=0.3)
