@@ -124,7 +124,9 @@ def errors_on_arrival(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _whiten(t, at, cell, reduction, position, forecast, h, correlation):  # type: ignore[no-untyped-def]
+def _whiten(  # type: ignore[no-untyped-def]
+    t, at, cell, reduction, position, forecast, h, correlation
+):
     """Write the derivatives of a reading by the coefficients, less what the readings before let
     expect, in place."""
     for p in range(h.shape[0]):

@@ -79,7 +79,7 @@ class Assessed:
     @property
     def length(self) -> float:
         """m."""
-        return float(self.trajectory.time[-1] * self.scenario.route.waypoints[0][2])  # type: ignore[index]
+        return float(self.trajectory.time[-1] * self.scenario.route.speed)
 
     @property
     def error(self) -> float:
