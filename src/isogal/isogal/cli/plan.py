@@ -81,11 +81,10 @@ class Asked:
         return wish
 
 
-@with_groups
-def plan(
-    map_: MapOption,
-    asked: Asked,
-    chosen: ScenarioChoice,
+@dataclass(frozen=True)
+class PlanResults:
+    """What becomes of the route."""
+
     out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -94,7 +93,7 @@ def plan(
             help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
             rich_help_panel=RESULTS,
         ),
-    ] = None,
+    ] = None
     path: Annotated[
         Path | None,
         typer.Option(
@@ -103,9 +102,30 @@ def plan(
             help="nav_msgs/Path for ros2 topic pub.",
             rich_help_panel=RESULTS,
         ),
-    ] = None,
-    json: Json = False,
-) -> None:
+    ] = None
+    json: Json = False
+
+    def check(self) -> None:
+        """Raise InputError unless every file's suffix is known."""
+        from isogal.evaluation.planning.files import check_name
+
+        for name in self.out or ():
+            check_name(name)
+
+    def write(self, found: "Plan") -> None:
+        """Write the files and print what was found; raises InputError."""
+        from isogal.evaluation.planning.files import write_path, write_route
+
+        for name in self.out or ():
+            write_route(found.route, name)
+        if self.path is not None:
+            write_path(found.route, self.path)
+        files = [*(self.out or ()), *((self.path,) if self.path else ())]
+        _show(found, [str(name) for name in files], self.json)
+
+
+@with_groups
+def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanResults) -> None:
     """Find the route from A to B on which the navigator arrives with the least expected error, or
     the shortest with an error below a ceiling.
 
@@ -113,11 +133,9 @@ def plan(
     posterior Cramér-Rao bound along the route as it is driven."""
     from isogal.cli.progress import Bars
     from isogal.evaluation.navigability.area import fitting
-    from isogal.evaluation.planning.files import check_name, write_path, write_route
     from isogal.evaluation.planning.planner import plan_route
 
-    for name in out or ():
-        check_name(name)
+    results.check()
     wish = asked.wish()
     field_map = map_.load(_around(wish), "disturbance")
     settings = fitting(chosen.load(), field_map)
@@ -125,12 +143,7 @@ def plan(
         found = plan_route(
             settings, field_map, wish, lambda done, total: bars("columns", done, total)
         )
-    for name in out or ():
-        write_route(found.route, name)
-    if path is not None:
-        write_path(found.route, path)
-    files = [str(name) for name in (*(out or ()), *((path,) if path else ()))]
-    _show(found, files, json)
+    results.write(found)
 
 
 def _place(option: str, text: str) -> tuple[float, float]:

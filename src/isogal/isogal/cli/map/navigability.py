@@ -1,5 +1,6 @@
 """``isogal map navigability``: where can one navigate?"""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,14 +24,10 @@ _ROWS = {
 }
 
 
-@with_groups
-def navigability(
-    map_: MapChoice,
-    where: PartChoice,
-    headings: Annotated[
-        int,
-        typer.Option("--headings", min=1, max=72, help="How many, evenly spread."),
-    ] = 8,
+@dataclass(frozen=True)
+class AreaResults:
+    """What becomes of the grids."""
+
     out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -39,9 +36,42 @@ def navigability(
             help="Grids as .nc or .tif; repeatable.",
             rich_help_panel=RESULTS,
         ),
-    ] = None,
-    figure: Picture = None,
-    json: Json = False,
+    ] = None
+    figure: Picture = None
+    json: Json = False
+
+    def check(self) -> None:
+        """Raise InputError unless every file's suffix is known."""
+        from isogal.evaluation.navigability.files import check_name
+
+        for path in self.out or ():
+            check_name(path)
+
+    def write(self, found: "Navigability") -> None:
+        """Write the files and print the summary; raises InputError."""
+        from isogal.evaluation.navigability.files import write_navigability
+
+        for path in self.out or ():
+            write_navigability(found, path)
+        if self.figure is not None:
+            from isogal.cli.map.navigability_figure import navigability_figure
+
+            draw(self.figure, navigability_figure(found))
+        if self.json:
+            print_json(found.summary())
+        else:
+            _print(found, [*(self.out or ()), *([self.figure] if self.figure else ())])
+
+
+@with_groups
+def navigability(
+    map_: MapChoice,
+    where: PartChoice,
+    results: AreaResults,
+    headings: Annotated[
+        int,
+        typer.Option("--headings", min=1, max=72, help="How many, evenly spread."),
+    ] = 8,
 ) -> None:
     """Compute how well one can navigate over the area of a map: the RMS error on arrival at each
     node after a straight leg, on the worst, all and the best headings, the probability of a second
@@ -49,14 +79,12 @@ def navigability(
 
     The error is the posterior Cramér-Rao bound with the scenario's sensors, speed, initial errors
     and batch length, and the error of the map. The route of the scenario counts only where it says
-    the part of the map: without --window, --scenario, --set or --route the whole map is taken."""
+    the part of the map: without --window, --route or a route.* in --set the whole map is taken."""
     from isogal.cli.progress import Bars
     from isogal.evaluation.navigability.area import navigability as compute
-    from isogal.evaluation.navigability.files import check_name, write_navigability
     from isogal.fields.measured import measured_field
 
-    for path in out or ():
-        check_name(path)
+    results.check()
     settings = where.load()
     part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
     window = None if part is None else whole_window(part)
@@ -65,16 +93,7 @@ def navigability(
         found = compute(
             settings, field_map, headings, lambda done, total: bars("headings", done, total)
         )
-    for path in out or ():
-        write_navigability(found, path)
-    if figure is not None:
-        from isogal.cli.map.navigability_figure import navigability_figure
-
-        draw(figure, navigability_figure(found))
-    if json:
-        print_json(found.summary())
-    else:
-        _print(found, [*(out or ()), *([figure] if figure else ())])
+    results.write(found)
 
 
 def _along_a_route(where: PartChoice) -> bool:
