@@ -36,6 +36,7 @@ from isogal.sensors.trajectory import build_trajectory
 FOUND_WITHIN, FOUND = 2700.0, 500.0
 """s and m: a start is found when the error is below the latter at the former."""
 GRAVITY, DISTURBANCE = ["gravimeter.quantity=gravity"], ["gravimeter.quantity=disturbance"]
+EXACT = ["matcher.map_sigma=0"]
 TOLD_3 = ["map_error.sigma=3e-5", "matcher.map_sigma=3e-5"]
 TOLD_8 = ["map_error.sigma=8e-5", "matcher.map_sigma=8e-5"]
 BIASED = ["gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"]
@@ -52,10 +53,29 @@ TURNS = (
     " [-37.3, 146.0, 22], [-37.35, 146.6, 20], [-36.9, 147.2, 22]]"
 )
 
+
+def _hidden(kilometres: int, duration: int) -> list[str]:
+    """Return the settings of a hidden start."""
+    return [
+        f"initial_error.hidden_position={1000 * kilometres}",
+        f"route.duration={duration}",
+    ]
+
+
 CASES: dict[str, list[str]] = (
-    {f"{name} exact": settings for name, settings in ROWS.items()}
+    {f"{name} exact": [*settings, *EXACT] for name, settings in ROWS.items()}
     | {f"{name} 3 mGal": [*settings, *TOLD_3] for name, settings in ROWS.items()}
     | {f"{name} 8 mGal": [*settings, *TOLD_8] for name, settings in ROWS.items()}
+    | {
+        f"{name} {error}{known}": [*settings, *told]
+        for name, settings in ROWS.items()
+        for error, wrong, assumed in (
+            ("exact", [], EXACT),
+            ("3 mGal", ["map_error.sigma=3e-5"], TOLD_3),
+            ("8 mGal", ["map_error.sigma=8e-5"], TOLD_8),
+        )
+        for known, told in ((", nothing told", wrong), (", told, default stride", assumed))
+    }
     | {
         "ga 1e-5 3 mGal, sigma x 2": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=6e-5"],
         "ga 1e-5 3 mGal, sigma / 2": [*GOOD, "map_error.sigma=3e-5", "matcher.map_sigma=1.5e-5"],
@@ -67,12 +87,12 @@ CASES: dict[str, list[str]] = (
             "map_error.sigma=3e-5",
             "matcher.map_sigma=auto",
         ],
-        "ga 1e-5, 5 % outliers": [*GOOD, "gravimeter.outlier_fraction=0.05"],
+        "ga 1e-5, 5 % outliers": [*GOOD, *EXACT, "gravimeter.outlier_fraction=0.05"],
         "ga 1e-5 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
-        "ga 1e-5 exact, stride 5": [*GOOD, "matcher.stride=5"],
-        "dg 1e-6 exact, stride 5": [*ROWS["dg 1e-6"], "matcher.stride=5"],
-        "ga 1e-5, bias told": [*GOOD, *BIASED, "matcher.bias_sigma=5e-5"],
-        "ga 1e-5, bias untold": [*GOOD, *BIASED],
+        "ga 1e-5 exact, stride 5": [*GOOD, *EXACT, "matcher.stride=5"],
+        "dg 1e-6 exact, stride 5": [*ROWS["dg 1e-6"], *EXACT, "matcher.stride=5"],
+        "ga 1e-5, bias told": [*GOOD, *EXACT, *BIASED, "matcher.bias_sigma=5e-5"],
+        "ga 1e-5, bias untold": [*GOOD, *EXACT, *BIASED],
         "ga 1e-5, bias, auto": [*GOOD, *BIASED, "matcher.map_sigma=auto"],
         "ga 1e-5 3 mGal, bias told": [*GOOD, *TOLD_3, *BIASED, "matcher.bias_sigma=5e-5"],
         "ga 1e-5 3 mGal, bias untold": [*GOOD, *TOLD_3, *BIASED],
@@ -82,18 +102,36 @@ CASES: dict[str, list[str]] = (
             "map_error.sigma=3e-5",
             "matcher.map_sigma=auto",
         ],
-        "ga 1e-5, turns": [*GOOD, TURNS],
+        "ga 1e-5, turns": [*GOOD, *EXACT, TURNS],
         "ga 1e-5, turns, pmht-paper": [*GOOD, TURNS, "matcher.name=pmht-paper"],
-        "start 10 km": [*GOOD, "initial_error.position=10000", "route.duration=3600"],
+        "start 10 km": [*GOOD, *EXACT, "initial_error.position=10000", "route.duration=3600"],
         "start 10 km, 3 mGal": [
             *GOOD,
             *TOLD_3,
             "initial_error.position=10000",
             "route.duration=3600",
         ],
-        "hidden 5 km": [*GOOD, "initial_error.hidden_position=5000", "route.duration=5400"],
-        "hidden 10 km": [*GOOD, "initial_error.hidden_position=10000", "route.duration=5400"],
-        "hidden 20 km": [*GOOD, "initial_error.hidden_position=20000", "route.duration=5400"],
+        "hidden 5 km": [*GOOD, *EXACT, *_hidden(5, 5400)],
+        "hidden 5 km, nothing told": [*GOOD, *_hidden(5, 5400)],
+        "hidden 5 km, 3 mGal, nothing told": [
+            *GOOD,
+            "map_error.sigma=3e-5",
+            *_hidden(5, 7200),
+        ],
+        "hidden 10 km": [*GOOD, *EXACT, *_hidden(10, 5400)],
+        "hidden 10 km, nothing told": [*GOOD, *_hidden(10, 5400)],
+        "hidden 10 km, 3 mGal, nothing told": [
+            *GOOD,
+            "map_error.sigma=3e-5",
+            *_hidden(10, 7200),
+        ],
+        "hidden 20 km": [*GOOD, *EXACT, *_hidden(20, 5400)],
+        "hidden 20 km, nothing told": [*GOOD, *_hidden(20, 5400)],
+        "hidden 20 km, 3 mGal, nothing told": [
+            *GOOD,
+            "map_error.sigma=3e-5",
+            *_hidden(20, 7200),
+        ],
         "hidden 5 km, 3 mGal": [
             *GOOD,
             *TOLD_3,
@@ -120,6 +158,9 @@ CHUNK = 10
 
 def scenario_of(case: str, length: int, map_file: str | None) -> Scenario:
     settings = [*CASES[case], f"matcher.batch_length={length}"]
+    default = "nothing told" in case or "default stride" in case
+    if not default and not any("stride" in item for item in settings):
+        settings.append(f"matcher.stride={length}")  # batches do not overlap
     return load_scenario(None, [*settings, f"map.source={map_file}"] if map_file else settings)
 
 

@@ -34,12 +34,14 @@ from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 MATCHERS = plugins.names(plugins.MATCHERS)
+EXACT = ["matcher.map_sigma=0"]
 CASES: dict[str, list[str]] = {
-    "gravity 1 mGal, map exact": ["gravimeter.sigma=1e-5"],
-    "gravity 20 mGal, map exact": ["gravimeter.sigma=2e-4"],
+    "gravity 1 mGal, map exact": ["gravimeter.sigma=1e-5", *EXACT],
+    "gravity 20 mGal, map exact": ["gravimeter.sigma=2e-4", *EXACT],
     "disturbance 0.1 mGal, map exact": [
         "gravimeter.quantity=disturbance",
         "gravimeter.sigma=1e-6",
+        *EXACT,
     ],
     "gravity 1 mGal, map error 3 mGal": [
         "gravimeter.sigma=1e-5",
@@ -142,6 +144,7 @@ def main() -> None:
                 *settings,
                 f"matcher.name={name}",
                 f"matcher.batch_length={arguments.batch_length}",
+                f"matcher.stride={arguments.batch_length}",
             ]
             if arguments.map:
                 overrides.append(f"map.source={arguments.map}")

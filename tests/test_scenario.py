@@ -36,12 +36,12 @@ def test_defaults():
         "standard",
     )
     assert (matcher.map_sigma, matcher.map_correlation_length, matcher.bias_sigma) == (
-        0.0,
+        "auto",
         4000.0,
         0.0,
     )
     assert it.steps_per_scan == 10
-    assert matcher.scans_between_fixes == 30
+    assert matcher.scans_between_fixes == 5
 
 
 def test_file_and_overrides(tmp_path):

@@ -36,7 +36,7 @@ CORNER = build_trajectory(
 
 
 @pytest.mark.parametrize(("length", "stride", "due"), [
-    (30, None, [30, 60, 90]), (15, None, [15, 30, 45, 60, 75, 90]), (30, 30, [30, 60, 90]),
+    (30, None, list(range(30, 91, 5))), (4, None, list(range(4, 91, 4))), (30, 30, [30, 60, 90]),
     (30, 10, [30, 40, 50, 60, 70, 80, 90]), (30, 1, list(range(30, 91))), (40, 25, [40, 65, 90]),
 ])  # fmt: skip
 def test_fix_due(length, stride, due):

@@ -63,8 +63,3 @@ def test_only_pmht_takes_several_channels():
             match=rf"^matcher\.name: {name} takes one number .* several channels give pmht$",
         ):
             build_matcher(Matcher(name=name), channels=True)
-
-
-def test_a_map_error_to_be_learnt_is_refused_for_several_channels():
-    with pytest.raises(InputError, match=r"^matcher\.map_sigma: auto is for scalar fields"):
-        build_matcher(Matcher(map_sigma="auto"), channels=True)

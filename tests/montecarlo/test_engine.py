@@ -23,13 +23,14 @@ MAP = field_map_of(wavy)
 
 
 def scenario(duration=600.0, **matcher) -> Scenario:
+    length = matcher.get("batch_length", 15)  # batches do not overlap
     return Scenario(
         route=ROUTE.model_copy(update={"duration": duration}),
         initial_error=InitialError(position=300.0),
         gravimeter=Gravimeter(quantity="disturbance"),
         gravity=Gravity(field="normal"),  # the map is made up
         map_error=MapError(sigma=1e-5),
-        matcher=Matcher(**({"batch_length": 15, "map_sigma": 1e-5} | matcher)),
+        matcher=Matcher(**({"batch_length": 15, "stride": length, "map_sigma": 1e-5} | matcher)),
     )
 
 

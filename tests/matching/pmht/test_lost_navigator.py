@@ -29,7 +29,7 @@ SHIFT = np.array([900.0, -700.0, 0.4, -0.3, 8e-5, -5e-5, 2e-4])
 def builder(scans: int = 30) -> BatchBuilder:
     """Scans of a navigator that flies straight, the last 25 of them in the batch, ten of those
     used by an earlier one."""
-    made = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=10)
+    made = BatchBuilder(Matcher(batch_length=15, stride=15), GravityReduction(), context=10)
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     reading = np.random.default_rng(0).normal(0.0, 1e-4, scans)
     for t in range(scans):
@@ -130,10 +130,10 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     script = Scripted(sure=4)
     matcher, memory, fixes = LostNavigatorMonitor(script), None, []
-    aided = BatchBuilder(Matcher(batch_length=15), GravityReduction(), context=15)
+    aided = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
     jumps, prior = np.zeros(7), random_covariance(SIGMA, 0)
     alone = []
-    for t in range(60):
+    for t in range(120):
         alone.append((ORIGIN[0] + 120.0 * t / north, ORIGIN[1] + 180.0 * t / east))
         place = alone[-1][0] + jumps[0] / north, alone[-1][1] + jumps[1] / east
         aided.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
@@ -145,7 +145,7 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
             aided.correct(10.0 * t, JUMP)
     assert [fix.reset for fix in fixes] == [False, False, False, True]
     for k, batch in enumerate(script.seen_lost):
-        track = np.array(alone[15 * (k + 1) - len(batch) : 15 * (k + 1)])
+        track = np.array(alone[30 * (k + 1) - len(batch) : 30 * (k + 1)])
         apart = (np.stack([batch.latitude, batch.longitude], axis=1) - track) * [north, east]
         np.testing.assert_allclose(apart, 0.0, atol=2.0)
     told = fixes[-1].information
@@ -191,7 +191,7 @@ def test_a_lost_navigator_is_found_on_a_wrong_map(field_map):
     told = [fix for fix, _ in seen if fix.published and fix.reset]
     assert error[0] > 9e3
     assert len(told) == 1
-    assert any("search_batches" in fix.diagnostics for fix, _ in seen)
+    assert any("search_readings" in fix.diagnostics for fix, _ in seen)
     assert error[-1] < 500.0
     assert seen[-1][1].memory.map_error.doubt < CONSTANTS.doubt_log_evidence
 
@@ -201,5 +201,5 @@ def test_a_navigator_that_is_right_stays_where_it_is(field_map, assumed):
     error, seen = flown(field_map, hidden=0.0, map_sigma=assumed)
     assert not any(fix.reset for fix, _ in seen)
     assert error[-600:].max() < 500.0
-    searched = any("search_batches" in fix.diagnostics for fix, _ in seen)
+    searched = any("search_readings" in fix.diagnostics for fix, _ in seen)
     assert searched == (assumed == 1.5e-5)

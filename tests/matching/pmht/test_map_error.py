@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.map_error import MapErrorEstimate, differs
+from isogal.matching.pmht.map_error import MapErrorEstimate, differs, roughness
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 
@@ -84,9 +84,15 @@ def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     batch, _ = make_batch(rough_map)
     start = MapErrorEstimate.unknown(batch, rough_map)
     assert start.batches == 0
-    assert np.ptp(start.probability) == 0.0
-    tenfold = MapErrorEstimate.unknown(batch, replace(rough_map, values=10.0 * rough_map.values))
+    assert start.doubt == pytest.approx(0.0, abs=1e-12)
+    by_sigma = start.probability.sum(axis=1)
+    small = start.sigma < roughness(rough_map)
+    assert np.ptp(by_sigma[small]) == pytest.approx(0.0, abs=1e-12)
+    assert (np.diff(by_sigma[~small]) < 0.0).all()
+    much = replace(rough_map, values=10.0 * rough_map.values)
+    tenfold = MapErrorEstimate.unknown(replace(batch, sigma=10.0 * batch.sigma), much)
     np.testing.assert_allclose(tenfold.sigma, 10.0 * start.sigma)
+    np.testing.assert_allclose(tenfold.prior, start.prior, atol=1e-9)
     assert (
         start.sigma[0]
         < 0.01 * rough_map.values.std()
@@ -129,7 +135,7 @@ def test_evidence_is_the_density_of_the_new_given_the_old(rough_map, before):
     start = MapErrorEstimate.unknown(batch, rough_map)
     likelihood = BatchLikelihood.of(batch, rough_map, replace(BASE, map_sigma=2e-5))
     mean = np.array([10.0, 10.0, 0.0, 0.0])
-    got = start.update(batch, likelihood, rough_map, mean).log_weight
+    got = start.update(batch, likelihood, rough_map, mean).log_weight - start.prior
     residual, slope = likelihood.linearise(mean)
     drift = likelihood.nuisance_at(mean)
     fixed = residual - slope @ mean
@@ -199,4 +205,4 @@ def test_only_a_map_that_is_worse_than_told_is_doubted(rough_map, sigma, length,
     later = estimate(rough_map, 3e-5, 4000.0, it=it)
     assert (later.doubt > 4.0) if doubted else (later.doubt < 2.5)
     batch, _ = make_batch(rough_map)
-    assert MapErrorEstimate.unknown(batch, rough_map).doubt == 0.0
+    assert MapErrorEstimate.unknown(batch, rough_map).doubt == pytest.approx(0.0, abs=1e-12)

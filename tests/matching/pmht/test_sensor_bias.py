@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import INTERVAL, field_map_of, make_batch, wavy
+from helpers.navigators import random_covariance
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -279,3 +280,35 @@ def test_a_lost_navigator_is_not_taken_for_a_bias():
         fix, memory = matcher.match(batch, ROUGH, memory)
         lost |= fix.reset
     assert lost
+
+
+def test_a_bias_is_given_up_where_readings_show_none_and_kept_where_they_do():
+    told = (1e-4, 1e-8)
+    nothing = BiasEstimate(0.0, np.zeros(2), np.diag([1e-12, 1e-20]), np.zeros((2, 4)))
+    assert nothing.simplified(told) is None
+    clear = replace(nothing, mean=np.array([1e-5, 5e-10]))  # ten and five 1-sigmas
+    assert clear.simplified(told) is clear
+    # drift is 1e-10 with 1-sigma 1e-10: of it nothing is left, and what it told of the bias
+    both = np.array([[1e-12, 0.9e-16], [0.9e-16, 1e-20]])
+    steady = replace(nothing, mean=np.array([1e-5, 1e-10]), covariance=both).simplified(told)
+    assert steady.mean[1] == 0.0
+    assert steady.mean[0] == pytest.approx(1e-5 - 0.9e-6)
+    np.testing.assert_allclose(steady.covariance, np.diag([1e-12 - 0.81e-12, 0.0]), atol=1e-26)
+
+
+def test_what_is_left_without_drift_is_the_conditional_gaussian():
+    """Against the joint Gaussian of bias, drift and the navigator's error, given drift = 0."""
+    random = np.random.default_rng(3)
+    error = random_covariance(np.array([30.0, 20.0, 0.03, 0.02]), 3)
+    gain = random.standard_normal((2, 4)) * np.array([[1e-7], [1e-11]])
+    own = np.array([[1e-12, 2e-17], [2e-17, 1e-20]])
+    estimate = BiasEstimate(0.0, np.array([1e-4, 1e-11]), own, gain, error)
+    simple = estimate.simplified((1e-4, 1e-8))
+    joint = np.block([[own + gain @ error @ gain.T, gain @ error], [error @ gain.T, error]])
+    rest = [0, 2, 3, 4, 5]
+    along = joint[rest, 1] / joint[1, 1]
+    given = joint[np.ix_(rest, rest)] - np.outer(along, joint[1, rest])
+    assert simple.mean[0] == pytest.approx(1e-4 - along[0] * 1e-11)
+    variance = simple.covariance[0, 0] + simple.gain[0] @ error @ simple.gain[0]
+    assert variance == pytest.approx(given[0, 0])
+    np.testing.assert_allclose(simple.gain[0] @ error, given[0, 1:], rtol=1e-6)

@@ -190,7 +190,6 @@ def test_without_ros_the_command_says_so(monkeypatch) -> None:
          "field is gradient, which needs one of disturbance"),
         (["matcher.name=tercom"],
          "tercom takes one number per scan; for readings of several channels give pmht"),
-        (["matcher.map_sigma=auto"], "matcher.map_sigma: auto is for scalar fields"),
         (["route.height=-10"], "route.height: must be >= 0 m where field is gradient"),
         (["field=terrain", "gravimeter.sigma=5", "map.source=synthetic", "route.height=1"],
          "route.height: the vehicle is"),

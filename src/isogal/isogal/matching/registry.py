@@ -46,11 +46,6 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
             f"matcher.name: {settings.name} takes one number per scan; for readings of several"
             f" channels give {' or '.join(able)}"
         )
-    if channels and settings.map_sigma == "auto":
-        raise InputError(
-            "matcher.map_sigma: auto is for scalar fields; for readings of several channels give"
-            " a number, 1/s² where field is gradient"
-        )
     matcher: Matcher = plugins.load(plugins.MATCHERS, settings.name).from_settings(settings)
     return matcher
 

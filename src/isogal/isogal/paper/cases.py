@@ -123,6 +123,9 @@ class Plan:
                 "name": setting.matcher,
                 "batch_length": setting.batch_length,
                 "mode": setting.mode,
+                # batches do not overlap, and the map is exact
+                "stride": setting.batch_length,
+                "map_sigma": 0.0,
             },
         }
         return validate_scenario(document)

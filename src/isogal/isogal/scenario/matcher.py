@@ -21,14 +21,19 @@ class Matcher(Section):
     )
     batch_length: int = Field(30, ge=2, le=1000, description="scans T in a batch")
     stride: int | None = Field(
-        None, ge=1, le=1000, description="scans between fixes; null = batch_length"
+        None,
+        ge=1,
+        le=1000,
+        description="new scans between fixes; null = the matcher's own best (pmht: 5), else all",
     )
     mode: Literal["standard", "retrodiction"] = Field(
         "standard", description="one fix a batch, or one for each of its scans"
     )
     map_sigma: NonNegative | Literal["auto"] = Field(
-        0.0,
-        description="1-sigma of the map's error assumed, in the unit of gravimeter.sigma, or auto",
+        "auto",
+        description=(
+            "1-sigma of the map's error assumed, in the unit of gravimeter.sigma; auto = learnt"
+        ),
     )
     map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
     bias_sigma: NonNegative = Field(
@@ -52,5 +57,10 @@ class Matcher(Section):
 
     @property
     def scans_between_fixes(self) -> int:
-        """The stride; where it is null, the length of a batch."""
-        return self.batch_length if self.stride is None else self.stride
+        """The stride; where it is null what the matcher says is its best (`stride` of its class),
+        or the length of a batch.
+        """
+        if self.stride is not None:
+            return self.stride
+        best: int = getattr(plugins.load(plugins.MATCHERS, self.name), "stride", self.batch_length)
+        return min(best, self.batch_length)

@@ -20,12 +20,18 @@ _EDGE_REACH = ((2.0, 2.0 / 3.0), (1.0, 0.5))
 round; and the share of the readings that must be left for that distance to be used."""
 
 
+def between_batches(settings: MatcherSettings) -> int:
+    """Return the readings from one batch end to the next: batches of a recorded track do not
+    overlap unless the stride says so."""
+    return settings.batch_length if settings.stride is None else settings.stride
+
+
 def batch_ends(count: int, settings: MatcherSettings) -> list[int]:
     """Return after how many readings each batch ends.
 
     The last batch may be incomplete if it has `FEWEST_IN_BATCH` new readings, or if it is the only
     one."""
-    ends = list(range(settings.batch_length, count + 1, settings.scans_between_fixes))
+    ends = list(range(settings.batch_length, count + 1, between_batches(settings)))
     if count - (ends[-1] if ends else 0) >= FEWEST_IN_BATCH or not ends:
         ends.append(count)
     return ends

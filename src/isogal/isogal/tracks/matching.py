@@ -34,7 +34,7 @@ from isogal.matching.monitoring import Monitored
 from isogal.matching.pmht.robust import TrackMonitor
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.batches import batch_ends, build_batch, without_map_edge
+from isogal.tracks.batches import batch_ends, between_batches, build_batch, without_map_edge
 from isogal.tracks.track import Track
 
 _EMPTY = 5.0
@@ -147,7 +147,7 @@ def match_track(
     if checked and isinstance(matching, Monitored):
         matching = TrackMonitor(matching)
     jacobian = track.jacobian(field_map.quantity)
-    earlier = matching.context + settings.batch_length - settings.scans_between_fixes
+    earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory = uncertainty.prior, None
     matches: list[Match] = []
     for end in batch_ends(len(track), settings):

@@ -38,8 +38,8 @@ def matcher_settings(
     settings = load_scenario(None, changes).matcher
     if "matcher.map_sigma" not in said and not _knows_error(field_map):
         note(
-            "the map does not say how wrong it is and is taken as exact; give --map-sigma, a"
-            " number or auto"
+            "the map does not say how wrong it is, which is estimated along the track; give"
+            " --map-sigma where it is known"
         )
     if reduction is None:
         settings = _with_unknown_latitude(settings, inputs, assumed.prior_sigma)

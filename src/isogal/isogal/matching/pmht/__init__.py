@@ -24,6 +24,7 @@ What the stages use:
     delay                  readings that are later than told
     attitude               the attitude error that goes with position and velocity
     hypotheses             update of several hypotheses
+    nearly_linear          posterior of a narrow prior, without sampling noise
     importance_sampling    posterior of one of them by tempered importance sampling
     acquisition            search on a grid for a very uncertain navigator
     gaussian_mixture       sums of Gaussians

@@ -43,7 +43,7 @@ def acquire(
     rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
     bend = span * math.sqrt(max(float(np.linalg.eigvalsh(rest)[-1]), 0.0)) / math.sqrt(12.0)
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))
-    sigma = math.sqrt(float(np.diag(likelihood.covariance)[likelihood.first_new :].mean()))
+    sigma = math.sqrt(float(np.diag(likelihood.covariance).mean()))
     finest = max(
         1.001 * CONSTANTS.finest_cell_m,
         math.sqrt(12.0) * CONSTANTS.fine_enough_sigma * sigma / max(slope, 1e-300),

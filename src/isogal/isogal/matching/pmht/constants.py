@@ -76,6 +76,23 @@ class Constants:
     search_depth_log: float = 25.0
     """Cells whose log posterior lies this far below the best are given up: e⁻²⁵ = 1e-11."""
 
+    # Nearly linear updates (section 6.9)
+    linear_prior_m: float = 300.0
+    """1-sigma of position up to which a linear problem is tried: features of maps are larger.
+    Measured."""
+    newton_steps: int = 8
+    """At most; a nearly linear problem needs two or three."""
+    newton_tolerance: float = 0.01
+    """Length of the last step in 1-sigmas of the posterior."""
+    linear_points: int = 64
+    """That are weighted."""
+    linear_effective_share: float = 0.9
+    """Effective share of them that a nearly linear problem has. Measured."""
+    linear_reach_sigma: float = 2.5
+    """1-sigmas of the prior at which residuals must be nearly linear still."""
+    linear_tolerance: float = 0.5
+    """By which they may depart there, as a share of their change (of 1 where that is less)."""
+
     # Posterior carried on in its own shape (section 6.8)
     carried_shape_m: tuple[float, float] = (100.0, 1000.0)
     """1-sigma between which the shape of a posterior is carried on: a narrower one is Gaussian, a
@@ -108,9 +125,21 @@ class Constants:
     J. Am. Stat. Assoc. 90:773)."""
 
     # Map error learnt (section 9.1)
-    unknown_sigma_shares: tuple[float, float, int] = (0.002, 0.5, 13)
-    """Grid of an unknown sigma, least, largest and number, as shares of the map's standard
-    deviation."""
+    least_sigma_noise_share: float = 0.03
+    """Least sigma of the grid where nothing was told, in 1-sigmas of a reading's noise: a map
+    error that cannot be told from none."""
+    largest_sigma_share: float = 0.5
+    """Largest sigma of that grid, as a share of the map's standard deviation."""
+    sigma_grid_factor: float = 1.6
+    """From one sigma of that grid to the next."""
+    unknown_sigma_factor: float = 5.0
+    """1-sigma, as a factor, by which an untold sigma exceeds the map's roughness."""
+    unknown_length_factor: float = 2.5
+    """1-sigma, as a factor, of an untold correlation length. Measured maps are within it
+    (docs/real-data.md)."""
+    doubtful_sigma_share: float = 0.15
+    """Sigma of the map's error, as a share of the map's standard deviation, above which it is
+    asked whether the navigator is lost where nothing was told. Measured."""
     unknown_lengths_m: tuple[float, float, int] = (500.0, 16000.0, 6)
     """Grid of an unknown correlation length: of the maps that are known to us."""
     told_steps: tuple[int, int] = (9, 5)
@@ -122,6 +151,9 @@ class Constants:
     """Factor in sigma or length from which a batch is matched again with what was learnt."""
 
     # Sensor bias (section 9.3)
+    no_bias_log_evidence: float = 3.0
+    """Log Bayes factor for no bias, or for no drift, from which there is none: "strong" (Kass &
+    Raftery 1995)."""
     unknown_bias_share: float = 0.5
     """1-sigma of an untold bias, as a share of the map's standard deviation."""
     bias_drift_time_s: float = 10800.0
@@ -144,13 +176,16 @@ class Constants:
     """On top of `same_place_sigma` of its 1-sigmas: within this of the navigator is its place."""
     same_place_sigma: float = 3.0
     """See `same_place_m`."""
-    remembered_batches: int = 12
-    """Of the past, an hour at T = 30, which the search is given first."""
+    remembered_readings: int = 360
+    """Of the past, an hour at one in ten seconds, which the search is given first."""
+    search_readings: int = 30
+    """New readings that a search matches at once; of shorter batches several together. Measured:
+    fewer leave more places open, each of which takes time."""
     past_batches_at_once: int = 2
     """Matched along with a new one: the search is wide, and the new fix must not wait for long."""
     search_context_readings: int = 10
     """Older readings that the search sees of a batch: they tell most about the map error."""
-    search_batches: int = 36
+    search_readings_at_most: int = 1080
     """After which a search that is still ambiguous is given up."""
 
     # Recorded tracks (sections 10.2, 10.3)

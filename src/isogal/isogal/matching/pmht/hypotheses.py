@@ -17,6 +17,7 @@ from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.nearly_linear import nearly_linear
 from isogal.matching.quasi_random import standard_normal
 
 
@@ -234,6 +235,12 @@ def _update_one(
 ) -> _Piece | None:
     prior = Mixture.gaussian(mean, covariance)
     sigma = _largest_sigma(covariance)
+    if sigma <= CONSTANTS.linear_prior_m:
+        least, _ = CONSTANTS.carried_shape_m
+        linear = nearly_linear(likelihood, mean, covariance)
+        # of a wider one the shape is carried on, for which it takes more points
+        if linear is not None and _largest_sigma(linear[0].mixture.covariance[0]) < least:
+            return replace(_piece(*linear), drawn=None)
     wide = (
         replace(sampling, samples=CONSTANTS.more_samples * sampling.samples)
         if sigma > CONSTANTS.wide_prior_m

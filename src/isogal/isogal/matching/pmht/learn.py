@@ -22,7 +22,7 @@ def learn_from(state: State) -> State:
     if state.map_error is None:
         return state
     learnt = state.map_error.update(
-        state.batch, state.best.likelihood, state.first_map, state.best.mixture.mean[0]
+        state.batch, state.best.likelihood, state.field_map, state.best.mixture.mean[0]
     )
     told = state.settings.noise
     before, model = state.map_error.model(told), learnt.model(told)

@@ -43,6 +43,7 @@ from isogal.matching.pmht.likelihood_kernels import (
     linearise,
     log_likelihood,
     slopes,
+    whitened,
 )
 from isogal.matching.pmht.noise_model import (
     NoiseModel,
@@ -185,6 +186,31 @@ class BatchLikelihood:
     def linearise(self, xi: Array) -> tuple[Array, Array]:
         """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
         return linearise(self.grid, self._readings, xi)
+
+    def reduced(self, xi: Array) -> tuple[Array, Array]:
+        """Return the new readings' residuals (n,), whitened and without what the nuisance
+        parameters explain, and their derivative by xi (n, 4); log-likelihood = -|residuals|² / 2.
+        """
+        residual, slope = self.linearise(xi)
+        if not np.isfinite(residual).all():
+            return residual, slope
+        white = np.linalg.solve(self.factor, np.column_stack([residual, slope]))[self.first_new :]
+        reduced: Array = np.asarray(self._left @ white, dtype=np.float64)
+        return reduced[:, 0], reduced[:, 1:]
+
+    def reduced_many(self, xi: Array) -> Array:
+        """Return the residuals (S, n) of `reduced` at errors xi (S, 4)."""
+        white = whitened(
+            self.grid, self._readings, self.factor, self.first_new, np.ascontiguousarray(xi)
+        )
+        return white @ self._left.T
+
+    @property
+    def _left(self) -> Array:
+        """(n, n) symmetric root of 1 - projection projection'."""
+        basis, size, _ = np.linalg.svd(self.projection, full_matrices=False)
+        kept = np.sqrt(np.maximum(1.0 - size**2, 0.0)) - 1.0
+        return np.eye(self.new_count) + (basis * kept) @ basis.T
 
     def nuisance_at(self, xi: Array) -> Array:
         """Return G (T, M), what each nuisance parameter takes off the residuals at the error xi

@@ -85,6 +85,30 @@ def log_likelihood(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def whitened(grid, readings, factor, first_new, xi):  # type: ignore[no-untyped-def]
+    """Return (S, n) the whitened residuals of the n new readings at errors xi (S, 4)."""
+    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    samples, rows = xi.shape[0], latitude.shape[0]
+    out = np.empty((samples, rows - first_new))
+    white = np.empty(rows)
+    for s in range(samples):
+        a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
+        for t in range(rows):
+            f, j = transition[t], jacobian[t]
+            north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
+            east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
+            lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+            value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
+            for u in range(t):
+                r -= factor[t, u] * white[u]
+            white[t] = r / factor[t, t]
+            if t >= first_new:
+                out[s, t - first_new] = white[t]
+    return out
+
+
+@kernel
 def linearise(grid, readings, xi):  # type: ignore[no-untyped-def]
     """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
     channel, latitude, longitude, radian, level, transition, jacobian = readings

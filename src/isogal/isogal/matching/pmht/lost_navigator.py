@@ -35,11 +35,36 @@ class _PastBatch:
     """A batch that the navigator has dealt with."""
 
     batch: Batch
+    """Its new readings alone, or where a search is to match, all those since the last such batch
+    as new ones and older ones."""
     field_map: AnyMap
     information: Information | None
     """What the navigator was told; None = nothing."""
     log_evidence: float
-    """Of its readings."""
+    """Of its new readings."""
+    searched: bool
+    """Whether a search is to match it."""
+    new: int
+    """How many of its readings no earlier batch had used."""
+
+    @classmethod
+    def of(
+        cls, batch: Batch, field_map: AnyMap, fix: Fix, log_evidence: float, unsearched: int
+    ) -> "_PastBatch":
+        """Remember a batch; no search would have matched so many readings before it."""
+        information = fix.information if fix.published else None
+        count = unsearched + batch.new
+        channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+        enough = CONSTANTS.search_readings * channels
+        searched = count >= enough or count + batch.new > len(batch)
+        searched = searched or batch.backward is None
+        kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
+        return cls(kept, field_map, information, log_evidence, searched, batch.new)
+
+    @property
+    def unsearched(self) -> int:
+        """How many readings up to its end no search would have matched."""
+        return 0 if self.searched else self.new
 
     @property
     def posterior(self) -> tuple[Array, Array]:
@@ -63,7 +88,8 @@ class _Search:
     """Of the matcher that searches."""
     log_evidence: float = 0.0
     """Of the batches it was given, by the matcher that does not doubt the navigator."""
-    batches: int = 0
+    readings: int = 0
+    """That it was given to match."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +102,8 @@ class Watch:
     search: _Search | None = None
     threshold: float = CONSTANTS.doubt_log_evidence
     """Doubt that starts the next search."""
+    unsearched: int = 0
+    """How many readings of the last batches no search would have matched."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +118,15 @@ class LostNavigatorMonitor(Monitor):
         doubt = insight.map_error_doubt
         if batch.attitude is None or fix.reset or doubt is None:
             return fix, Watch(after, threshold=watch.threshold)
-        past = _PastBatch(
-            batch,
-            field_map,
-            fix.information if fix.published else None,
-            insight.log_evidence - self.matcher.insight(watch.memory).log_evidence,
-        )
-        history, search = (*watch.history, past)[-CONSTANTS.remembered_batches :], watch.search
+        gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
+        past = _PastBatch.of(batch, field_map, fix, gained, watch.unsearched)
+        unsearched = 0 if past.searched else watch.unsearched + batch.new
+        history, search = _recent((*watch.history, past)), watch.search
         if search is not None:
             search = replace(search, waiting=(*search.waiting, past))
         elif doubt > watch.threshold:
             search = _Search(waiting=history)
-        watch = Watch(after, history, search, watch.threshold)
+        watch = Watch(after, history, search, watch.threshold, unsearched)
         return (fix, watch) if search is None else self._continue(search, fix, watch, doubt)
 
     def _continue(
@@ -109,18 +134,20 @@ class LostNavigatorMonitor(Monitor):
     ) -> tuple[Fix, Watch]:
         """Give a search its next batches, and act on what it finds."""
         current = watch.history[-1].batch
-        figures = {**fix.diagnostics, "search_batches": float(search.batches)}
+        figures = {**fix.diagnostics, "search_readings": float(search.readings)}
         fix = replace(fix, diagnostics=figures)
         threshold = max(CONSTANTS.renewed_doubt_factor * doubt, CONSTANTS.doubt_log_evidence)
         ended = replace(watch, search=None, threshold=threshold)
-        for _ in range(1 + CONSTANTS.past_batches_at_once):
-            if not search.waiting:
-                break
+        matched = 0
+        while search.waiting and matched < CONSTANTS.past_batches_at_once:
             search, found = self._next(search)
+            if found is None:
+                continue
+            matched += 1
             if (
                 found.reset
                 or search.memory is None
-                or search.batches > CONSTANTS.search_batches
+                or search.readings > CONSTANTS.search_readings_at_most
                 or self._confirms(search)
             ):
                 return fix, ended
@@ -131,9 +158,9 @@ class LostNavigatorMonitor(Monitor):
                 return _reacquisition(found, current, search), Watch(search.memory)
         return fix, replace(watch, search=search)
 
-    def _next(self, search: _Search) -> tuple[_Search, Fix]:
-        """Match the next batch as the navigator would have it that has only taken the fixes of
-        this search.
+    def _next(self, search: _Search) -> tuple[_Search, Fix | None]:
+        """Match the next batch, if it is one of those to be matched, as the navigator would have
+        it that has only taken the fixes of this search.
         """
         past, last = search.waiting[0], search.last
         prior = joint_prior(past.batch)
@@ -145,9 +172,11 @@ class LostNavigatorMonitor(Monitor):
             grown = prior - forward @ last.posterior[1] @ forward.T
             grown = positive_part(grown, np.sqrt(np.diag(prior)))
             covariance = forward @ search.covariance @ forward.T + grown
-        seen = _seen_from(past.batch, shift, covariance)
-        fix, memory = self.matcher.match(seen, past.field_map, search.memory)
-        mean, covariance = _posterior(covariance, fix.information if fix.published else None)
+        fix, memory, mean = None, search.memory, np.zeros(BATCH_STATES)
+        if past.searched:
+            seen = _seen_from(past.batch, shift, covariance)
+            fix, memory = self.matcher.match(seen, past.field_map, search.memory)
+            mean, covariance = _posterior(covariance, fix.information if fix.published else None)
         following = _Search(
             waiting=search.waiting[1:],
             last=past,
@@ -155,7 +184,7 @@ class LostNavigatorMonitor(Monitor):
             shift=shift + mean - past.posterior[0],  # each fix takes its mean error away
             memory=memory,
             log_evidence=search.log_evidence + past.log_evidence,
-            batches=search.batches + 1,
+            readings=search.readings + past.new,
         )
         return following, fix
 
@@ -169,6 +198,36 @@ class LostNavigatorMonitor(Monitor):
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
+
+
+def _recent(history: tuple[_PastBatch, ...]) -> tuple[_PastBatch, ...]:
+    """Return the last batches: whole stretches that a search would match, of so many readings at
+    most."""
+    count, first = 0, len(history)
+    for k in range(len(history) - 1, -1, -1):
+        count += history[k].new
+        if count > CONSTANTS.remembered_readings:
+            break
+        if k == 0 or history[k - 1].searched:
+            first = k
+    return history[first:]
+
+
+def _with_new(batch: Batch, new: int) -> Batch:
+    """Return the batch with so many of its last readings new."""
+    channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+    new = min(new, len(batch))
+    before = len(batch) - new - 1
+    if batch.backward is None or before < 0 or new == batch.new:
+        return (
+            batch
+            if new == batch.new
+            else replace(batch, new=new, back_transition=None, back_nuisance=None)
+        )
+    back, nuisance = condition(
+        batch.backward[None, before // channels * channels], joint_prior(batch)
+    )
+    return replace(batch, new=new, back_transition=back[0], back_nuisance=nuisance[0])
 
 
 def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:

@@ -14,13 +14,15 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 
-_SHARES = np.geomspace(*CONSTANTS.unknown_sigma_shares)
+USUAL_LENGTH_M = 4000.0
+"""Correlation length of map errors where nobody says otherwise."""
 _LENGTHS = np.geomspace(*CONSTANTS.unknown_lengths_m)
 _SIGMA_STEPS, _LENGTH_STEPS = (np.linspace(-2.0, 2.0, steps) for steps in CONSTANTS.told_steps)
 """Grids about what was told, in 1-sigma of the prior of log sigma and log length."""
@@ -36,18 +38,34 @@ class MapErrorEstimate:
     """(L,) grid, m."""
     log_weight: Array
     """(S, L) log of the prior plus the evidence of the batches, without a constant."""
+    prior: Array
+    """(S, L) log of the prior, without a constant."""
+    doubtful: float
+    """Sigma from which the navigator's place is in doubt rather than the map."""
     batches: int = 0
-    prior: Array | None = None
-    """(S, L) log of the prior about what was said, which is in the middle of the grid; None =
-    nothing was said."""
 
     @classmethod
-    def unknown(cls, batch: Batch, field_map: FieldMap) -> "MapErrorEstimate":
-        """Return the prior where nothing is told: every sigma and length equally
-        likely.
+    def unknown(
+        cls, batch: Batch, field_map: AnyMap, usual_length: float = USUAL_LENGTH_M
+    ) -> "MapErrorEstimate":
+        """Return the prior where no sigma is told: every one as likely as any other up to the
+        map's roughness, larger ones less so; log-normal about the usual length.
         """
-        scale = max(field_scale(field_map), float(np.nanmedian(batch.sigma)))
-        return cls(scale * _SHARES, _LENGTHS, np.zeros((len(_SHARES), len(_LENGTHS))))
+        maps = channels_of(field_map)
+        scale = float(np.mean([field_scale(one) for one in maps]))
+        rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
+        least = CONSTANTS.least_sigma_noise_share * math.hypot(
+            float(np.nanmedian(batch.sigma)), rounding
+        )
+        steps = math.log(max(CONSTANTS.largest_sigma_share * scale / least, 4.0))
+        count = 1 + math.ceil(steps / math.log(CONSTANTS.sigma_grid_factor))
+        sigma = least * np.geomspace(1.0, math.exp(steps), count)
+        rough = min(max(float(np.mean([roughness(one) for one in maps])), least), sigma[-1])
+        above = np.maximum(np.log(sigma / rough), 0.0) / math.log(CONSTANTS.unknown_sigma_factor)
+        factor = CONSTANTS.unknown_length_factor
+        apart = np.log(_LENGTHS / usual_length) / math.log(factor)
+        prior = -0.5 * (above[:, None] ** 2 + apart**2)
+        return cls(sigma, _LENGTHS, prior, prior, CONSTANTS.doubtful_sigma_share * scale)
 
     @classmethod
     def told(cls, noise: NoiseModel, factor: float) -> "MapErrorEstimate":
@@ -59,19 +77,20 @@ class MapErrorEstimate:
             noise.map_sigma * factor**_SIGMA_STEPS,
             noise.correlation_length * factor**_LENGTH_STEPS,
             prior,
-            prior=prior,
+            prior,
+            noise.map_sigma,
         )
 
     @property
     def doubt(self) -> float:
-        """Log Bayes factor of a sigma above what was said against one that is not; 0 where nothing
-        was said.
+        """Log Bayes factor of a sigma above the one from which there is doubt against one that is
+        not.
         """
-        if self.prior is None:
+        above = self.sigma > 1.001 * self.doubtful
+        if above.all() or not above.any():
             return 0.0
-        above = len(self.sigma) // 2 + 1
-        return _log_mean(self.log_weight[above:], self.prior[above:]) - _log_mean(
-            self.log_weight[:above], self.prior[:above]
+        return _log_mean(self.log_weight[above], self.prior[above]) - _log_mean(
+            self.log_weight[~above], self.prior[~above]
         )
 
     @property
@@ -90,12 +109,12 @@ class MapErrorEstimate:
         p = self.probability
         return replace(
             base,
-            map_sigma=float(np.sqrt((p.sum(axis=1) * self.sigma**2).sum())),
+            map_sigma=float((p.sum(axis=1) * self.sigma).sum()),
             correlation_length=float(np.exp((p.sum(axis=0) * np.log(self.length)).sum())),
         )
 
     def update(
-        self, batch: Batch, likelihood: BatchLikelihood, field_map: FieldMap, mean: Array
+        self, batch: Batch, likelihood: BatchLikelihood, field_map: AnyMap, mean: Array
     ) -> "MapErrorEstimate":
         """Add the evidence of the new readings of a batch given the older ones, linearised at the
         error mean (4,).
@@ -105,10 +124,13 @@ class MapErrorEstimate:
         residual, slope = likelihood.linearise(mean)
         if not np.isfinite(residual).all():
             return self
-        first = max(likelihood.first_new - CONSTANTS.conditioning_readings, 0)
+        maps = channels_of(field_map)
+        first = max(likelihood.first_new - CONSTANTS.conditioning_readings * len(maps), 0)
         rows = likelihood.rows[first:]
         slope = slope[first:]
-        noise = np.diag(batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0)
+        channel = likelihood.channel[first:]
+        rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
+        noise = np.diag(batch.sigma[rows] ** 2 + rounding)
         if batch.reading_covariance is not None:
             correlated = batch.reading_covariance[np.ix_(rows, rows)]
             noise += correlated - np.diag(batch.sigma[rows] ** 2)
@@ -124,7 +146,7 @@ class MapErrorEstimate:
                     np.ones(len(rows)),
                     length,
                     0.0,
-                    None,
+                    channel if len(maps) > 1 else None,
                     None if batch.filter_path is None else batch.filter_path.part(rows),
                 )
                 for length in self.length
@@ -158,6 +180,20 @@ def field_scale(field_map: FieldMap) -> float:
     """
     steps = [max(1, count // 200) for count in field_map.values.shape]
     return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
+
+
+def roughness(field_map: FieldMap) -> float:
+    """Return the RMS difference of a node from the mean of its neighbours on either side: what
+    the map would not show if it were half as dense, by at most 200 x 200 nodes.
+    """
+    steps = [max(1, count // 200) for count in field_map.values.shape]
+    values = field_map.values
+    along = values[1:-1] - 0.5 * (values[2:] + values[:-2])
+    across = values[:, 1:-1] - 0.5 * (values[:, 2:] + values[:, :-2])
+    parts = [part[:: steps[0], :: steps[1]].ravel() for part in (along, across)]
+    known = np.concatenate(parts)
+    known = known[np.isfinite(known)]
+    return math.sqrt(float((known**2).mean())) if known.size else 0.0
 
 
 def differs(a: NoiseModel, b: NoiseModel, factor: float = CONSTANTS.changed_noise_factor) -> bool:

@@ -62,6 +62,8 @@ class Memory:
     """Estimate of the map error, where it is not given."""
     bias: BiasEstimate | None = None
     """Of the readings, where it is not known to be nothing."""
+    unbiased: bool = False
+    """Whether the readings have shown that they have no bias (`BiasEstimate.simplified`)."""
     variance_factor: VarianceFactor = VarianceFactor()
     """How much larger the residuals' variance is than assumed."""
     log_evidence: float = 0.0

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.filtered import at_points
 from isogal.matching.pmht.map_error import MapErrorEstimate, field_scale
 from isogal.matching.pmht.memory import Memory, prior_of
-from isogal.matching.pmht.noise_model import uneven
+from isogal.matching.pmht.noise_model import NoiseModel, uneven
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 from isogal.matching.pmht.settings import Settings
 from isogal.matching.pmht.state import State, Verdict, likelihood_of
@@ -24,8 +25,6 @@ def refusal(batch: Batch, field_map: AnyMap, settings: Settings) -> str | None:
     channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
     if channels > len(channels_of(field_map)):
         return f"the readings have {channels} channels, the map {len(channels_of(field_map))}"
-    if settings.adaptive and channels > 1:
-        return "the map error of several channels is not estimated; give map_sigma"
     return None
 
 
@@ -85,7 +84,11 @@ def _bias(
     if len(channels_of(field_map)) > 1:
         return None
     estimate = memory.bias if memory else None
-    if estimate is None and (settings.adaptive or settings.noise.bias_sigma > 0.0):
+    known = memory is not None and memory.unbiased
+    possible = settings.noise.bias_sigma > 0.0 or (
+        settings.adaptive and not known and not _states_error(field_map)
+    )
+    if estimate is None and possible:
         estimate = unknown_bias(batch, field_map, settings)
     if estimate is None and (batch.bias_walk > 0.0 or batch.delay_sigma > 0.0):
         # no bias at first, but it will not stay so
@@ -99,10 +102,23 @@ def _map_error(
     """Return what is known of the map error; None where it is not in question."""
     if memory is not None and memory.map_error is not None:
         return memory.map_error
-    if settings.adaptive:
-        return MapErrorEstimate.unknown(batch, channels_of(field_map)[0])
-    several = len(channels_of(field_map)) > 1
-    exact = settings.options.trust == 1.0 or settings.noise.map_sigma == 0.0
-    if exact or several or uneven(field_map):
+    if settings.adaptive and not _states_error(field_map):
+        return MapErrorEstimate.unknown(batch, field_map, settings.noise.correlation_length)
+    if len(channels_of(field_map)) > 1 or uneven(field_map):
         return None
-    return MapErrorEstimate.told(settings.noise, settings.options.trust)
+    noise = _stated(channels_of(field_map)[0], settings) if settings.adaptive else settings.noise
+    if settings.options.trust == 1.0 or noise.map_sigma == 0.0:
+        return None
+    return MapErrorEstimate.told(noise, settings.options.trust)
+
+
+def _states_error(field_map: AnyMap) -> bool:
+    """Whether a map says how wrong it is."""
+    return any(np.nanmax(one.sigma) > 0.0 for one in channels_of(field_map))
+
+
+def _stated(field_map: FieldMap, settings: Settings) -> NoiseModel:
+    """Return what a map that is equally wrong everywhere says of itself."""
+    length = field_map.correlation_length or settings.noise.correlation_length
+    sigma = float(np.nanmax(field_map.sigma))
+    return replace(settings.noise, map_sigma=sigma, correlation_length=length)

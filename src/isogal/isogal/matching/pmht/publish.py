@@ -21,6 +21,7 @@ from isogal.matching.pmht.contours import contour_candidates
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.hypotheses import Update
 from isogal.matching.pmht.memory import Memory, VarianceFactor
+from isogal.matching.pmht.prepare import unknown_bias
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 from isogal.matching.pmht.state import State
 
@@ -41,12 +42,27 @@ def publish(state: State) -> tuple[Fix, Memory]:
         reason = "the batch tells nothing that the navigator does not know"
         return declined(state.batch, reason, **figures), memory
     best = state.best
+    bias, unbiased = _simplified(state, _measured_bias(state))
     return _fix(state, information, figures), replace(
         memory,
         hypotheses=_shape(best, best.mixture.covariance[0]),
         disagreements=0,
-        bias=_measured_bias(state),
+        bias=bias,
+        unbiased=memory.unbiased or unbiased,
     )
+
+
+def _simplified(state: State, bias: BiasEstimate | None) -> tuple[BiasEstimate | None, bool]:
+    """Return the bias without what nobody has told of and readings do not show, and whether
+    nothing of it is left.
+    """
+    settings, batch = state.settings, state.batch
+    told = settings.noise.bias_sigma > 0.0 or batch.bias_walk > 0.0
+    if bias is None or told or not settings.adaptive:
+        return bias, False
+    before = unknown_bias(batch, state.field_map, settings).covariance
+    simple = bias.simplified((math.sqrt(before[0, 0]), math.sqrt(before[1, 1])))
+    return simple, simple is None
 
 
 def _measured_bias(state: State) -> BiasEstimate | None:
@@ -111,6 +127,7 @@ def _remembered(state: State) -> Memory:
         # only where all agrees: what stands out at a wrong place may be right
         outlier_times=outliers | state.outlier_times if published and state.agrees else outliers,
         map_error=state.learnt if published else state.map_error,
+        unbiased=before is not None and before.unbiased and verdict.bias is None,
         bias=verdict.bias if verdict.lost else bias,
         variance_factor=VarianceFactor() if verdict.lost else factor,
         log_evidence=(before.log_evidence if before else 0.0) + state.log_evidence,

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.matching.batching import unconditioned
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
@@ -53,6 +53,51 @@ class BiasEstimate:
         """Return the prior at a time; without a delay where its sigma is 0."""
         sigma = np.array([bias_sigma, drift_sigma, delay_sigma][: 3 if delay_sigma > 0.0 else 2])
         return cls(time, np.zeros(len(sigma)), np.diag(sigma**2), np.zeros((len(sigma), 4)))
+
+    def simplified(self, prior: tuple[float, float]) -> "BiasEstimate | None":
+        """Return the state without what the readings say is not there: drift, or bias and drift
+        (None), where they are the more likely for having none (docs/mathematics.md, section 9.3).
+
+        Parameters
+        ----------
+        prior : (float, float)
+            1-sigma of bias and drift before the first reading; 0 = known to be none.
+        """
+        covariance = self.covariance
+        if self.error is not None:
+            covariance = covariance + self.gain @ self.error @ self.gain.T
+        open_states = np.flatnonzero(np.array(prior) > 0.0)
+        every = _log_zero(self.mean, covariance, prior, open_states)
+        if every > CONSTANTS.no_bias_log_evidence:
+            return None
+        drift = open_states[open_states == 1]
+        if drift.size and len(open_states) > 1 and covariance[1, 1] > 0.0:
+            none = _log_zero(self.mean, covariance, prior, drift)
+            return (
+                self._without_drift(covariance) if none > CONSTANTS.no_bias_log_evidence else self
+            )
+        return self
+
+    def _without_drift(self, covariance: Array) -> "BiasEstimate":
+        """Return the state given that there is no drift."""
+        if self.error is None:
+            gain = self.covariance[0, 1] / max(self.covariance[1, 1], 1e-300)
+            mean = np.array([self.mean[0] - gain * self.mean[1], 0.0])
+            own = np.diag([self.covariance[0, 0] - gain * self.covariance[0, 1], 0.0])
+            kept = np.stack([self.gain[0] - gain * self.gain[1], np.zeros(self.gain.shape[1])])
+            return replace(self, mean=mean, covariance=own, gain=kept)
+        # (bias, error) given the drift, of their joint Gaussian; the navigator keeps its own
+        gain = covariance[0, 1] / covariance[1, 1]
+        cross = self.gain @ self.error
+        left = cross[0] - gain * cross[1]
+        kept = np.linalg.solve(self.error, left)
+        variance = covariance[0, 0] - gain * covariance[0, 1] - kept @ left
+        return replace(
+            self,
+            mean=np.array([self.mean[0] - gain * self.mean[1], 0.0]),
+            covariance=np.diag([max(float(variance), 0.0), 0.0]),
+            gain=np.stack([kept, np.zeros_like(kept)]),
+        )
 
     def at_end(self, batch: Batch) -> "LinearBias":
         """Carry the state to the end of a batch."""
@@ -127,6 +172,21 @@ class _Walk:
         share = self.share(time)
         rest = np.minimum(share[:, None], share) - share[:, None] * share
         return self.density**2 * (self.end - self.start) * rest
+
+
+def _log_zero(
+    mean: Array, covariance: Array, prior: tuple[float, float], which: Integers
+) -> float:
+    """Return the log Bayes factor for some of the states being zero: the posterior's density there
+    over the prior's (Dickey 1971, Ann. Math. Stat. 42:204); -inf where none is in question."""
+    if not which.size:
+        return -math.inf
+    part = covariance[np.ix_(which, which)]
+    scale = np.array(prior)[which]
+    unit = mean[which] / scale
+    relative = part / np.outer(scale, scale) + 1e-12 * np.eye(len(which))
+    square = unit @ np.linalg.solve(relative, unit)
+    return float(-0.5 * square - 0.5 * np.linalg.slogdet(relative)[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
