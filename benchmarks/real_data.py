@@ -20,7 +20,8 @@ from pathlib import Path
 from measured_data.clear_lake import study_clear_lake
 from measured_data.figures import write_figures
 from measured_data.scotland import study_scotland
-from measured_data.tables import tables
+from measured_data.tables import tables, untold_table
+from measured_data.untold import study_untold
 
 
 def main() -> None:
@@ -33,10 +34,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="write the results there as real_data.json")
     parser.add_argument("--figures", type=Path, help="write the figures there")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    parser.add_argument("--untold", action="store_true", help="only with nothing told")
     options = parser.parse_args()
     if not options.data.is_dir():
         parser.error(f"{options.data}: no such folder; name the folder of the data")
+    if options.untold:
+        untold = study_untold(options.data)
+        print(json.dumps(untold) if options.json else untold_table(untold))
+        return
     results = {
+        "untold": study_untold(options.data),
         "clear_lake": study_clear_lake(options.data),
         "scotland": study_scotland(options.data),
     }

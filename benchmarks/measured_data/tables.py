@@ -18,6 +18,7 @@ def tables(results: dict[str, Any]) -> str:
         ("Clear Lake, after n stations", growth_table(lake)),
         ("Clear Lake, batches of 30", batch_table(lake)),
         ("Scotland", scotland_table(scotland)),
+        ("Nothing told", untold_table(results["untold"])),
     ]
     return "\n".join(f"{title}\n\n{table}\n" for title, table in parts)
 
@@ -151,6 +152,11 @@ def scotland_table(scotland: dict[str, Any]) -> str:
         rigid = {"fixes": 0, "batches": 0, "nis": float("nan")} | part["rigid"]
         kinds[f"{name}: least squares"] = rigid
     return _summaries("lines", kinds)
+
+
+def untold_table(untold: dict[str, Any]) -> str:
+    """Lines with nothing told."""
+    return _summaries("lines", untold)
 
 
 def _summaries(title: str, kinds: dict[str, dict[str, Any]]) -> str:

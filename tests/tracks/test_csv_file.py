@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from helpers.tracks import field_of, made_track, write_csv
 from isogal.errors import InputError
-from isogal.tracks.csv_file import read_csv_track
+from isogal.tracks.csv_file import read_csv_track, read_csv_tracks
 
 GOOD = "time,latitude,longitude,value\n0,1,2,3\n1,1,2,4\n2,1,2,5\n"
 
@@ -50,17 +50,17 @@ def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty; it needs a header with time, latitude, longitude, value"),
+        ("", "is empty; it needs a header with latitude, longitude, value"),
         (
-            GOOD.replace("latitude", "lat"),
-            r"has no column 'latitude' \(is it 'lat'\?\); it has time, lat, longitude, value",
+            GOOD.replace("latitude", "latitud"),
+            r"has no column 'latitude' \(is it 'latitud'\?\); it has time, latitud, longitude, v",
         ),
         (GOOD.replace("value", "gravity"), "has no column 'value'; it has"),
         (GOOD.replace("value", "time"), "has no column 'value'|has 2 columns 'time'"),
         (GOOD.replace("1,2,4", "1,2"), "line 3 has 3 cells, the header 4"),
         (GOOD.replace("1,2,4", "1,2,x"), "value in line 3 is 'x', not a number"),
-        (GOOD.replace("1,2,4", "1,2,"), "value in line 3 is empty, not a number"),
-        (GOOD.replace("1,2,4", "1,2,nan"), "value in line 3 is nan, not a finite number"),
+        (GOOD.replace("1,2,4", "1,,4"), "longitude in line 3 is empty, not a number"),
+        (GOOD.replace("1,2,4", "1,2,inf"), "value in line 3 is inf, not a finite number"),
         (GOOD.replace("1,2,4", "inf,2,4"), "latitude in line 3 is inf, not a finite number"),
         (GOOD.replace("1,2,4", "91,2,4"), "latitude in line 3 is 91 deg, must be -90 to 90"),
         (
@@ -143,3 +143,40 @@ def test_any_file_is_read_or_refused(tmp_path_factory, data):
         assert "\n" not in str(error)
     else:
         assert np.isfinite(track.value).all()
+
+
+@pytest.mark.parametrize("cell", ["", "*", "NaN", "-99999", "-1e32"])
+def test_missing_readings(tmp_path, cell):
+    found = read_csv_track(file_of(tmp_path, GOOD.replace("1,2,4", f"1,2,{cell}")))
+    np.testing.assert_array_equal(np.isnan(found.value), [False, True, False])
+    assert found.track(1.0, 1.0).time.size == 3
+
+
+def test_stations_without_time_and_iso_times(tmp_path):
+    found = read_csv_track(file_of(tmp_path, "lat lon value\n1 2 3\n1 2 4\n1 2 5\n"))
+    assert not found.timed
+    np.testing.assert_array_equal(found.time, [0, 1, 2])
+    text = "time,lat,lon,value\n2020-01-01T00:00:00Z,1,2,3\n2020-01-01 00:00:01.5,1,2,4\n"
+    found = read_csv_track(file_of(tmp_path, text))
+    np.testing.assert_allclose(found.time, [1577836800.0, 1577836801.5])
+
+
+def test_projected_coordinates_need_their_system(tmp_path):
+    path = file_of(tmp_path, "easting,northing,value\n500000,5800000,3\n500100,5800000,4\n")
+    with pytest.raises(InputError, match="has columns x and y; say their system"):
+        read_csv_track(path)
+    found = read_csv_track(path, "EPSG:32755")
+    np.testing.assert_allclose(found.longitude[0], 147.0, atol=1e-9)
+    assert 48.0 < -found.latitude[0] < 53.0 or -38.5 < found.latitude[0] < -37.5
+
+
+def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
+    text = "/ made by hand\n/ lat long value\nLine 10\n1 2 3\n1 2 *\nTie 20\n1 2 5\n"
+    tracks = read_csv_tracks(file_of(tmp_path, text))
+    assert [one.line for one in tracks] == ["10", "20"]
+    assert [one.time.size for one in tracks] == [2, 1]
+    text = "line,lat,lon,value\nA,1,2,3\nB,1,2,4\nA,1,2,5\n"
+    tracks = read_csv_tracks(file_of(tmp_path, text))
+    np.testing.assert_array_equal(tracks[0].value, [3, 5])
+    with pytest.raises(InputError, match="holds 2 lines"):
+        read_csv_track(file_of(tmp_path, text))

@@ -19,6 +19,8 @@ from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
 PRIOR = Uncertainty(position=800.0)
+EXACT = {"map_sigma": 0.0, "bias_sigma": 0.0}
+"""Told: nothing but the readings' white noise."""
 
 
 def errors_of(matches, latitude, longitude):
@@ -88,7 +90,7 @@ def test_fixes_are_consistent_with_their_covariance():
             start=tuple(random.uniform(-15e3, 5e3, 2)),
         )
         matches = match_track(
-            track, DISTURBANCE, Matcher(batch_length=20), Uncertainty(position=400.0)
+            track, DISTURBANCE, Matcher(batch_length=20, **EXACT), Uncertainty(position=400.0)
         )
         errors = errors_of(matches, latitude, longitude)
         declined_batches += int(np.isnan(errors[:, 0]).sum())
@@ -107,9 +109,9 @@ def test_fixes_are_consistent_with_their_covariance():
 def test_chained_batches_know_as_much_as_one_batch_of_all():
     """The noise is white, so the likelihoods of the batches multiply."""
     track, _, _ = made_track(DISTURBANCE, count=60, error=(350.0, -250.0), sigma=3e-5)
-    settings = Matcher(batch_length=20, options={"context": 0})
+    settings = Matcher(batch_length=20, **EXACT)
     chained = match_track(track, DISTURBANCE, settings, PRIOR, chained=True)
-    whole = match_track(track, DISTURBANCE, Matcher(batch_length=60), PRIOR)[0]
+    whole = match_track(track, DISTURBANCE, Matcher(batch_length=60, **EXACT), PRIOR)[0]
     assert all(match.fix.published for match in chained)
     apart = chained[-1].error[:2] - whole.error[:2]
     sigma = np.sqrt(np.diag(whole.covariance)[:2])
@@ -171,7 +173,7 @@ def test_the_reduction_with_a_wrong_latitude_is_allowed_for():
     prior = Uncertainty(position=1500.0)
     for reduction, good in (("latitude", True), ("none", False)):
         reduced = replace(track, value=wrong, reduction=reduction)
-        match = match_track(reduced, DISTURBANCE, Matcher(batch_length=60), prior)[0]
+        match = match_track(reduced, DISTURBANCE, Matcher(batch_length=60, **EXACT), prior)[0]
         error = errors_of([match], latitude, longitude)[0]
         consistent = match.fix.published and nees_per_axis(error, match.fix.covariance) < 6.9
         assert consistent == good

@@ -57,7 +57,7 @@ def test_a_track_off_the_map_is_refused():
         fit_to_map(far, DISTURBANCE)
 
 
-def test_readings_where_the_map_is_empty_are_left_out():
+def test_readings_where_the_map_is_empty_are_named():
     values = DISTURBANCE.values.copy()
     track, _, _ = made_track(DISTURBANCE)
     hole = np.searchsorted(DISTURBANCE.latitude, track.latitude[20])
@@ -65,7 +65,7 @@ def test_readings_where_the_map_is_empty_are_left_out():
     kept, off_map = fit_to_map(track, replace(DISTURBANCE, values=values))
     assert off_map[20]
     assert 1 <= off_map.sum() < 10
-    assert np.array_equal(np.isnan(kept.value), off_map)
+    assert kept is track  # elsewhere the map may have a value
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_a_track_beside_the_map_is_refused(files, tmp_path):
     assert "has nothing at" in message or "is off the map" in message
 
 
-def test_readings_beside_the_map_are_left_out(files, tmp_path):
+def test_readings_beside_the_map_are_mentioned(files, tmp_path):
     map_file, *_ = files["disturbance"]
     half = field_of("disturbance").latitude
     track, _, _ = made_track(field_of("disturbance"))
@@ -134,4 +134,45 @@ def test_readings_beside_the_map_are_left_out(files, tmp_path):
     path = write_csv(tmp_path / "t.csv", replace(track, latitude=beyond))
     status, _, said = call("match", "--map", map_file, "--track", path)
     assert status == 0
-    assert "t.csv: the map has no value at 5 of 60 readings; left out" in said
+    assert "t.csv: the map has no value at 5 of 60 readings as recorded" in said
+
+
+def test_a_sigma_in_the_wrong_unit_is_refused_with_the_one_that_fits(files):
+    map_file, track_file, *_ = files["disturbance"]
+    words = ("match", "--map", map_file, "--track", track_file)
+    status, _, said = call(*words, "--sensor-sigma", "0.5")
+    assert status == 2
+    assert "--sensor-sigma: 0.5 m s-2 is more than the whole map varies" in said
+    assert "did you mean 0.5mGal?" in said
+    status, _, said = call(*words, "--map-sigma", "3nT")
+    assert status == 2
+    assert "--map-sigma: 'nT' does not fit a disturbance map" in said
+    status, _, said = call(*words, "--map-sigma", "much")
+    assert status == 2
+    assert "--map-sigma: must be a number" in said
+
+
+def test_lines_stations_and_all_readings_at_once(files, tmp_path):
+    map_file, track_file, *_ = files["disturbance"]
+    rows = track_file.read_text().splitlines()
+    names = rows[0].split(",")
+    time = names.index("time")
+    cells = [row.split(",") for row in rows[1:]]
+    without = [",".join(c for i, c in enumerate(row) if i != time) for row in cells]
+    header = ",".join(n for n in names if n != "time")
+    path = tmp_path / "lines.csv"
+    path.write_text(
+        "\n".join([f"line,{header}"] + [f"{'AB'[k >= 30]},{row}" for k, row in enumerate(without)])
+    )
+    out = tmp_path / "fixes.json"
+    words = ("--sensor-sigma", "1mGal", "--batch-length", "all", "--spacing", "300")
+    status, text, said = call(
+        "match", "--map", map_file, "--track", path, *words, "--out", out, "--out",
+        out.with_suffix(".csv"),
+    )  # fmt: skip
+    assert status == 0, said
+    found = json.loads(out.read_text())
+    assert [one["line"] for one in found] == ["A", "B"]
+    assert all(one["readings"] <= 30 and one["estimated"]["map_sigma"] >= 0.0 for one in found)
+    assert "line A" in text
+    assert "estimated_map_sigma" in out.with_suffix(".csv").read_text()

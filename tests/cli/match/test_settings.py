@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from helpers.command_line import call
@@ -83,4 +82,5 @@ def test_normal_gravity_in_the_offset_may_be_that_of_another_latitude(files, tmp
         assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8  # 99.9 %
         _, out, said = call(*words, "--reduction", reduction)
         assert "normal gravity" not in said
-        assert np.trace(json.loads(out)[0]["covariance_enu"]) < np.trace(fix["covariance_enu"])
+        (fix,) = json.loads(out)  # of an offset that is estimated in any case
+        assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8

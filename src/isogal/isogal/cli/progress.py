@@ -49,4 +49,4 @@ class Bars:
         """Move the bar of this name."""
         if name not in self.tasks:
             self.tasks[name] = self.bars.add_task(name, total=total)
-        self.bars.update(self.tasks[name], completed=done)
+        self.bars.update(self.tasks[name], completed=done, total=total)

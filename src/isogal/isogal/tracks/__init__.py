@@ -3,18 +3,21 @@
 Reading
 
 - `track`: what is a recorded track, and does it belong to a map?
-- `csv_file`: how is one read from a CSV file?
+- `csv_file`, `text_rows`: how is one read from a text file?
+- `averaging`: how does a dense one become a sparse one?
 - `recording`: how is one read from a bag?
 
 Matching
 
 - `batches`: where do batches end, and what does a matcher get for each?
 - `matching`: which fixes does a track give, batch by batch?
+- `integrated/`: what does a rigid batch say when nobody knows the noise?
 - `map_error`: how wrong is a map, by tracks whose positions are known?
 
 Results
 
 - `results`: how are fixes written as JSON, CSV and GeoJSON?
 - `figures`: how do track, fixes and readings look?
+- `shift_figure`: how likely is each shift of a track?
 - `match_report`: how is all this shown on one page?
 """

@@ -1,20 +1,37 @@
-"""Recorded tracks in CSV files with the columns time, latitude, longitude and value, and
-optionally sigma and offset."""
+"""Recorded tracks in text files with the columns latitude, longitude (or x and y) and value, and
+optionally time, sigma, offset and line."""
 
-import csv
 import difflib
+import math
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.corridor import Corridor, corridor_of
+from isogal.tracks.text_rows import TextRows, read_rows
 from isogal.tracks.track import Track
 
-REQUIRED = ("time", "latitude", "longitude", "value")
-OPTIONAL = ("sigma", "offset")
+REQUIRED = ("latitude", "longitude", "value")
+_NAMES = {
+    "time": ("time", "datetime", "utc", "timestamp"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "long", "lng"),
+    "x": ("x", "easting", "east"),
+    "y": ("y", "northing", "north"),
+    "value": ("value",),
+    "sigma": ("sigma",),
+    "offset": ("offset",),
+    "line": ("line",),
+}
+"""Names of columns, in any case."""
+_MAY_BE_MISSING = ("value", "sigma", "offset")
+_MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
+_DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
+"""Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
 _RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
 
 
@@ -31,6 +48,12 @@ class CsvTrack:
     value: Array
     sigma: Array | None
     offset: Array | None
+    line: str | None = None
+    """Survey line; None = the file has none."""
+    timed: bool = True
+    """Whether the file says when readings were taken; else times are their numbers."""
+    projected: bool = False
+    """Whether its places are x and y."""
 
     def corridor(self, margin: float) -> Corridor:
         """Return the part of the Earth within a margin (m) of the track."""
@@ -55,8 +78,13 @@ class CsvTrack:
             Neither the file nor ``sensor_sigma`` says how noisy the readings are, or `Track`
             refuses them.
         """
+        value = self.value * factor
+        if self.offset is not None:
+            value = np.where(np.isfinite(self.offset), value, np.nan)
         if self.sigma is not None:
             sigma = self.sigma * factor
+            if sensor_sigma is not None:
+                sigma = np.where(np.isfinite(sigma), sigma, sensor_sigma)
         elif sensor_sigma is not None:
             sigma = np.full(self.time.size, sensor_sigma)
         else:
@@ -65,83 +93,123 @@ class CsvTrack:
             time=self.time,
             latitude=np.radians(self.latitude),
             longitude=np.radians(self.longitude),
-            value=self.value * factor,
+            value=value,
             sigma=sigma,
-            offset=np.zeros(self.time.size) if self.offset is None else self.offset * factor,
+            offset=(
+                np.zeros(self.time.size)
+                if self.offset is None
+                else np.nan_to_num(self.offset) * factor
+            ),
             where=self.where,
             reduction=reduction,
             factor=factor,
         )
 
 
-def read_csv_track(path: str | Path) -> CsvTrack:
-    """Read a file with a header line.
-
-    Cells are separated by commas, semicolons or tabs. Lines that start with ``#`` are comments.
-    Other columns are ignored.
+def read_csv_track(path: str | Path, crs: str | None = None) -> CsvTrack:
+    """Read a file that holds one track; see `read_csv_tracks`.
 
     Raises
     ------
     InputError
-        The file cannot be read or lacks a column; or a cell is not a finite number, a place is out
-        of range, or times do not increase, with the number of the line.
+        As there, and if the file holds several.
+    """
+    tracks = read_csv_tracks(path, crs)
+    if len(tracks) > 1:
+        raise InputError(f"{path}: holds {len(tracks)} lines; only one is wanted here")
+    return tracks[0]
+
+
+def read_csv_tracks(path: str | Path, crs: str | None = None) -> list[CsvTrack]:
+    """Read a file with a header line (`isogal.tracks.text_rows`): a track for each survey line.
+
+    Other columns are ignored. Times are seconds, or dates and times by ISO 8601 (UTC unless they
+    say another zone), then seconds since 1970. An empty cell, ``*``, ``NaN`` or a dummy such as
+    -99999 is a missing reading.
+
+    Parameters
+    ----------
+    path : path
+    crs : str, optional
+        System of columns x and y (or easting and northing), as ``EPSG:N``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or lacks a column; or a cell is not a number, a place is out of
+        range, or times do not increase, with the number of the line.
     """
     where = str(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{where}: is not a text file (UTF-8)") from None
-    lines = [
-        (i, line)
-        for i, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.startswith("#")
-    ]
-    if not lines:
-        raise InputError(f"{where}: is empty; it needs a header with {', '.join(REQUIRED)}")
-    delimiter = max(",;\t", key=lines[0][1].count)
-    try:
-        rows = list(
-            csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
+    rows = read_rows(path, ", ".join(REQUIRED))
+    index = _locate(rows.names, where)
+    if not rows.cells:
+        raise InputError(f"{where}: has no readings")
+    columns = {
+        name: np.array(
+            [
+                _number(row[i], name, n, where)
+                for row, n in zip(rows.cells, rows.number, strict=True)
+            ]
         )
-    except csv.Error as error:
-        raise InputError(f"{where}: is not a CSV file: {error}") from None
-    if len(rows) != len(lines):
-        raise InputError(f"{where}: a quoted cell runs over several lines")
-    header = [name.strip().casefold() for name in rows[0]]
-    index = _locate(header, where)
-    numbers = {name: np.empty(len(rows) - 1) for name in index}
-    for k, (row, (line, _)) in enumerate(zip(rows[1:], lines[1:], strict=True)):
-        if len(row) != len(header):
-            raise InputError(
-                f"{where}: line {line} has {len(row)} cells, the header {len(header)}"
-            )
-        for name, i in index.items():
-            numbers[name][k] = _number(row[i], name, line, where)
-    late = np.flatnonzero(np.diff(numbers["time"]) <= 0.0)
+        for name, i in index.items()
+        if name != "line"
+    }
+    if "latitude" not in columns:
+        columns |= _geographic(columns.pop("x"), columns.pop("y"), crs, where)
+        columns["projected"] = columns["value"]
+    for name in set(columns) - {*REQUIRED, "time", "sigma", "offset", "projected"}:
+        del columns[name]
+    names = rows.line
+    if "line" in index:
+        names = [row[index["line"]].strip() for row in rows.cells]
+    if names is None:
+        return [_track(columns, rows, np.arange(len(rows.cells)), None, where)]
+    return [
+        _track(columns, rows, np.flatnonzero(np.array(names) == one), one, where)
+        for one in dict.fromkeys(names)
+    ]
+
+
+def _track(
+    columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, where: str
+) -> CsvTrack:
+    own = {name: column[which] for name, column in columns.items()}
+    timed = "time" in own
+    if not timed:
+        own["time"] = np.arange(which.size, dtype=np.float64)
+    late = np.flatnonzero(np.diff(own["time"]) <= 0.0)
     if late.size:
         i = int(late[0])
         raise InputError(
-            f"{where}: times must increase; line {lines[i + 2][0]} ({numbers['time'][i + 1]:.10g}"
-            f" s) is not later than line {lines[i + 1][0]} ({numbers['time'][i]:.10g} s)"
+            f"{where}: times must increase; line {rows.number[which[i + 1]]}"
+            f" ({own['time'][i + 1]:.10g} s) is not later than line {rows.number[which[i]]}"
+            f" ({own['time'][i]:.10g} s)"
         )
     return CsvTrack(
-        where,
-        **{name: numbers[name] for name in REQUIRED},
-        sigma=numbers.get("sigma"),
-        offset=numbers.get("offset"),
+        where if line is None else f"{where}, line {line}",
+        **{name: own[name] for name in ("time", *REQUIRED)},
+        sigma=own.get("sigma"),
+        offset=own.get("offset"),
+        line=line,
+        timed=timed,
+        projected="projected" in own,
     )
 
 
 def _locate(header: list[str], where: str) -> dict[str, int]:
     index: dict[str, int] = {}
-    for name in (*REQUIRED, *OPTIONAL):
-        if header.count(name) > 1:
-            raise InputError(f"{where}: has {header.count(name)} columns '{name}'")
-        if name in header:
-            index[name] = header.index(name)
-        elif name in REQUIRED:
+    for name, aliases in _NAMES.items():
+        found = [alias for alias in aliases if alias in header]
+        if found and header.count(found[0]) > 1:
+            raise InputError(f"{where}: has {header.count(found[0])} columns '{found[0]}'")
+        if found:
+            index[name] = header.index(found[0])
+    if "latitude" not in index and "x" in index and "y" in index:
+        required: tuple[str, ...] = ("value",)
+    else:
+        required = REQUIRED
+    for name in required:
+        if name not in index:
             others = [h for h in header if h and h not in REQUIRED]
             close = [h for h in others if name.startswith(h)] + difflib.get_close_matches(
                 name, others, n=1, cutoff=0.6
@@ -154,22 +222,54 @@ def _locate(header: list[str], where: str) -> dict[str, int]:
     return index
 
 
-def _number(cell: str, name: str, line: int, where: str) -> float:
+def _geographic(x: Array, y: Array, crs: str | None, where: str) -> dict[str, Array]:
+    """Return latitude and longitude (deg) of columns x and y."""
+    import pyproj
+
+    if crs is None:
+        raise InputError(f"{where}: has columns x and y; say their system (--crs EPSG:N)")
     try:
-        value = float(cell)
+        turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"--crs {crs}: is no coordinate system that is known") from None
+    longitude, latitude = (np.asarray(one) for one in turn.transform(x, y))
+    if not (np.isfinite(longitude) & np.isfinite(latitude)).all():
+        raise InputError(f"{where}: x and y are not places in {crs}")
+    return {"latitude": latitude, "longitude": longitude}
+
+
+def _number(cell: str, name: str, line: int, where: str) -> float:
+    text = cell.strip()
+    missing = text.casefold() in _MISSING
+    if missing and name in _MAY_BE_MISSING:
+        return math.nan
+    try:
+        value = float(text)
     except ValueError:
-        shown = f"'{cell.strip()[:40]}'" if cell.strip() else "empty"
+        if name == "time" and (stamp := _iso(text)) is not None:
+            return stamp
+        shown = f"'{text[:40]}'" if text else "empty"
         raise InputError(f"{where}: {name} in line {line} is {shown}, not a number") from None
+    if name in _MAY_BE_MISSING and value in _DUMMIES:
+        return math.nan
     if not np.isfinite(value):
         raise InputError(
-            f"{where}: {name} in line {line} is {cell.strip()}, not a finite number (leave the"
-            " line out)"
+            f"{where}: {name} in line {line} is {text}, not a finite number (leave the line out)"
         )
     low, high = _RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
         raise InputError(
-            f"{where}: {name} in line {line} is {cell.strip()} deg, must be {low:g} to {high:g}"
+            f"{where}: {name} in line {line} is {text} deg, must be {low:g} to {high:g}"
         )
     if name == "sigma" and value <= 0.0:
-        raise InputError(f"{where}: sigma in line {line} is {cell.strip()}, must be > 0")
+        raise InputError(f"{where}: sigma in line {line} is {text}, must be > 0")
     return value
+
+
+def _iso(text: str) -> float | None:
+    """Return seconds since 1970 of a date and time by ISO 8601; None where it is none."""
+    try:
+        stamp = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()

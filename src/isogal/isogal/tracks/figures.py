@@ -24,6 +24,8 @@ RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
 _TALLEST, _FLATTEST = 1.5, 0.35
 """Limits of the map panel's height over its width."""
+_DOT = 0.015
+"""1-sigma over half the map panel's width below which an ellipse is drawn once more."""
 _LATTICE = 420
 """Pixels along each side of the map panel."""
 
@@ -71,10 +73,38 @@ def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match
         draw(latitude[match.rows], _near(longitude[match.rows], middle[1]), MATCHED, label)
     for number, match in enumerate(m for m in matches if m.fix.published):
         _ellipse(panel, match, middle[1], number == 0)
+    _magnify(panel, [m for m in matches if m.fix.published], middle[1], float(half.max()))
     panel.set_xlabel("longitude (deg)")
     panel.set_ylabel("latitude (deg)")
     style.legend_below(figure)
     return figure
+
+
+def _magnify(panel: "Axes", published: Sequence[Match], middle: float, half: float) -> None:
+    """Draw the last fix once more where its ellipse is too small to be seen."""
+    if not published:
+        return
+    fix = published[-1].fix
+    sigma = math.sqrt(float(np.diag(fix.covariance).max()))
+    if sigma > _DOT * half:
+        return
+    north, east = (float(m) for m in metres_per_radian(fix.latitude))
+    x = math.degrees(float(_near(np.array(fix.longitude), middle)))
+    y = math.degrees(fix.latitude)
+    left = x > float(np.mean(panel.get_xlim()))
+    below = y > float(np.mean(panel.get_ylim()))
+    inset = panel.inset_axes((0.03 if left else 0.72, 0.03 if below else 0.72, 0.25, 0.25))
+    _ellipse(inset, published[-1], middle, False)
+    reach = 3.0 * sigma
+    inset.set_xlim(x - math.degrees(reach / east), x + math.degrees(reach / east))
+    inset.set_ylim(y - math.degrees(reach / north), y + math.degrees(reach / north))
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.grid(False)
+    inset.text(
+        0.5, 0.02, f"last fix, {2.0 * reach:.0f} m wide", transform=inset.transAxes, ha="center",
+        fontsize=5,
+    )  # fmt: skip
 
 
 def _middle(track: Track) -> tuple[float, float]:

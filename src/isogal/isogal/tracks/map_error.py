@@ -41,9 +41,19 @@ class MapError:
     """m, over which the gradient is averaged; 0 = the map's own sigma is used instead of floor and
     reach."""
     log_likelihood: float = math.nan
+    typical_sigma: float = math.nan
+    """RMS 1-sigma of the map along the reference tracks."""
+    offset: float = 0.0
+    """By which the readings lie above the map on the mean: the map's wrong datum."""
+    offset_sigma: float = 0.0
+    """1-sigma of `offset`."""
+    at_bound: bool = False
+    """Whether the correlation length would have become shorter than the readings and the map
+    can show."""
 
     def apply(self, field_map: FieldMap) -> FieldMap:
-        """Return the map with this error."""
+        """Return the map with this error, and on the datum of the readings."""
+        field_map = replace(field_map, values=field_map.values + self.offset)
         if self.smoothing == 0.0:
             return replace(field_map, correlation_length=self.correlation_length)
         sigma = np.hypot(self.floor, self.reach * rms_gradient(field_map, self.smoothing))
@@ -86,13 +96,17 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
     residuals = [one for one in residuals if one.value.size >= 3]
     if not residuals:
         raise InputError("no reference track lies on the map")
+    least = math.log(_least_length(residuals, field_map))
     spread = math.sqrt(float(np.mean(np.concatenate([one.value for one in residuals]) ** 2)))
     if not isinstance(field_map.sigma, float):
         own = [np.asarray(field_map.sigma_at(one.latitude, one.longitude)) for one in residuals]
         start = np.log([2000.0, 0.2 * spread])
-        x, log_likelihood = _maximise(lambda p: _log_likelihood(residuals, own, p[0], p[1]), start)
-        return MapError(math.exp(x[0]), math.exp(x[1]), log_likelihood=log_likelihood)
-    best: MapError | None = None
+        x, value = _maximise(
+            lambda p: _log_likelihood(residuals, own, max(p[0], least), p[1]), start
+        )
+        found = MapError(math.exp(max(x[0], least)), math.exp(x[1]), log_likelihood=value)
+        return _completed(found, residuals, own, bool(x[0] <= least))
+    best: tuple[MapError, list[Array], bool] | None = None
     for smoothing in SMOOTHING:
         shape = replace(field_map, sigma=rms_gradient(field_map, smoothing))
         rough = [np.asarray(shape.sigma_at(one.latitude, one.longitude)) for one in residuals]
@@ -101,14 +115,41 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
 
         def log_likelihood_of(p: Array, rough: list[Array] = rough) -> float:
             sigma = [np.hypot(math.exp(p[2]), math.exp(p[3]) * one) for one in rough]
-            return _log_likelihood(residuals, sigma, p[0], p[1])
+            return _log_likelihood(residuals, sigma, max(p[0], least), p[1])
 
         x, value = _maximise(log_likelihood_of, start)
-        if best is None or value > best.log_likelihood:
-            length, sensor, floor, reach = (math.exp(p) for p in x)
-            best = MapError(length, sensor, floor, reach, smoothing, value)
+        if best is None or value > best[0].log_likelihood:
+            length, sensor, floor, reach = (math.exp(p) for p in (max(x[0], least), *x[1:]))
+            sigma = [np.hypot(floor, reach * one) for one in rough]
+            found = MapError(length, sensor, floor, reach, smoothing, value)
+            best = found, sigma, bool(x[0] <= least)
     assert best is not None  # SMOOTHING is not empty
-    return best
+    return _completed(best[0], residuals, *best[1:])
+
+
+def _least_length(residuals: "list[_Residuals]", field_map: FieldMap) -> float:
+    """Return the shortest correlation length (m) that readings and map can show: the spacing of
+    the readings, or of the nodes where that is larger."""
+    steps = np.concatenate([np.diag(one.distance, 1) for one in residuals])
+    nodes = field_map.cell_size_m(float(np.mean(field_map.latitude)))
+    return max(float(np.median(steps)), math.sqrt(math.prod(nodes)))
+
+
+def _completed(
+    found: MapError, residuals: "list[_Residuals]", sigma: list[Array], at_bound: bool
+) -> MapError:
+    """Return an error with the datum's offset and the typical sigma."""
+    length, sensor = math.log(found.correlation_length), math.log(found.sensor_sigma)
+    sums = np.array(
+        [_level(one, own, length, sensor) for one, own in zip(residuals, sigma, strict=True)]
+    ).sum(axis=0)
+    return replace(
+        found,
+        typical_sigma=math.sqrt(float(np.nanmean(np.concatenate(sigma) ** 2))),
+        offset=float(sums[1] / sums[0]),
+        offset_sigma=float(1.0 / math.sqrt(sums[0])),
+        at_bound=at_bound,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,22 +175,42 @@ def _residuals(track: Track, field_map: FieldMap) -> _Residuals:
     return _Residuals(latitude, longitude, value[keep], 0.5 * (distance + distance.T))
 
 
+def _whitened(
+    one: "_Residuals", own: Array, log_length: float, log_sensor: float
+) -> tuple[Array, Array, float]:
+    """Return L⁻¹ r, L⁻¹ 1 and half the log determinant of R = L L'."""
+    from scipy.linalg import cholesky, solve_triangular
+
+    covariance = np.exp(-one.distance / math.exp(log_length))
+    covariance *= own[:, None]
+    covariance *= own
+    # a millionth of the variance keeps R regular where two readings have the same place
+    covariance[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
+    factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
+    both = np.column_stack([one.value, np.ones(own.size)])
+    white = solve_triangular(factor, both, lower=True, check_finite=False)
+    return white[:, 0], white[:, 1], float(np.log(np.diag(factor)).sum())
+
+
+def _level(
+    one: "_Residuals", own: Array, log_length: float, log_sensor: float
+) -> tuple[float, float]:
+    """Return 1' R⁻¹ 1 and 1' R⁻¹ r."""
+    value, ones, _ = _whitened(one, own, log_length, log_sensor)
+    return float(ones @ ones), float(ones @ value)
+
+
 def _log_likelihood(
     residuals: list[_Residuals], sigma: list[Array], log_length: float, log_sensor: float
 ) -> float:
-    from scipy.linalg import cholesky, solve_triangular
-
-    total = 0.0
+    """Return the log-likelihood with the offset that makes it largest: one datum for all."""
+    total, own_sum, product = 0.0, 0.0, 0.0
     for one, own in zip(residuals, sigma, strict=True):
-        covariance = np.exp(-one.distance / math.exp(log_length))
-        covariance *= own[:, None]
-        covariance *= own
-        # a millionth of the variance keeps R regular where two readings have the same place
-        covariance[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
-        factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
-        whitened = solve_triangular(factor, one.value, lower=True, check_finite=False)
-        total -= 0.5 * float(whitened @ whitened) + float(np.log(np.diag(factor)).sum())
-    return total
+        value, ones, half = _whitened(one, own, log_length, log_sensor)
+        total -= 0.5 * float(value @ value) + half
+        own_sum += float(ones @ ones)
+        product += float(ones @ value)
+    return total + 0.5 * product**2 / own_sum
 
 
 def _maximise(function: Callable[[Array], float], start: Array) -> tuple[Array, float]:

@@ -12,6 +12,7 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Matcher
 from isogal.tracks.figures import readings_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
+from isogal.tracks.shift_figure import has_shifts, shift_figure
 from isogal.tracks.track import Track
 
 
@@ -42,6 +43,15 @@ def write_match_report(
             " matched; below, their differences.",
         ),
     ]
+    if has_shifts(matches):
+        illustrations.append(
+            Illustration(
+                "shifts",
+                shift_figure(matches),
+                "Where the track may be: log posterior over its error, all noise models together;"
+                " the ellipse is the fix's with the prior, 2-sigma, and + no error at all.",
+            )
+        )
     sections = [
         Section(
             "Result",
@@ -50,7 +60,7 @@ def write_match_report(
                 f" readings; each batch starts from {start}."
             ],
             illustrations,
-            [_fixes(matches)],
+            [_fixes(matches), *_estimates(field_map, matches)],
         ),
         Section(
             "What was assumed", tables=[_assumptions(track, field_map, settings, uncertainty)]
@@ -92,11 +102,51 @@ def _fixes(matches: Sequence[Match]) -> Table:
     return Table("Fixes, from the measurements alone", header, rows)
 
 
+def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
+    """Return what was estimated of the noise; nothing where it was not."""
+    unit, factor = field_map.file_unit or field_map.unit, field_map.file_factor
+    if unit == "m/s²":
+        unit, factor = "mGal", 1e-5
+    rows = []
+    for match in matches:
+        numbers = match.fix.diagnostics
+        level = [
+            number(numbers[key] / factor) for key in ("offset", "offset_sigma") if key in numbers
+        ]
+        if match.shifts is None or "map_sigma" not in numbers:
+            continue
+        rows.append(
+            [
+                f"{match.fix.time:.10g}",
+                number(numbers["map_sigma"] / factor),
+                number(numbers["map_correlation_length"]),
+                " ± ".join(level),
+                f"{numbers['readings']:.0f}",
+                f"{numbers['readings_left_out']:.0f}",
+                f"{numbers['misfit']:.2f}",
+                f"{numbers['probability']:.3f} of {numbers['places']:.0f}",
+            ]
+        )
+    header = (
+        "time (s)",
+        f"map error, 1σ ({unit})",
+        "its correlation length (m)",
+        f"readings above the map ({unit})",
+        "readings used",
+        "left out",
+        "misfit",
+        "probability of the place, places",
+    )
+    return [Table("Estimated with the fixes", header, rows)] if rows else []
+
+
 def _assumptions(
     track: Track, field_map: ScalarMap, settings: Matcher, uncertainty: Uncertainty
 ) -> Table:
     unit = field_map.file_unit or field_map.unit
     factor = field_map.file_factor
+    if unit == "m/s²":
+        unit, factor = "mGal", 1e-5
 
     def in_unit(value: float) -> str:
         return f"{number(value / factor)} {unit}"

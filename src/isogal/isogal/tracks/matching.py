@@ -19,6 +19,7 @@ information of an ambiguous batch, which is carried on as hypotheses, is publish
 that resolves it."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,11 +36,15 @@ from isogal.matching.pmht.robust import TrackMonitor
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import batch_ends, between_batches, build_batch, without_map_edge
+from isogal.tracks.integrated.matcher import RIGID, IntegratedMatcher
+from isogal.tracks.integrated.search import ShiftPosterior
 from isogal.tracks.track import Track
 
 _EMPTY = 5.0
 """A fix whose least 1-sigma is this many times the prior's largest is declined: it narrows no
 direction by more than 2 %."""
+_LONGEST = 4
+"""Batches that an unresolved one may grow to: its readings are matched again with the next."""
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
 _LIMITS = {
@@ -101,6 +106,8 @@ class Match:
     """rad, the recorded track at the batch end."""
     longitude: float
     """rad."""
+    shifts: ShiftPosterior | None = None
+    """Posterior of the batch's shift, where noise was integrated out."""
 
     @property
     def position(self) -> tuple[float, float]:
@@ -120,55 +127,75 @@ def match_track(
     chained: bool = False,
     matcher: Matcher | None = None,
     checked: bool = True,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Match]:
-    """Match all batches of a track.
+    """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`).
 
     Parameters
     ----------
-    track : Track
-        Readings in the map's unit (`fit_to_map`).
-    field_map : ScalarMap
-    settings : scenario.Matcher
-    uncertainty : Uncertainty
     chained : bool
         Whether each batch starts from what the earlier ones have told.
-    matcher : Matcher, optional
-        Default: the one that the settings name.
     checked : bool
-        Whether fixes must stand up to a wrong noise model as well, where the matcher can be
-        monitored for that (`isogal.matching.pmht.robust`).
+        Whether fixes must stand up to a wrong noise model: `pmht` integrates its noise out where
+        the track is rigid (`isogal.tracks.integrated`), else see `isogal.matching.pmht.robust`.
+    progress : callable, optional
+        Called after each batch with how many are done and how many there are.
 
     Raises
     ------
     InputError
         The matcher's options are wrong, or the track's reduction does not fit the quantity.
     """
-    matching = matcher or load_matcher(settings)
-    if checked and isinstance(matching, Monitored):
-        matching = TrackMonitor(matching)
+    ends = batch_ends(len(track), settings)
+    matching = matcher or _matcher(settings, _bend(track, ends, uncertainty), checked)
+    integrated = isinstance(matching, IntegratedMatcher)
     jacobian = track.jacobian(field_map.quantity)
     earlier = matching.context + settings.batch_length - between_batches(settings)
-    prior, memory = uncertainty.prior, None
+    prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
-    for end in batch_ends(len(track), settings):
+    for end in ends:
         previous = matches[-1].rows.stop if matches else 0
+        used = unresolved if integrated else previous
         error, covariance = np.zeros(4), prior
         if chained and matches:
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
-        rows = slice(max(0, previous - earlier), end)
-        batch = build_batch(track, jacobian, rows, end - previous, error, covariance)
+        rows = slice(max(0, used - earlier), end)
+        batch = build_batch(track, jacobian, rows, end - used, error, covariance)
         near = field_map.near(batch.latitude, batch.longitude)
-        batch = without_map_edge(batch, near)
+        batch = batch if integrated else without_map_edge(batch, near)
         fix, memory = matching.match(batch, near, memory)
-        fix = _unless_empty(fix, batch)
         known = _TrackError(batch, error, covariance)
-        apply_fix(fix, known)
+        apply_fix(fix := _unless_empty(fix, batch), known)
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        matches.append(Match(fix, slice(previous, end), known.error, known.covariance, *here))
+        shifts = memory.posterior if integrated else None
+        rows = slice(previous, end)
+        matches.append(Match(fix, rows, known.error, known.covariance, *here, shifts))
+        if fix.published or end - unresolved >= _LONGEST * settings.batch_length:
+            unresolved = end
+        if progress is not None:
+            progress(len(matches), len(ends))
     return matches
+
+
+def _bend(track: Track, ends: Sequence[int], uncertainty: Uncertainty) -> float:
+    """Return by how much the velocity error may bend the longest batch, m."""
+    starts = [0, *ends[:-1]]
+    longest = max(track.time[e - 1] - track.time[s] for s, e in zip(starts, ends, strict=True))
+    return float(uncertainty.velocity * longest)
+
+
+def _matcher(settings: MatcherSettings, bend: float, checked: bool) -> Matcher:
+    """Return the matcher that the settings name: `pmht` of a rigid track with its noise
+    integrated out, any other in its own way, checked where it can be."""
+    matching = load_matcher(settings)
+    if not (checked and isinstance(matching, Monitored)):
+        return matching
+    if settings.name == "pmht" and bend < RIGID:
+        return IntegratedMatcher.from_settings(settings)
+    return TrackMonitor(matching)
 
 
 def _unless_empty(fix: Fix, batch: Batch) -> Fix:

@@ -18,18 +18,31 @@ _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
 
-def as_objects(matches: Sequence[Match], chained: bool = False) -> list[dict[str, Any]]:
+_ESTIMATED = ("map_sigma", "map_correlation_length", "offset", "offset_sigma")
+_NOT_IN_UNIT = "map_correlation_length"
+
+
+def as_objects(
+    matches: Sequence[Match],
+    chained: bool = False,
+    *,
+    factor: float = 1.0,
+    line: str | None = None,
+) -> list[dict[str, Any]]:
     """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
     (None = no fix), status, reason.
 
     Without a fix the position is that of the track. Objects of chained batches also hold the
-    aided position and its covariance, from all fixes so far."""
-    return [_object(match, chained) for match in matches]
+    aided position and its covariance, from all fixes so far. Where noise was integrated out they
+    hold what was estimated, in units of which one has `factor` units inside, and m. `line` is
+    that of the track's file."""
+    return [_object(match, chained, factor, line) for match in matches]
 
 
-def _object(match: Match, chained: bool) -> dict[str, Any]:
+def _object(match: Match, chained: bool, factor: float, line: str | None) -> dict[str, Any]:
     fix = match.fix
-    result: dict[str, Any] = {
+    result: dict[str, Any] = {} if line is None else {"line": line}
+    result |= {
         "time": fix.time,
         **_place(fix.latitude, fix.longitude),
         "covariance_enu": _enu(fix.covariance) if fix.published else None,
@@ -40,6 +53,17 @@ def _object(match: Match, chained: bool) -> dict[str, Any]:
         place = _place(*match.position)
         result["aided_latitude"], result["aided_longitude"] = place["latitude"], place["longitude"]
         result["aided_covariance_enu"] = _enu(match.covariance[:2, :2])
+    numbers = fix.diagnostics
+    if match.shifts is not None and "map_sigma" in numbers:
+        result["estimated"] = {
+            name: float(f"{numbers[name] / (1.0 if name == _NOT_IN_UNIT else factor):.4g}")
+            for name in _ESTIMATED
+        }
+        result["readings"] = int(numbers["readings"])
+        result["readings_left_out"] = int(numbers["readings_left_out"])
+        result["misfit"] = round(numbers["misfit"], 3)
+        result["places"] = int(numbers["places"])
+        result["probability"] = round(numbers["probability"], 4)
     return result
 
 
@@ -67,7 +91,11 @@ def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     north-north."""
     rows = [_flat(entry) for entry in objects]
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, fieldnames=list(rows[0]) if rows else [], lineterminator="\n")
+    writer = csv.DictWriter(
+        stream,
+        fieldnames=list(dict.fromkeys(key for row in rows for key in row)),
+        lineterminator="\n",
+    )
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()
@@ -80,6 +108,8 @@ def _flat(entry: dict[str, Any]) -> dict[str, Any]:
             name = key.removesuffix("_enu")
             (ee, en), (_, nn) = value or [[None, None], [None, None]]
             row |= {f"{name}_ee": ee, f"{name}_en": en, f"{name}_nn": nn}
+        elif isinstance(value, dict):
+            row |= {f"{key}_{name}": number for name, number in value.items()}
         else:
             row[key] = value
     return row

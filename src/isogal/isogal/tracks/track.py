@@ -1,7 +1,7 @@
 """A recorded track: readings of a scalar field, and where a navigator says they were taken."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -171,8 +171,8 @@ class Track:
 
 
 def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
-    """Return a track with NaN in place of the readings where the map has no value, and (N,) where
-    that is.
+    """Return a track that belongs to a map, and (N,) where the map has no value at its recorded
+    places.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
             " it has a value"
         )
     _check_unit(track.value[usable] - track.offset[usable], at_track[usable], field_map, track)
-    return replace(track, value=np.where(on_map, track.value, np.nan)), ~on_map
+    return track, ~on_map
 
 
 def _check_unit(level: Array, at_track: Array, field_map: ScalarMap, track: Track) -> None:

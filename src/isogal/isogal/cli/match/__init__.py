@@ -3,6 +3,8 @@
 - `command`: the command, from the options to the results.
 - `options`: what can be said about track, matcher, errors and results?
 - `inputs`: the track and the map, in one unit.
+- `sigmas`: sigmas with units, and those that cannot be meant.
 - `settings`: what the matcher is told.
+- `run`: one track, from what was read to its report.
 - `table`: the fixes as text.
 """

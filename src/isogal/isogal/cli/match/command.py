@@ -3,7 +3,6 @@
 from isogal.cli.map_choice import MapOption
 from isogal.cli.match.inputs import read_inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults, TrackChoice
-from isogal.cli.match.settings import matcher_settings
 from isogal.cli.option_groups import with_groups
 
 
@@ -19,20 +18,14 @@ def match(
 
     The fixes and their covariances are those of the measurements alone.
     """
-    from isogal.tracks.matching import match_track
+    from isogal.cli.match.run import match_and_report
 
     results.check()
     matching.check()
     uncertainty = assumed.of_track()
-    inputs = read_inputs(map_, track, assumed)
-    settings = matcher_settings(matching, assumed, inputs, track.reduction)
-    recorded, field_map, chained = inputs.track, inputs.field_map, matching.chain
-    matches = match_track(recorded, field_map, settings, uncertainty, chained=chained)
-    results.write(matches, chained)
-    if results.report is not None:
-        from isogal.tracks.match_report import write_match_report
-
-        write_match_report(
-            recorded, field_map, settings, uncertainty, matches, results.report, chained=chained
-        )
-    results.show(matches, chained)
+    found = [
+        match_and_report(inputs, matching, assumed, uncertainty, results, track.reduction)
+        for inputs in read_inputs(map_, track, assumed)
+    ]
+    results.write(found, matching.chain)
+    results.show(found, matching.chain)

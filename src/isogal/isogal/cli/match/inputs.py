@@ -1,8 +1,8 @@
 """The track and the map of ``isogal match``, in one unit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 from isogal.cli.errors import note
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
     from isogal.tracks.csv_file import CsvTrack
+    from isogal.tracks.map_error import MapError
     from isogal.tracks.recording import Recording
     from isogal.tracks.track import Track
 
@@ -21,8 +22,12 @@ _UNUSED_SIGMA = 1.0
 """Of reference tracks: their noise is learnt."""
 _DEFAULT_GRAVITY_SIGMA = 1.0e-5
 """m/s², as `gravimeter.sigma` of a scenario."""
+_LEAST_SHARE = 0.05
+"""Of the map's learnt error: no learnt noise of the readings is taken as smaller."""
 _MARGIN = 25_000.0
 """m of map kept around a track, and five 1-sigmas of its position."""
+_REFERENCE_MARGIN = 5_000.0
+"""m of map kept around reference tracks."""
 
 
 @dataclass(frozen=True)
@@ -30,53 +35,78 @@ class Inputs:
     """A track and the map that it belongs to."""
 
     track: "Track"
-    """NaN where the map has no value."""
     field_map: "ScalarMap"
     unit: str
     """Of the track's values, and of the sigmas on the command line."""
     factor: float
     """Units inside in one of it."""
+    line: str | None = None
+    """Of a file that holds several."""
 
 
-def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> Inputs:
-    """Read track and map, and learn the map's error from reference tracks; say on the standard
-    error stream what was learnt and which readings are left out.
+def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> list[Inputs]:
+    """Read tracks and map, and learn the map's error from reference tracks; say on the standard
+    error stream what was learnt and which readings are off the map.
 
     Raises
     ------
     InputError
-        A file cannot be read, or the track does not belong to the map.
+        A file cannot be read, or a track does not belong to the map.
     """
+    from isogal.maps.corridor import joined
+    from isogal.tracks.averaging import averaged
+    from isogal.tracks.csv_file import read_csv_track
     from isogal.tracks.track import fit_to_map
 
-    source = _source(chosen)
-    corridor = source.corridor(_MARGIN + 5.0 * assumed.prior_sigma)
+    sources = _sources(chosen, map_.crs)
+    references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
+    if any(getattr(one, "projected", False) for one in [*sources, *references]):
+        map_ = _without_crs(map_)
+    margin = _MARGIN + 5.0 * assumed.prior_sigma
+    corridors = [source.corridor(margin) for source in sources]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
-    references = assumed.reference or []
-    learnt = map_.load(corridor.window) if references else None
-    field_map = learnt or map_.load_along(corridor)
-    unit, factor = _unit(chosen.track_unit, field_map)
-    track = _track(source, field_map, factor, assumed.sensor_sigma, chosen.reduction)
-    if learnt is not None:
-        field_map = _with_learnt_error(learnt, references, factor)
-    track, off_map = fit_to_map(track, field_map)
-    if off_map.any():
-        note(
-            f"{track.where}: the map has no value at {int(off_map.sum())} of {len(track)}"
-            " readings; left out"
-        )
-    return Inputs(track, field_map, unit, factor)
+    learnt: FieldMap | None = None
+    if references:
+        around = [one.corridor(_REFERENCE_MARGIN) for one in references]
+        learnt = map_.load(reduce(joined, (one.window for one in [*corridors, *around])))
+    fit: MapError | None = None
+    found = []
+    for source, corridor in zip(sources, corridors, strict=True):
+        field_map: ScalarMap = learnt or map_.load_along(corridor)
+        unit, factor = _unit(chosen.track_unit, field_map)
+        sigma = assumed.reading_sigma(field_map, factor)
+        if learnt is not None:
+            fit = fit or _learnt_error(learnt, references, factor)
+            field_map = fit.apply(learnt)
+            sigma = sigma or max(fit.sensor_sigma, _LEAST_SHARE * fit.typical_sigma)
+        track = _track(source, field_map, factor, sigma, chosen.reduction)
+        if chosen.spacing is not None:
+            track = averaged(track, chosen.spacing)
+        track, off_map = fit_to_map(track, field_map)
+        if off_map.any():
+            note(
+                f"{track.where}: the map has no value at {int(off_map.sum())} of {len(track)}"
+                " readings as recorded"
+            )
+        found.append(Inputs(track, field_map, unit, factor, getattr(source, "line", None)))
+    return found
 
 
-def _source(chosen: TrackChoice) -> "Recording | CsvTrack":
-    from isogal.tracks.csv_file import read_csv_track
+def _without_crs(map_: MapChoice) -> MapChoice:
+    """Return a map without `--crs` that is meant for the track: only a GeoTIFF takes one."""
+    is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
+    return map_ if is_geotiff else replace(map_, crs=None)
+
+
+def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvTrack]":
+    from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.recording import is_recording, read_recording
 
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
     if is_recording(chosen.track):
-        return read_recording(chosen.track, chosen.fix_topic)
-    return read_csv_track(chosen.track)
+        return [read_recording(chosen.track, chosen.fix_topic)]
+    return read_csv_tracks(chosen.track, crs)
 
 
 def _unit(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
@@ -98,40 +128,42 @@ def _track(
     source: "Recording | CsvTrack",
     field_map: "ScalarMap",
     factor: float,
-    sensor_sigma: float | None,
+    sigma: float | None,
     reduction: str | None,
 ) -> "Track":
     from isogal.tracks.recording import Recording
 
-    sigma = None if sensor_sigma is None else sensor_sigma * factor
     if isinstance(source, Recording):
         return source.track(field_map.quantity, sigma)
     if sigma is None and field_map.unit == "m/s²":
         sigma = _DEFAULT_GRAVITY_SIGMA
+    if reduction == "velocity" and not source.timed:
+        raise InputError(f"{source.where}: --reduction velocity needs a column time")
     return source.track(factor, sigma, reduction or "none")
 
 
-def _with_learnt_error(
-    field_map: "FieldMap", references: Sequence[Path], factor: float
-) -> "FieldMap":
-    """Return the map with the error that makes the residuals of tracks with true positions most
-    likely."""
-    import numpy as np
-
-    from isogal.tracks.csv_file import read_csv_track
+def _learnt_error(
+    field_map: "FieldMap", references: "Sequence[CsvTrack]", factor: float
+) -> "MapError":
+    """Return the error that makes the residuals of tracks with true positions most likely, and
+    say it."""
     from isogal.tracks.map_error import fit_map_error
     from isogal.tracks.track import fit_to_map
 
     tracks = [
-        fit_to_map(read_csv_track(path).track(factor, _UNUSED_SIGMA), field_map)[0]
-        for path in references
+        fit_to_map(source.track(factor, _UNUSED_SIGMA), field_map)[0] for source in references
     ]
     fit = fit_map_error(tracks, field_map)
-    learnt = fit.apply(field_map)
-    sigma = [np.ravel(learnt.sigma_at(track.latitude, track.longitude)) for track in tracks]
     note(
         f"learnt from {sum(len(track) for track in tracks)} readings: map error"
-        f" {np.nanmedian(np.concatenate(sigma)) / factor:.3g} (median there), correlated over"
-        f" {fit.correlation_length:.0f} m; readings good to {fit.sensor_sigma / factor:.2g}"
+        f" {fit.typical_sigma / factor:.3g} (RMS there), correlated over"
+        f" {fit.correlation_length:.0f} m; map too low by {fit.offset / factor:.2g} (1-sigma"
+        f" {fit.offset_sigma / factor:.2g}); readings good to {fit.sensor_sigma / factor:.2g}"
     )
-    return learnt
+    if fit.at_bound:
+        note(
+            f"the correlation length is at its least, {fit.correlation_length:.0f} m: the errors"
+            " look independent from one reading or node of the map to the next; more or denser"
+            " reference tracks would tell it better"
+        )
+    return fit

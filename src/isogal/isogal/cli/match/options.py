@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isogal.cli.checks import not_negative, positive
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
+    from isogal.maps.tiled_map import ScalarMap
     from isogal.tracks.matching import Match, Uncertainty
 
 ASSUMED = "What is assumed"
@@ -27,9 +27,9 @@ class TrackChoice:
             "--track",
             metavar="FILE",
             help=(
-                "CSV file with the columns time (s), latitude, longitude (deg, where the navigator"
-                " said it was), value,"
-                " and if you like sigma and offset (added to the map's value); or a bag (MCAP)."
+                "CSV or XYZ file with the columns latitude, longitude (deg, where the navigator"
+                " said it was; or x, y with --crs), value, and if you like time (s or ISO 8601),"
+                " sigma, offset (added to the map's value) and line; or a bag (MCAP)."
             ),
         ),
     ]
@@ -64,6 +64,14 @@ class TrackChoice:
         str,
         typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position."),
     ] = "nav/fix"
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            "--spacing",
+            metavar="M",
+            help="Average readings over stretches of this length, m.",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,12 @@ class MatcherChoice:
         typer.Option("--matcher", metavar="NAME", help="Matching algorithm; default: pmht."),
     ] = None
     batch_length: Annotated[
-        int | None,
-        typer.Option("--batch-length", metavar="T", help="Readings matched at once; default: 30."),
+        str | None,
+        typer.Option(
+            "--batch-length",
+            metavar="T|all",
+            help="Readings matched at once, or all of a track; default: 30.",
+        ),
     ] = None
     stride: Annotated[
         int | None,
@@ -98,6 +110,11 @@ class MatcherChoice:
         ),
     ] = False
 
+    @property
+    def whole(self) -> bool:
+        """Whether a track is matched as one batch."""
+        return self.batch_length is not None and self.batch_length.casefold() == "all"
+
     def check(self) -> None:
         """Raise InputError unless the keys and their values are allowed."""
         from isogal.scenario import load_scenario
@@ -117,7 +134,8 @@ class MatcherChoice:
         for item in items:
             if not item.startswith("matcher."):
                 raise InputError(f"--set {item}: only keys that begin with matcher. count here")
-        named = {"name": self.matcher, "batch_length": self.batch_length, "stride": self.stride}
+        length = None if self.whole else self.batch_length
+        named = {"name": self.matcher, "batch_length": length, "stride": self.stride}
         return items + [f"matcher.{key}={x}" for key, x in named.items() if x is not None]
 
 
@@ -153,13 +171,13 @@ class Assumptions:
         ),
     ] = 0.0
     sensor_sigma: Annotated[
-        float | None,
+        str | None,
         typer.Option(
             "--sensor-sigma",
-            callback=positive,
+            metavar="SIGMA",
             help=(
-                "1-sigma of a reading, where the track has no column sigma; default for gravity: 1"
-                " mGal."
+                "1-sigma of a reading, where the track has no column sigma, such as 0.5mGal;"
+                " default: what --reference shows, for gravity 1 mGal."
             ),
             rich_help_panel=ASSUMED,
         ),
@@ -168,9 +186,10 @@ class Assumptions:
         str | None,
         typer.Option(
             "--map-sigma",
+            metavar="SIGMA|auto",
             help=(
-                "1-sigma of the map's error, or auto; default: what the map says (it counts where"
-                " it is larger), else 0."
+                "1-sigma of the map's error, such as 15nT, or auto: estimated; default: what the"
+                " map says (it counts where it is larger), else auto."
             ),
             rich_help_panel=ASSUMED,
         ),
@@ -180,7 +199,7 @@ class Assumptions:
         typer.Option(
             "--map-correlation-length",
             metavar="M",
-            help="Its correlation length, m; default: what the map says, else 4000.",
+            help="Its correlation length, m; default: what the map says, else estimated.",
             rich_help_panel=ASSUMED,
         ),
     ] = None
@@ -197,11 +216,11 @@ class Assumptions:
         ),
     ] = None
     bias_sigma: Annotated[
-        float | None,
+        str | None,
         typer.Option(
             "--bias-sigma",
-            callback=not_negative,
-            help="1-sigma of an unknown constant in the readings; default: 0.",
+            metavar="SIGMA",
+            help="1-sigma of an unknown constant in the readings; default: estimated.",
             rich_help_panel=ASSUMED,
         ),
     ] = None
@@ -212,37 +231,43 @@ class Assumptions:
 
         return Uncertainty(self.prior_sigma, self.velocity_sigma, self.walk_sigma)
 
-    def map_changes(self, factor: float) -> list[str]:
+    def map_changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
         """Return what the options say of the map's and the readings' errors as keys of the
         scenario.
 
         Parameters
         ----------
+        field_map : ScalarMap
         factor : float
             Units inside in one unit of the track.
 
         Raises
         ------
         InputError
-            ``--map-sigma`` is neither a number nor ``auto``.
+            A sigma is neither a number (with the right unit) nor, of the map, ``auto``.
         """
+        from isogal.cli.match.sigmas import parse_sigma
+
         items = []
-        if self.map_sigma is not None:
-            items.append(f"matcher.map_sigma={_scaled(self.map_sigma, factor)}")
+        if self.map_sigma == "auto":
+            items.append("matcher.map_sigma=auto")
+        elif self.map_sigma is not None:
+            sigma = parse_sigma(self.map_sigma, "--map-sigma", field_map, factor)
+            items.append(f"matcher.map_sigma={sigma!r}")
         if self.map_correlation_length is not None:
             items.append(f"matcher.map_correlation_length={self.map_correlation_length!r}")
         if self.bias_sigma is not None:
-            items.append(f"matcher.bias_sigma={self.bias_sigma * factor!r}")
+            sigma = parse_sigma(self.bias_sigma, "--bias-sigma", field_map, factor)
+            items.append(f"matcher.bias_sigma={sigma!r}")
         return items
 
+    def reading_sigma(self, field_map: "ScalarMap", factor: float) -> float | None:
+        """Return ``--sensor-sigma`` in the unit inside; raises InputError."""
+        from isogal.cli.match.sigmas import parse_sigma
 
-def _scaled(map_sigma: str, factor: float) -> str:
-    if map_sigma == "auto":
-        return map_sigma
-    try:
-        return repr(float(map_sigma) * factor)
-    except ValueError:
-        raise InputError(f"--map-sigma: must be a number or auto, not '{map_sigma}'") from None
+        if self.sensor_sigma is None:
+            return None
+        return parse_sigma(self.sensor_sigma, "--sensor-sigma", field_map, factor, zero=False)
 
 
 @dataclass(frozen=True)
@@ -276,19 +301,40 @@ class MatchResults:
         for path in self.out or ():
             writer_for(path)
 
-    def write(self, matches: "Sequence[Match]", chained: bool) -> None:
+    def write(self, found: "Sequence[Matched]", chained: bool) -> None:
         """Write the files; raises InputError."""
-        from isogal.tracks.results import as_objects, write_results
+        from isogal.tracks.results import write_results
 
         for path in self.out or ():
-            write_results(as_objects(matches, chained), path)
+            write_results(_objects(found, chained), path)
 
-    def show(self, matches: "Sequence[Match]", chained: bool) -> None:
+    def show(self, found: "Sequence[Matched]", chained: bool) -> None:
         """Print the fixes."""
         from isogal.cli.match.table import print_table
-        from isogal.tracks.results import as_json, as_objects
+        from isogal.tracks.results import as_json
 
         if self.json:
-            typer.echo(as_json(as_objects(matches, chained)), nl=False)
-        else:
-            print_table(matches)
+            typer.echo(as_json(_objects(found, chained)), nl=False)
+            return
+        for one in found:
+            print_table(one.matches, one.line)
+
+
+def _objects(found: "Sequence[Matched]", chained: bool) -> list[dict[str, Any]]:
+    from isogal.tracks.results import as_objects
+
+    return [
+        entry
+        for one in found
+        for entry in as_objects(one.matches, chained, factor=one.factor, line=one.line)
+    ]
+
+
+@dataclass(frozen=True)
+class Matched:
+    """What a track, or a line of its file, has given."""
+
+    matches: "Sequence[Match]"
+    line: str | None
+    factor: float
+    """Units inside in one unit of the track."""

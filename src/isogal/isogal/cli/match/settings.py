@@ -31,7 +31,7 @@ def matcher_settings(
     from isogal.scenario import load_scenario
 
     field_map = inputs.field_map
-    changes = matching.changes() + assumed.map_changes(inputs.factor)
+    changes = matching.changes() + assumed.map_changes(field_map, inputs.factor)
     said = {item.partition("=")[0] for item in changes}
     if _LENGTH not in said and field_map.correlation_length is not None:
         changes.append(f"{_LENGTH}={field_map.correlation_length!r}")
@@ -41,6 +41,9 @@ def matcher_settings(
             "the map does not say how wrong it is, which is estimated along the track; give"
             " --map-sigma where it is known"
         )
+    if matching.whole:
+        length = max(len(inputs.track), 2)
+        settings = settings.model_copy(update={"batch_length": length, "stride": None})
     if reduction is None:
         settings = _with_unknown_latitude(settings, inputs, assumed.prior_sigma)
     return settings

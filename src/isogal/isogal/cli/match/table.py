@@ -8,8 +8,9 @@ if TYPE_CHECKING:
     from isogal.tracks.matching import Match
 
 
-def print_table(matches: "Sequence[Match]") -> None:
-    """Print one line for each batch, and how many of them gave a fix."""
+def print_table(matches: "Sequence[Match]", line: str | None = None) -> None:
+    """Print one row for each batch of a track (or of a line of its file), and how many of them
+    gave a fix."""
     from rich.console import Console
     from rich.table import Table
 
@@ -20,8 +21,16 @@ def print_table(matches: "Sequence[Match]") -> None:
     for match in matches:
         table.add_row(*_cells(match.fix))
     console = Console(highlight=False, soft_wrap=True)
+    if line is not None:
+        console.print(f"line {line}")
     console.print(table)
-    console.print(f"{sum(m.fix.published for m in matches)} fixes of {len(matches)} batches")
+    published = sum(m.fix.published for m in matches)
+    console.print(f"{published} fixes of {len(matches)} batches")
+    if published < len(matches):
+        console.print(
+            "no fix: longer batches (--batch-length all), tracks with true positions near by"
+            " (--reference), or --map-sigma auto where another was told may help"
+        )
 
 
 def _cells(fix: "Fix") -> list[str]:

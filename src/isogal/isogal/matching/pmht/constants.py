@@ -188,7 +188,7 @@ class Constants:
     search_readings_at_most: int = 1080
     """After which a search that is still ambiguous is given up."""
 
-    # Recorded tracks (sections 10.2, 10.3)
+    # Recorded tracks (section 10.2)
     sceptical_variance_factor: float = 4.0
     """Of twice the noise."""
     sceptical_confidence: float = 0.9

@@ -2,7 +2,7 @@
 
 Maps are more wrong where the field varies more, their errors are not quite Gaussian, and their
 correlation function is unknown. Two checks follow, neither of which narrows a fix
-(docs/mathematics.md, sections 10.2 and 10.3).
+(docs/mathematics.md, section 10.2).
 
 Place. Evidence between places kilometres apart counts every reading with the noise assumed. From
 a prior wide enough to hold several places a fix is published only if the same place is the likely
@@ -92,7 +92,7 @@ class TrackMonitor(Monitor):
             dtype=np.float64,
         )[new]
         excess = excess_covariance(white[:, 0], white[:, 1:], batch.prior)
-        return _with_excess(fix, excess, batch.new)
+        return with_excess(fix, excess, batch.new)
 
 
 def _near(fix: Fix, other: Fix) -> bool:
@@ -141,7 +141,7 @@ def _bartlett(count: int) -> Array:
     return np.maximum(1.0 - apart / (lags + 1.0), 0.0)
 
 
-def _with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
+def with_excess(fix: Fix, excess: Array, scans: int) -> Fix:
     """Return the fix with more covariance about the same place."""
     if not excess.any():
         return fix

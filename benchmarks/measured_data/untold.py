@@ -1,0 +1,44 @@
+"""Lines matched with nothing told but the prior and the readings' noise."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import Matcher
+from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.track import fit_to_map
+from measured_data.lines import MGAL, Line, clear_lake, scotland
+from measured_data.matches import AWAY, WHOLE, bearings, row_of, summary_of
+
+GRAVITY_SIGMA = 0.5 * MGAL
+MAGNETIC_SIGMA = 2.0
+"""nT."""
+BATCH = 30
+
+
+def study_untold(data: Path) -> dict[str, Any]:
+    """Return summaries of all lines, whole and at Clear Lake in batches as well."""
+    lake, lines, _ = clear_lake(data)
+    midland, flights, ties = scotland(data)
+    return {
+        "Clear Lake, 4 directions": _matched(lake, lines, GRAVITY_SIGMA, 4, WHOLE),
+        "Clear Lake, batches of 30, 2 directions": _matched(lake, lines, GRAVITY_SIGMA, 2, BATCH),
+        "Scotland, tie lines, 2 directions": _matched(midland, ties, MAGNETIC_SIGMA, 2, WHOLE),
+        "Scotland, flight lines, 2 directions": _matched(
+            midland, flights, MAGNETIC_SIGMA, 2, WHOLE
+        ),
+    }
+
+
+def _matched(
+    field_map: FieldMap, lines: Sequence[Line], sigma: float, directions: int, length: int
+) -> dict[str, Any]:
+    settings = Matcher(batch_length=length)
+    rows = []
+    for line in lines:
+        for shift in bearings(directions):
+            track, _ = fit_to_map(line.track(sigma, shift), field_map)
+            matches = match_track(track, field_map, settings, Uncertainty(position=AWAY))
+            rows += [row_of(line, match) for match in matches]
+    return summary_of(rows) | {"rows": rows}

@@ -1,0 +1,116 @@
+"""Figure: how likely each shift of a track is, by its readings and the prior."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.evaluation.figures import style
+from isogal.tracks.integrated.search import ShiftPosterior
+from isogal.tracks.matching import Match
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+MOST_PANELS = 6
+_COLUMNS = 3
+_DEPTH = 20.0
+"""Natural logarithms below the best that are shown."""
+
+
+def has_shifts(matches: Sequence[Match]) -> bool:
+    """Whether there is anything to draw."""
+    return any(match.shifts is not None for match in matches)
+
+
+@style.journal
+def shift_figure(matches: Sequence[Match]) -> "Figure":
+    """Draw the log posterior over all shifts of up to six batches, and the 2-sigma ellipse of the
+    posterior with its widened covariance."""
+    shown = [(match, s) for match in matches if (s := match.shifts) is not None][:MOST_PANELS]
+    columns = min(_COLUMNS, len(shown))
+    rows = math.ceil(len(shown) / columns)
+    width = style.WIDTH if columns > 1 else 4.6
+    figure = style.new_figure(0.6 + rows * width / columns * 0.88, width)
+    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    images = [_draw(panel, *one) for panel, one in zip(panels, shown, strict=False)]
+    for panel in panels[len(shown) :]:
+        panel.set_visible(False)
+    figure.colorbar(
+        images[0], ax=list(panels), label="log posterior below its maximum", pad=0.02, shrink=0.7
+    )
+    return figure
+
+
+def _draw(panel: "Axes", match: Match, shifts: ShiftPosterior) -> "AxesImage":
+    cells, log_posterior, size = shifts.overview
+    index = np.rint(cells / size).astype(int)
+    low = index.min(axis=0)
+    picture = np.full(index.max(axis=0) - low + 1, np.nan)
+    picture[tuple((index - low).T)] = np.maximum(log_posterior - log_posterior.max(), -_DEPTH)
+    edges = [(low - 0.5) * size / 1e3, (index.max(axis=0) + 0.5) * size / 1e3]
+    image = panel.imshow(
+        picture,
+        origin="lower",
+        extent=(edges[0][1], edges[1][1], edges[0][0], edges[1][0]),
+        cmap="viridis",
+        vmin=-_DEPTH,
+        vmax=0.0,
+        aspect="equal",
+    )
+    mean, covariance = shifts.moments
+    if match.fix.published:
+        covariance = match.covariance[:2, :2]
+    panel.plot(*_ellipse(mean, covariance), color="white", linewidth=2.4)
+    panel.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
+    panel.plot(0.0, 0.0, "+", color="white", markersize=6.0)
+    state = "fix" if match.fix.published else "no fix"
+    panel.set_title(f"to {match.fix.time:.10g} s: {state}", fontsize="small")
+    panel.set_xlabel("error of the track east (km)")
+    panel.set_ylabel("north (km)")
+    panel.grid(False)
+    if 4.0 * math.sqrt(float(covariance.max())) < 0.08e3 * float(edges[1][1] - edges[0][1]):
+        _inset(panel, shifts, mean, covariance)
+    return image
+
+
+def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array) -> None:
+    """Draw what is too small to be seen."""
+    half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
+    corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
+    inset = panel.inset_axes((*corner, 0.38, 0.38))
+    log_weight = shifts.log_likelihood + shifts.log_prior
+    inset.scatter(
+        shifts.shifts[:, 1] / 1e3,
+        shifts.shifts[:, 0] / 1e3,
+        c=np.maximum(log_weight - log_weight.max(), -_DEPTH),
+        s=4.0,
+        marker="s",
+        linewidths=0.0,
+        cmap="viridis",
+        vmin=-_DEPTH,
+        vmax=0.0,
+    )
+    inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
+    inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
+    inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.grid(False)
+    inset.text(
+        0.5, 0.03, f"{2e3 * half:.0f} m", transform=inset.transAxes, ha="center", fontsize=6
+    )
+    panel.indicate_inset_zoom(inset, edgecolor="white")
+
+
+def _ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return east and north (km) of the 2-sigma ellipse."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * math.pi, 121)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edge = mean + 2.0 * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return edge[:, 1] / 1e3, edge[:, 0] / 1e3
