@@ -141,7 +141,7 @@ def test_a_function_and_a_group_become_commands(sample: None) -> None:
         (["plain", "--runs", "many"], 2, "isogal: Invalid value for '--runs'"),
         (["plain", "--rnus", "1"], 2, "isogal: No such option: --rnus"),
         (["plain", "stray"], 2, "isogal: Got unexpected extra argument"),
-        (["plane"], 2, "isogal: No such command 'plane'. Did you mean 'plain'"),
+        (["bad_inputs"], 2, "isogal: No such command 'bad_inputs'. Did you mean 'bad_input'"),
         (["--no-such-flag"], 2, "isogal: No such option: --no-such-flag"),
     ],
 )
