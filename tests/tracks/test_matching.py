@@ -107,7 +107,8 @@ def test_fixes_are_consistent_with_their_covariance():
 
 
 def test_chained_batches_know_as_much_as_one_batch_of_all():
-    """The noise is white, so the likelihoods of the batches multiply."""
+    """The noise is white, so the likelihoods of the batches multiply; what the jackknife adds
+    differs, with the blocks that it sees."""
     track, _, _ = made_track(DISTURBANCE, count=60, error=(350.0, -250.0), sigma=3e-5)
     settings = Matcher(batch_length=20, **EXACT)
     chained = match_track(track, DISTURBANCE, settings, PRIOR, chained=True)
@@ -116,7 +117,10 @@ def test_chained_batches_know_as_much_as_one_batch_of_all():
     apart = chained[-1].error[:2] - whole.error[:2]
     sigma = np.sqrt(np.diag(whole.covariance)[:2])
     assert (np.abs(apart) < 0.35 * sigma).all()
-    np.testing.assert_allclose(np.sqrt(np.diag(chained[-1].covariance)[:2]), sigma, rtol=0.15)
+    bare = np.sqrt(np.diag(whole.shifts.moments[1]))
+    found = np.sqrt(np.diag(chained[-1].covariance)[:2])
+    assert (found > 0.85 * bare).all()
+    assert (found < 1.15 * sigma).all()
     variances = [np.trace(match.covariance[:2, :2]) for match in chained]
     assert variances[0] > variances[1] > variances[2]
 
