@@ -1,6 +1,11 @@
 """Overrides of scenarios that measure something else than gravity."""
 
-SHORT = ("route.duration=900.0", "matcher.batch_length=15", "initial_error.position=300.0")
+SHORT = (
+    "route.duration=900.0",
+    "matcher.batch_length=15",
+    "matcher.stride=15",
+    "initial_error.position=300.0",
+)
 SCOTLAND = (
     *SHORT, "field=magnetic", "gravimeter.sigma=2.0", "route.start=[55.7, -4.6]",
     "route.end=[56.2, -3.6]", "route.height=300.0", "route.speed=40.0",

@@ -81,6 +81,8 @@ def settings(map_file: Path) -> Callable[..., list[str]]:
             f"map.source={map_file}",
             "matcher.name=pmht-paper",
             "matcher.batch_length=6",
+            "matcher.stride=6",
+            "matcher.map_sigma=0",
             *more,
         ]
 
