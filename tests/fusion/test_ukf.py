@@ -6,6 +6,7 @@ from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints
 
 from helpers.navigators import error_between, fly, random_covariance
 from isogal.fusion import sigma_points, ukf
+from isogal.fusion.height_states import reading_of
 
 SIGMA = np.array(
     [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
@@ -55,7 +56,7 @@ def test_known_height_equals_filterpy():
         padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
     )  # down
     work = np.zeros(16), np.zeros(16)
-    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, *work)
+    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, reading_of(()), *work)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
     np.testing.assert_allclose(
         padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9

@@ -38,7 +38,7 @@ class PmhtMmNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "matcher", "fusion",
+        "height", "map", "matcher", "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
@@ -64,6 +64,7 @@ class PmhtMmNode(GraphNode):
             self._matcher.context,
             covariance,
             self.scenario.gravimeter,
+            self.scenario.height,
         )
         warm_up(self._matcher, self._map, self.scenario, reduction)
         self.outputs = Outputs(self)

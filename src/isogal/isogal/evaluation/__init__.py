@@ -8,6 +8,7 @@ bound              posterior Cramér–Rao bound; covariance of the unaided navi
 gravimeter_states  states of the bound for the slow errors of a gravimeter
 navigability       how good can it be over an area, by heading?
 planning           which route lets the navigator arrive with the least error?
+aids_model         sensors of height and velocity in the bound
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`

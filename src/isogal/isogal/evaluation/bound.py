@@ -27,6 +27,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.evaluation.aids_model import aids_model
 from isogal.evaluation.gravimeter_states import SlowStates, fill_slow, slow_states
 from isogal.evaluation.ins_error_model import (
     Segments,
@@ -57,6 +58,8 @@ class _Readings(NamedTuple):
 
     sensitivity: Array
     """(S, C, 4) d(reading)/d(navigator's error), map included; NaN = the reading tells nothing."""
+    slope: Array
+    """(S,) d(reading)/d(height), map's unit per m."""
     noise: Array
     """(C,) variances of the channels' noise."""
     used: Booleans
@@ -136,7 +139,17 @@ def posterior_cramer_rao(
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
-    return _run(scenario, trajectory, _Readings(sensitivity, noise, used, slow))
+    slope = _height_slope(scenario, trajectory, scans)
+    return _run(scenario, trajectory, _Readings(sensitivity, slope, noise, used, slow))
+
+
+def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
+    """Return (S,) d(reading)/d(height) at the scans, map's unit per m."""
+    latitude, longitude, height = (
+        values[scans] for values in (trajectory.latitude, trajectory.longitude, trajectory.height)
+    )
+    at = State(latitude, longitude, height, *trajectory.velocity[scans, :2].T)
+    return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))
 
 
 def _sensitivity(
@@ -179,7 +192,8 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
     scans = len(trajectory) // scenario.steps_per_scan
     nothing = np.full((scans, 1, 4), np.nan)
     used = np.ones(scans, dtype=np.bool_)
-    return _run(scenario, trajectory, _Readings(nothing, np.ones(1), used, SlowStates.none(scans)))
+    readings = _Readings(nothing, np.zeros(scans), np.ones(1), used, SlowStates.none(scans))
+    return _run(scenario, trajectory, readings)
 
 
 def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
@@ -210,7 +224,8 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     segments = divide(scenario, trajectory)
     channels = len(readings.noise)
     gravity = true_residual_gravity(scenario, trajectory)
-    auxiliary = FilterModel.from_scenario(scenario, gravity).auxiliary
+    model = FilterModel.from_scenario(scenario, gravity)
+    auxiliary = model.auxiliary
     # the navigator's errors, the map's error in each channel, the sensor's slow errors, its bias
     # and drift
     m, slow = STATES + len(auxiliary), readings.slow.variance
@@ -221,7 +236,9 @@ def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> Bou
     aged = _Ageing(
         auxiliary_of(auxiliary), *ageing(segments, auxiliary), _correlation(scenario, segments)
     )
-    covariance = _riccati(start, segments, noise_density(scenario), aged, readings)
+    scans = np.arange(1, len(readings.slope) + 1) * scenario.steps_per_scan
+    aids = aids_model(scenario, model, segments, readings.slope, trajectory.height[scans])
+    covariance = _riccati(start, segments, noise_density(scenario), aged, aids, readings)
     time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
     return BoundResult(time, covariance)
 
@@ -242,13 +259,15 @@ def _correlation(scenario: Scenario, segments: Segments) -> Array:
 
 
 @kernel
-def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyped-def]
+def _riccati(  # type: ignore[no-untyped-def]
+    start, segments, density, aged, aids, readings
+):
     """Run the recursion; return the (scans + 1, 2, 2) position covariances.
 
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
     geometry, force, rotation, rate, dt, per_scan = segments
-    sensitivity, noise, used, slow = readings
+    sensitivity, _, noise, used, slow = readings
     n, filtered = start.shape[0], slow.filter_time > 0.0
     first = n - 2 - slow.variance.shape[0]  # of the slow states
     m = first - noise.shape[0]
@@ -277,12 +296,19 @@ def _riccati(start, segments, density, aged, readings):  # type: ignore[no-untyp
         P = transition @ (P + half_noise) @ transition.T + half_noise
         P = 0.5 * (P + P.T)
         alone = transition @ (alone + half_noise) @ transition.T + half_noise
+        if (k + 1) % aids.every == 0:
+            for a in range(aids.velocity.shape[1]):
+                row = np.zeros(n)
+                row[:m] = aids.velocity[k, a]
+                _update(P, row, aids.noise)
+                _update(alone, row, aids.noise)
         if (k + 1) % per_scan == 0:
             scan = (k + 1) // per_scan - 1
             for c in range(noise.shape[0]):
                 if not np.isnan(sensitivity[scan, c]).any():
                     row = np.zeros(n)
                     row[:4] = sensitivity[scan, c]
+                    row[STATES:m] = aids.by_height[scan]
                     row[first : n - 2] = slow.share[scan]
                     row[n - 3 if filtered else m + c] = row[n - 2] = 1.0
                     _update(P, row, noise[c])

@@ -7,6 +7,9 @@ buffered        a navigator of one run that takes fixes of any age
 fix             the one order in which a fix is applied
 sample_stream   samples of a fast IMU, one by one, as steps of the navigator
 imu_states      auxiliary states of the inertial sensors
+aiding          readings of height and velocity sensors
+height_states   errors of a height sensor as states of the filter
+velocity_states errors of a velocity aid, and current or wind
 outage          what is still known after a time without inertial data
 
 auxiliary       states beside the fifteen: what disturbs the dynamics slowly

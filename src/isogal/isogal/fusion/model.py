@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from isogal.fields.known_gravity import KnownGravity
-from isogal.fusion import gravity_states, imu_states
+from isogal.fusion import gravity_states, height_states, imu_states, velocity_states
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
+from isogal.fusion.height_states import HeightReading
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
@@ -62,8 +63,14 @@ class FilterModel:
             scaling,
             auxiliary_of(self.auxiliary),
             self.compensation,
+            self.height_reading,
         )
         object.__setattr__(self, "assumptions", assumptions)
+
+    @property
+    def height_reading(self) -> HeightReading:
+        """What a reading of the height contains of the auxiliary states."""
+        return height_states.reading_of(self.auxiliary)
 
     @property
     def states(self) -> int:
@@ -91,7 +98,9 @@ class FilterModel:
             max(initial.velocity, _VELOCITY_FLOOR),
         )
         tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
-        sigma = (position, position, 0.1, velocity, velocity, 0.01, tilt, tilt, heading)
+        height, known = scenario.height, 0.1
+        start = height_states.UNKNOWN_HEIGHT if height.measured else known
+        sigma = (position, position, start, velocity, velocity, 0.01, tilt, tilt, heading)
         return cls(
             noise=(
                 *noise[:2],
@@ -101,6 +110,12 @@ class FilterModel:
             initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
             dt=1.0 / scenario.navigation_rate,
             filter=scenario.fusion.filter,
-            auxiliary=gravity_states.states(gravity) + imu_states.states(scenario),
+            height_sigma=height.sigma if height.measured else known,
+            auxiliary=(
+                *gravity_states.states(gravity),
+                *imu_states.states(scenario),
+                *height_states.states(height),
+                *velocity_states.states(scenario.velocity),
+            ),
             compensation=gravity.compensation,
         )

@@ -46,8 +46,9 @@ def propagate(
     ----------
     specific_force, angular_rate : (R, S, 3) arrays
         Means over each interval, body axes.
-    height : (S,) array
-        Known height after each interval, m (used while model.height_sigma > 0).
+    height : (S,) or (R, S) array
+        Known or measured height after each interval, m, NaN = none (used while model.height_sigma
+        > 0).
 
     Raises
     ------
@@ -55,7 +56,9 @@ def propagate(
         A covariance is no longer positive definite; it is not repaired.
     """
     advance = _reference().advance if model.filter == "reference" else ukf.advance
-    height = np.asarray(height, dtype=float)
+    height = np.ascontiguousarray(
+        np.broadcast_to(np.asarray(height, dtype=float), specific_force.shape[:2])
+    )
     done = advance(
         state.nominal, state.covariance, specific_force, angular_rate, height, model.assumptions
     )

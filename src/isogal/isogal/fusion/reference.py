@@ -5,6 +5,8 @@ filterpy's state x is the error state, relative to a nominal state that goes thr
 beside it: zero before each step, and added to the nominal state after it. The functions take and
 return what those of `isogal.fusion.ukf` do."""
 
+from collections.abc import Callable
+
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
@@ -33,12 +35,12 @@ def advance(
     for run, P in enumerate(covariance):
         state = of_run(nominal, run)
         unscented = _unscented(P, assumptions)
-        for k, known in enumerate(height):
+        for k, known in enumerate(height[run]):
             try:
                 end = _predict(unscented, state, force[run, k], rate[run, k], assumptions)
-                if assumptions.height_sigma > 0.0:
-                    at = end.position[2]
-                    unscented.update([known], hx=lambda error, at=at: [at - error[2]])
+                if assumptions.height_sigma > 0.0 and not np.isnan(known):
+                    seen = _height_reading(end, assumptions)
+                    unscented.update([known], hx=seen)
             except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
                 done[run] = k
                 break
@@ -77,6 +79,17 @@ def update_position(
     covariance[:] = 0.5 * (unscented.P + unscented.P.T)
     move(nominal, unscented.x)
     return float(seen[0]), float(seen[1]), float(seen @ unscented.SI @ seen)
+
+
+def _height_reading(state: Nominal, assumptions: Assumptions) -> Callable[[Array], list[float]]:
+    """Return what a height sensor is expected to read at an error of the state."""
+    up, reading = float(state.position[2]), assumptions.height_reading
+    contents = reading.offset + reading.share * up
+
+    def seen(error: Array) -> list[float]:
+        return [up - error[2] + float(contents @ (state.auxiliary + error[FILTER_STATES:]))]
+
+    return seen
 
 
 def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:

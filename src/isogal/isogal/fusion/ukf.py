@@ -15,6 +15,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.fusion.auxiliary import Auxiliary, add_input, age, spread_input, tail_points
+from isogal.fusion.height_states import HeightReading
 from isogal.fusion.nominal import move, of_run
 from isogal.fusion.sigma_points import (
     CENTRE,
@@ -51,6 +52,8 @@ class Assumptions(NamedTuple):
     auxiliary: Auxiliary
     compensation: Compensation
     """Horizontal gravity that the strapdown takes off."""
+    height_reading: HeightReading
+    """What a reading of the height contains beside it."""
 
 
 @kernel(**INLINE)
@@ -72,14 +75,24 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def update_height(  # type: ignore[no-untyped-def]
-    size, nominal, covariance, height, sigma, gain, error
+    size, nominal, covariance, height, sigma, reading, gain, error
 ):
-    """Update one run with a known height (m), in place; `gain` (W,) and `error` (W,) are work
-    space."""
-    inverse = 1.0 / (covariance[2, 2] + sigma * sigma)
-    innovation = nominal.position[2] - height  # measured minus predicted, positive down
+    """Update one run with a known or measured height (m), in place; `gain` (W,) and `error` (W,)
+    are work space."""
+    up = nominal.position[2]
+    innovation = up - height  # measured minus predicted, positive down
     for i in range(columns(size)):
         gain[i] = covariance[2, i]
+    for j in range(len(size) - N):
+        contents = reading.offset[j] + reading.share[j] * up
+        innovation += contents * nominal.auxiliary[j]
+        for i in range(columns(size)):
+            gain[i] -= contents * covariance[N + j, i]
+    variance = gain[2]
+    for j in range(len(size) - N):
+        variance -= (reading.offset[j] + reading.share[j] * up) * gain[N + j]
+    inverse = 1.0 / (variance + sigma * sigma)
+    for i in range(columns(size)):
         error[i] = gain[i] * (innovation * inverse)
     for a in range(len(size)):
         scaled = gain[a] * inverse
@@ -131,11 +144,11 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     """Run prediction and the known-height update over S intervals for R runs, in place; return
     (R,) steps done before a failure.
 
-    `force`, `rate` (R, S, 3) are the means over each interval in body axes, `height` (S,) m the
-    known height after each. A run whose covariance is no longer positive definite stops at that
-    step."""
+    `force`, `rate` (R, S, 3) are the means over each interval in body axes, `height` (R, S) m the
+    known or measured height after each, NaN where there is none. A run whose covariance is no
+    longer positive definite stops at that step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights, _, auxiliary, compensation = assumptions
+    dt, noise, height_sigma, weights, _, auxiliary, compensation, reading = assumptions
     size = auxiliary.size
     n, width = len(size), columns(size)
     done = np.empty(runs, np.int64)
@@ -187,8 +200,8 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
                 q[i] = ends[6 + i, CENTRE]
             add_noise(q, noise, dt, P)
             move(state, mean)
-            if height_sigma > 0.0:
-                update_height(size, state, P, height[k], height_sigma, gain, mean)
+            if height_sigma > 0.0 and not math.isnan(height[r, k]):
+                update_height(size, state, P, height[r, k], height_sigma, reading, gain, mean)
         for i in range(n):
             for j in range(n):
                 covariance[r, i, j] = 0.5 * (P[i, j] + P[j, i])

@@ -18,8 +18,8 @@ from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.path import Path, sensed
-from isogal.matching.reading_noise import reading_covariance
-from isogal.scenario import Gravimeter
+from isogal.matching.reading_noise import height_covariance, reading_covariance
+from isogal.scenario import Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import Reduction, State
@@ -69,6 +69,8 @@ class BatchBuilder:
     instrument : scenario.Gravimeter, optional
         What is known of readings that are one number: how late they are, and their noise beside
         the white one; default: nothing.
+    height : scenario.Height, optional
+        What is known of the height that readings are reduced with; default: that it is exact.
     """
 
     def __init__(
@@ -78,11 +80,13 @@ class BatchBuilder:
         context: int = 0,
         covariance: Array | None = None,
         instrument: Gravimeter | None = None,
+        height: Height | None = None,
     ) -> None:
         self.settings = settings
         self.reduction = reduction
         self.covariance = covariance
         self.instrument = instrument or Gravimeter()
+        self._height = height or Height()
         self._lag = Lag.of(self.instrument)
         self._longest = settings.batch_length + context
         older = math.ceil(self._lag.reach / self.instrument.interval)
@@ -203,7 +207,7 @@ class BatchBuilder:
             back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
             backward=backward[:, : len(prior), : len(prior)],
-            reading_covariance=reading_covariance(self.instrument, times, sigma, velocity),
+            reading_covariance=self._noise(scans, sigma),
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=_rate(at_scan, velocity, times),
@@ -212,6 +216,20 @@ class BatchBuilder:
             return batch if self._lag.mean == 0.0 else self._late(batch, prior)
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
         return channel_batch(batch, np.stack(readings), self.covariance)
+
+    def _noise(self, scans: list[_Scan], sigma: Array) -> Array | None:
+        """Return (T, T) the covariance of the readings' noise, of which errors of the height that
+        they were reduced with are a part; None where it is white."""
+        latitude, longitude, velocity, times = _arrays(scans)
+        covariance = reading_covariance(self.instrument, times, sigma, velocity)
+        if not self._height.measured:
+            return covariance
+        up = np.array([scan.height for scan in scans])
+        slope = self.reduction.height_slope(
+            State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
+        )
+        white = np.diag(sigma**2) if covariance is None else covariance
+        return white + height_covariance(self._height, times, up, slope)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it

@@ -3,7 +3,7 @@
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.scenario import Gravimeter
+from isogal.scenario import Gravimeter, Height
 from isogal.sensors.gravimeter_errors import accelerations
 
 
@@ -38,3 +38,21 @@ def reading_covariance(
 def time_covariance(sigma: float, correlation_time: float, time: Array) -> Array:
     """Return (T, T) sigma² exp(-|dt| / correlation_time)."""
     return np.asarray(sigma**2 * np.exp(-np.abs(time[:, None] - time) / correlation_time))
+
+
+def height_covariance(settings: Height, time: Array, height: Array, slope: Array) -> Array:
+    """Return (T, T) the covariance of what an error of the measured height makes of reduced
+    readings (docs/mathematics.md, section 3.11).
+
+    Parameters
+    ----------
+    height : (T,) array
+        m, as measured.
+    slope : (T,) array
+        d(reduced reading)/d(height), map's unit per m.
+    """
+    share = settings.scale * height
+    error = settings.bias**2 + np.outer(share, share)
+    if settings.weather_sigma > 0.0:
+        error = error + time_covariance(settings.weather_sigma, settings.weather_time, time)
+    return np.asarray(slope[:, None] * slope * error)

@@ -21,7 +21,7 @@ from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.fusion.fix import apply_fix
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import NavigatorRun, propagate
+from isogal.fusion.navigator import NavigatorRun
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_difference
 from isogal.inertial.gravity import Compensation
@@ -30,6 +30,7 @@ from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.interfaces import Fix, Matcher
 from isogal.matching.registry import build_matcher
+from isogal.montecarlo.aids import Aids
 from isogal.montecarlo.recorder import Recorder
 from isogal.scenario import Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
@@ -137,6 +138,7 @@ class _ClosedLoop:
         source = true_map(scenario, trajectory, field_map)
         self.felt = ReadingSimulator(world, trajectory, source, runs).felt
         self.model = FilterModel.from_scenario(scenario, known)
+        self.aids = Aids(scenario, trajectory, runs, self.model, self.imu)
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
@@ -149,6 +151,7 @@ class _ClosedLoop:
                 matcher.context,
                 covariance,
                 scenario.gravimeter,
+                scenario.height,
             )
             for _ in runs
         ]
@@ -177,14 +180,7 @@ class _ClosedLoop:
 
     def _propagate(self, state: FilterState, which: Any, scan: int) -> None:
         """Advance some of the runs from the scan before to this one."""
-        first, last = self.index[scan - 1], self.index[scan]
-        propagate(
-            state,
-            self.model,
-            self.imu.specific_force[which, first:last],
-            self.imu.angular_rate[which, first:last],
-            self.trajectory.height[first + 1 : last + 1],
-        )
+        self.aids.advance(state, which, int(self.index[scan - 1]), int(self.index[scan]))
 
     def _read(self, scan: int) -> None:
         position, velocity = self.state.position, self.state.velocity

@@ -9,6 +9,7 @@ inertial     which keys describe the inertial sensors?
 imu_grades   which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
+aids         which keys describe height and velocity from sensors?
 world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
 truth        where do the true values differ from those that are assumed?
@@ -17,6 +18,7 @@ model        which sections has a scenario?
 loading      how is a file read, and how are single keys overridden?
 messages     how does a validation error become one line?"""
 
+from isogal.scenario.aids import Height, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.instruments import (
@@ -41,6 +43,7 @@ __all__ = [
     "Gradiometer",
     "Gravimeter",
     "Gravity",
+    "Height",
     "Imu",
     "ImuErrors",
     "InitialError",
@@ -51,6 +54,7 @@ __all__ = [
     "Route",
     "Scenario",
     "SensorErrors",
+    "Velocity",
     "changed_scenario",
     "describe",
     "known_keys",

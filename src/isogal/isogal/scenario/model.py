@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from isogal import plugins
+from isogal.scenario.aids import Height, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
@@ -38,6 +39,8 @@ class Scenario(Section):
     magnetometer: Magnetometer = Magnetometer()
     altimeter: Altimeter = Altimeter()
     gradiometer: Gradiometer = Gradiometer()
+    height: Height = Height()
+    velocity: Velocity = Velocity()
     map: Map = Map()
     map_error: MapError = MapError()
     gravity: Gravity = Gravity()
@@ -68,6 +71,18 @@ class Scenario(Section):
                 f" it, and gravimeter.interval ({self.gravimeter.interval:g} s) a whole number of"
                 " its steps"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _whole_aids(self) -> "Scenario":
+        used = {"height": self.height.measured, "velocity": self.velocity.kind != "none"}
+        for name in (name for name, measured in used.items() if measured):
+            steps = getattr(self, name).interval * self.navigation_rate
+            if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+                raise ValueError(
+                    f"{name}.interval ({getattr(self, name).interval} s) must be a whole number of"
+                    f" steps of the navigator (1/{self.navigation_rate:g} s)"
+                )
         return self
 
     @model_validator(mode="after")
@@ -106,3 +121,13 @@ class Scenario(Section):
     def steps_per_scan(self) -> int:
         """Steps of the navigator from one gravimeter reading to the next."""
         return round(self.gravimeter.interval * self.imu.rate) // self.samples_per_step
+
+    @property
+    def steps_per_height(self) -> int:
+        """Steps of the navigator from one reading of the height sensor to the next."""
+        return round(self.height.interval * self.navigation_rate)
+
+    @property
+    def steps_per_velocity(self) -> int:
+        """Steps of the navigator from one reading of the velocity aid to the next."""
+        return round(self.velocity.interval * self.navigation_rate)

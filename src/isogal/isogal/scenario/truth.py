@@ -25,6 +25,8 @@ SECTIONS = (
     "magnetometer",
     "altimeter",
     "gradiometer",
+    "height",
+    "velocity",
     "map",
     "gravity",
 )
@@ -34,6 +36,9 @@ SHARED = (
     "gravimeter.quantity",
     "gravimeter.interval",
     "gradiometer.components",
+    "height.interval",
+    "velocity.interval",
+    "velocity.kind",
 )
 """Keys of them that say what is done rather than how well: the truth cannot differ in them."""
 _MULTIPLE = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*x\s*")

@@ -4,6 +4,8 @@ trajectory      the true route, and what a perfect inertial sensor measures on i
 imu             inertial sensors with the errors of a data sheet
 imu_truth       what a perfect IMU measures that is faster than the navigator
 imu_model       what a navigator assumes of them
+barometer       height from pressure, in air and in water
+velocity_aid    velocity in body axes: Doppler log, odometer, log, airspeed
 initial         the navigator's first state, with its errors
 scans           which readings of an instrument are scans, and which scans are missing
 reduction       what every instrument of a mapped field provides

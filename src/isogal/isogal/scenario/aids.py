@@ -1,0 +1,131 @@
+"""Sections about height and velocity from sensors."""
+
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from isogal.scenario.section import NonNegative, Positive, Section
+
+
+class Height(Section):
+    """Where the navigator's height comes from, and what is known of its errors. All but white
+    noise are errors that the filter carries as states and the matcher allows for."""
+
+    errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "scale", "weather_sigma")
+
+    source: Literal["scenario", "barometer", "depth"] = Field(
+        "scenario",
+        description=(
+            "scenario: route.height, exact; barometer or depth: a pressure sensor in air or in"
+            " water"
+        ),
+    )
+    interval: Positive = Field(
+        1.0, description="s between its readings; a whole number of the navigator's steps"
+    )
+    sigma: Positive = Field(0.5, description="white noise of a reading, m")
+    bias: NonNegative = Field(5.0, description="1-sigma of a constant offset, m")
+    scale: NonNegative = Field(
+        0.01, le=0.5, description="1-sigma of the error of height differences, as a share of them"
+    )
+    weather_sigma: NonNegative = Field(
+        5.0, description="1-sigma of what the weather, or the tide, adds, m"
+    )
+    weather_time: Positive = Field(7200.0, description="s, its correlation time")
+    reference_pressure: Positive = Field(
+        101325.0, ge=1e4, le=2e5, description="pressure at height 0, Pa"
+    )
+    water_density: Positive = Field(
+        1025.0, ge=900.0, le=1200.0, description="kg/m³; for source: depth"
+    )
+
+    @property
+    def measured(self) -> bool:
+        """Whether a sensor measures it."""
+        return self.source != "scenario"
+
+
+class _Kind(NamedTuple):
+    """What a velocity aid of one kind measures, and how well unless the scenario says it."""
+
+    axes: tuple[int, ...]
+    """Of the body (0 forward, 1 right, 2 down)."""
+    sigma: float
+    scale: float
+    misalignment: float
+    current_sigma: float
+
+
+KINDS = {
+    "dvl": _Kind((0, 1, 2), 0.02, 2e-3, 2e-3, 0.0),
+    "odometer": _Kind((0, 1, 2), 0.05, 5e-3, 2e-3, 0.0),
+    "log": _Kind((0, 1), 0.05, 1e-2, 5e-3, 0.3),
+    "airspeed": _Kind((0,), 0.5, 2e-2, 1e-2, 5.0),
+}
+"""Doppler log with bottom lock; wheel odometer, whose vehicle neither slips sideways nor leaves
+the ground (Groves 2013, section 16.3); speed log in water; airspeed. The numbers are of the order
+of such instruments' data sheets."""
+
+
+class Velocity(Section):
+    """A sensor of the vehicle's velocity in body axes."""
+
+    errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
+
+    kind: Literal["none", "dvl", "odometer", "log", "airspeed"] = Field(
+        "none",
+        description=(
+            "which: dvl and odometer over ground (all axes), log through water (forward, right),"
+            " airspeed (forward)"
+        ),
+    )
+    interval: Positive = Field(
+        1.0, description="s between its readings; a whole number of the navigator's steps"
+    )
+    sigma: Positive | None = Field(
+        None, description="white noise of a reading, m/s; null = of its kind"
+    )
+    scale: float | None = Field(
+        None, ge=0.0, le=0.5, description="1-sigma of its scale factor error; null = of its kind"
+    )
+    misalignment: float | None = Field(
+        None,
+        ge=0.0,
+        le=0.2,
+        description="1-sigma of its mounting about right and down, rad; null = of its kind",
+    )
+    current_sigma: NonNegative | None = Field(
+        None,
+        description=(
+            "1-sigma of each component, north and east, of the water's current or the wind, m/s;"
+            " null = of its kind"
+        ),
+    )
+    current_time: Positive = Field(3600.0, description="s, its correlation time")
+    current_length: Positive = Field(
+        20000.0, description="m along the track, its correlation length"
+    )
+    standstill_speed: NonNegative = Field(
+        0.0,
+        description="m/s below which a reading means that the vehicle stands still; 0 = never",
+    )
+    standstill_sigma: Positive = Field(
+        0.01, description="1-sigma of the velocity of a vehicle that stands still, m/s"
+    )
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Measured axes of the body: 0 forward, 1 right, 2 down."""
+        return () if self.kind == "none" else KINDS[self.kind].axes
+
+    def resolved(self) -> dict[str, Any]:
+        """See `Section`."""
+        values = self.model_dump()
+        if self.kind != "none":
+            kind = KINDS[self.kind]._asdict()
+            values |= {key: kind[key] for key in self.errors if values[key] is None}
+        return values
+
+    def number(self, key: str) -> float:
+        """Return one of `errors`, that of the kind where it is null."""
+        return float(self.resolved()[key] or 0.0)

@@ -1,0 +1,53 @@
+"""The bound with sensors of height and velocity."""
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+ROUTE = ["route.start=[-36.6, 146.9]", "route.end=[-36.4, 147.2]", "route.duration=1200",
+         "gravimeter.quantity=disturbance"]  # fmt: skip
+
+
+def bound(*more, function=posterior_cramer_rao):
+    it = load_scenario(None, [*ROUTE, *more])
+    trajectory = build_trajectory(it)
+    arguments = (field_map_of(wavy),) if function is posterior_cramer_rao else ()
+    return function(it, trajectory, *arguments).rms[-1]
+
+
+def test_an_unknown_height_is_an_unknown_offset_of_the_readings():
+    """10 m constant are 3.086 mGal of bias; as are 2 % of 500 m."""
+    still = ["height.source=barometer", "height.weather_sigma=0", "route.height=500"]
+    by_bias = bound("gravimeter.bias=3.086e-5", "route.height=500")
+    assert bound(*still, "height.bias=10", "height.scale=0") == pytest.approx(by_bias, rel=1e-9)
+    assert bound(*still, "height.bias=0", "height.scale=0.02") == pytest.approx(by_bias, rel=1e-9)
+    assert by_bias > 1.05 * bound("route.height=500")
+
+
+def test_a_drifting_height_costs_more_than_none_and_less_than_a_known_offset_costs():
+    weather = ["height.source=barometer", "height.bias=0", "height.scale=0"]
+    slow = bound(*weather, "height.weather_sigma=10", "height.weather_time=1e7")
+    assert slow == pytest.approx(bound("gravimeter.bias=3.086e-5"), rel=1e-3)
+    fast = bound(*weather, "height.weather_sigma=10", "height.weather_time=600")
+    assert bound() < slow < fast
+
+
+def test_a_dvl_bounds_the_drift_and_a_current_takes_from_it():
+    unaided = bound(function=unaided_covariance)
+    dvl = bound("velocity.kind=dvl", function=unaided_covariance)
+    current = bound("velocity.kind=dvl", "velocity.current_sigma=0.3", function=unaided_covariance)
+    assert dvl < 0.95 * unaided
+    assert dvl < current < unaided
+
+
+def test_readings_within_a_stretch_count_together():
+    often = ["imu.rate=10", "velocity.kind=dvl", "velocity.interval=0.1"]
+    once = ["imu.rate=10", "velocity.kind=dvl", "velocity.interval=1.0"]
+    assert bound(*often, function=unaided_covariance) == pytest.approx(
+        bound(*once, f"velocity.sigma={0.02 / np.sqrt(10.0)}", function=unaided_covariance),
+        rel=1e-6,
+    )

@@ -1,0 +1,87 @@
+"""Height from pressure against the published standard atmosphere, and simulated readings."""
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.scenario import Height, load_scenario
+from isogal.sensors.barometer import (
+    height_of,
+    height_slope,
+    pressure_of,
+    simulate_heights,
+    standard_height,
+    standard_pressure,
+)
+from isogal.sensors.trajectory import build_trajectory
+
+STANDARD = {
+    0.0: 101325.0,
+    1000.0: 89876.0,
+    5000.0: 54048.0,
+    10000.0: 26500.0,
+    20000.0: 5529.3,
+    30000.0: 1197.0,
+    40000.0: 287.14,
+}
+"""Pa by geometric height, m: US Standard Atmosphere, 1976, table I."""
+
+
+def test_the_standard_atmosphere_is_the_published_one():
+    height, pressure = np.array(list(STANDARD)), np.array(list(STANDARD.values()))
+    np.testing.assert_allclose(standard_pressure(height), pressure, rtol=6e-5)
+
+
+@pytest.mark.parametrize("settings", [Height(source="barometer"), Height(source="depth")])
+def test_height_and_pressure_are_each_others_inverse(settings):
+    height = np.linspace(-400.0, 45000.0 if settings.source == "barometer" else 5.0, 60)
+    pressure = pressure_of(height, settings)
+    np.testing.assert_allclose(height_of(pressure, settings), height, atol=1e-6)
+    step = 1e-3
+    slope = np.diff(height_of([pressure[3], pressure[3] + step], settings))[0] / step
+    assert height_slope(float(pressure[3]), settings) == pytest.approx(slope, rel=1e-4)
+    assert standard_height(101325.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_ten_metres_of_sea_water_are_an_atmosphere():
+    depth = Height(source="depth")
+    assert pressure_of(-10.0, depth) == pytest.approx(101325.0 + 100518.0, abs=1.0)
+
+
+def simulated(runs, *more):
+    it = load_scenario(
+        None, ["route.duration=2000", "route.height=1000", "height.source=barometer", *more]
+    )
+    return simulate_heights(it, build_trajectory(it), range(runs)) - 1000.0
+
+
+def test_simulated_errors_are_as_large_as_told():
+    """400 runs: sizes within 15 % (four times the standard deviation of such an estimate)."""
+    runs = 400
+    still = ["height.sigma=1e-6", "height.weather_sigma=0"]
+    assert simulated(runs, *still, "height.scale=0", "height.bias=8")[:, 5].std() == pytest.approx(
+        8.0, rel=0.15
+    )
+    scale = simulated(runs, *still, "height.bias=0", "height.scale=0.02")
+    assert scale[:, 5].std() == pytest.approx(20.0, rel=0.15)
+    none = ["height.bias=0", "height.scale=0"]
+    white = simulated(20, *none, "height.weather_sigma=0", "height.sigma=0.7")
+    assert white.std() == pytest.approx(0.7, rel=0.03)
+    weather = simulated(
+        runs, *none, "height.sigma=1e-6", "height.weather_sigma=10", "height.weather_time=600"
+    )
+    assert weather[:, -1].std() == pytest.approx(10.0, rel=0.15)
+    together = np.mean(weather[:, -1] * weather[:, -601]) / 100.0
+    assert together == pytest.approx(np.exp(-1.0), abs=0.2)
+
+
+def test_readings_come_at_their_interval_and_do_not_depend_on_other_runs():
+    rare = simulated(3, "height.interval=20")
+    assert np.flatnonzero(np.isfinite(rare[0])).tolist() == list(range(19, 2000, 20))
+    np.testing.assert_array_equal(simulated(2, "height.interval=20"), rare[:2])
+
+
+def test_an_interval_between_steps_is_refused():
+    with pytest.raises(InputError, match=r"height.interval \(0\.7 s\) must be a whole number"):
+        load_scenario(None, ["height.source=barometer", "height.interval=0.7"])
+    load_scenario(None, ["height.interval=0.7"])  # nobody reads it

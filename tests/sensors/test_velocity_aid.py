@@ -1,0 +1,64 @@
+"""Simulated velocity aids."""
+
+import numpy as np
+import pytest
+
+from isogal.inertial.rotations import matrix
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.velocity_aid import simulate_velocities
+
+CLEAN = ["velocity.sigma=1e-9", "velocity.scale=0", "velocity.misalignment=0",
+         "velocity.current_sigma=0"]  # fmt: skip
+TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.95, 25]]"
+
+
+def simulated(kind, runs, *more):
+    it = load_scenario(None, [f"velocity.kind={kind}", "route.duration=600", TURNS, *more])
+    trajectory = build_trajectory(it)
+    return simulate_velocities(it, trajectory, range(runs)), trajectory
+
+
+def in_body(trajectory):
+    to_body = np.swapaxes(matrix(trajectory.attitude[1:]), 1, 2)
+    return np.einsum("kij,kj->ki", to_body, trajectory.velocity[1:])
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes"), [("dvl", 3), ("odometer", 3), ("log", 2), ("airspeed", 1)]
+)
+def test_a_perfect_one_reads_the_velocity_in_body_axes(kind, axes):
+    read, trajectory = simulated(kind, 1, *CLEAN)
+    np.testing.assert_allclose(read[0, :, :axes], in_body(trajectory)[:, :axes], atol=1e-6)
+    assert np.isnan(read[0, :, axes:]).all()
+
+
+def test_errors_are_as_large_as_told():
+    """400 runs: sizes within 15 %, four times the standard deviation of such an estimate."""
+    clean = {key.split("=")[0].split(".")[1]: key for key in CLEAN}
+
+    def error(**keys):
+        settings = [value for key, value in clean.items() if key not in keys]
+        read, trajectory = simulated(
+            "dvl", 400, *settings, *(f"velocity.{k}={v}" for k, v in keys.items())
+        )
+        return read[:, 100] - in_body(trajectory)[100], in_body(trajectory)[100]
+
+    scale, body = error(scale=0.01)
+    assert scale[:, 0].std() == pytest.approx(0.01 * body[0], rel=0.15)
+    mounting, body = error(misalignment=0.01)
+    assert mounting[:, 1].std() == pytest.approx(0.01 * body[0], rel=0.15)
+    assert mounting[:, 2].std() == pytest.approx(0.01 * body[0], rel=0.15)
+    current, _ = error(current_sigma=0.4)
+    assert np.hypot(current[:, 0], current[:, 1]).std() < 0.4
+    assert np.sqrt(np.mean(current[:, :2] ** 2)) == pytest.approx(0.4, rel=0.15)
+    white, _ = error(sigma=0.05)
+    assert white.std() == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_kind_brings_its_own_errors_which_truth_may_multiply():
+    it = load_scenario(None, ["velocity.kind=log", "truth.velocity.current_sigma=3x"])
+    assert it.velocity.number("current_sigma") == pytest.approx(0.3)
+    assert it.world.velocity.number("current_sigma") == pytest.approx(0.9)
+    assert it.velocity.axes == (0, 1)
+    assert load_scenario().velocity.axes == ()
