@@ -5,13 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.evaluation.ins_error_model import Segments
+from isogal.fields.measured import measured_field
 from isogal.fusion.aiding import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.scenario import Scenario
+from isogal.sensors.reduction import State
+from isogal.sensors.trajectory import Trajectory
 
 _OF_FILTER = [*range(2), 3, 4, *range(6, FILTER_STATES)]
 """The linear model's states among the filter's: without height and vertical velocity."""
@@ -60,3 +63,12 @@ def aids_model(
     every = max(1, round(settings.interval / segments.dt))
     mean_of = max(1.0, segments.dt / settings.interval)
     return AidsModel(by_height, rows, settings.number("sigma") ** 2 / mean_of, every)
+
+
+def height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
+    """Return (S,) d(reading)/d(height) at scans, indices into a trajectory; map's unit per m."""
+    latitude, longitude, height = (
+        values[scans] for values in (trajectory.latitude, trajectory.longitude, trajectory.height)
+    )
+    at = State(latitude, longitude, height, *trajectory.velocity[scans, :2].T)
+    return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))

@@ -27,7 +27,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
-from isogal.evaluation.aids_model import aids_model
+from isogal.evaluation.aids_model import aids_model, height_slope
 from isogal.evaluation.gravimeter_states import SlowStates, fill_slow, slow_states
 from isogal.evaluation.ins_error_model import (
     Segments,
@@ -139,17 +139,8 @@ def posterior_cramer_rao(
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
-    slope = _height_slope(scenario, trajectory, scans)
+    slope = height_slope(scenario, trajectory, scans)
     return _run(scenario, trajectory, _Readings(sensitivity, slope, noise, used, slow))
-
-
-def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
-    """Return (S,) d(reading)/d(height) at the scans, map's unit per m."""
-    latitude, longitude, height = (
-        values[scans] for values in (trajectory.latitude, trajectory.longitude, trajectory.height)
-    )
-    at = State(latitude, longitude, height, *trajectory.velocity[scans, :2].T)
-    return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))
 
 
 def _sensitivity(
