@@ -17,12 +17,12 @@ def states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
     scale, misalignment, current = (
         velocity.number(key) for key in ("scale", "misalignment", "current_sigma")
     )
-    flow = {"time": velocity.current_time, "length": velocity.current_length}
+    time, length = velocity.current_time, velocity.current_length
     every = (
         AuxiliaryState(SCALE, "none", 0, scale),
         AuxiliaryState(PITCH, "none", 1, misalignment),
         AuxiliaryState(YAW, "none", 2, misalignment),
-        AuxiliaryState(NORTH, "none", 0, current, **flow),
-        AuxiliaryState(EAST, "none", 1, current, **flow),
+        AuxiliaryState(NORTH, "none", 0, current, time=time, length=length),
+        AuxiliaryState(EAST, "none", 1, current, time=time, length=length),
     )
     return tuple(state for state in every if state.sigma > 0.0)
