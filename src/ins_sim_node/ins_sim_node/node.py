@@ -33,7 +33,7 @@ class InsSimNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "map_error",
-        "gravity", "matcher", "fusion", "truth",
+        "gravity", "height", "velocity", "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

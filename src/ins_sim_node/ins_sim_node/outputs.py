@@ -5,6 +5,7 @@ import time
 
 from rclpy.serialization import deserialize_message
 
+from ins_sim_node.aid_outputs import AidOutputs
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
@@ -30,6 +31,7 @@ class Outputs:
         self._step_ns = from_seconds(vehicle.trajectory.dt)
         self._frame = map_frame(node.scenario)
         self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
+        self._aids = AidOutputs(node, vehicle)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
         self._truth_odom = node.advertise(topics.TRUTH_ODOM)
         self._ins_fix = node.advertise(topics.INS_FIX)
@@ -48,6 +50,7 @@ class Outputs:
         set_stamp(self._m_clock.clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
+            self._aids.publish(k, ns)
             self._publish_samples(run.samples[k - 1], ns)
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)

@@ -19,11 +19,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import AccelWithCovarianceStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    AccelWithCovarianceStamped,
+    PoseWithCovarianceStamped,
+    TwistWithCovarianceStamped,
+)
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, MagneticField, NavSatFix, PointCloud2, Range
+from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, Range
 from std_msgs.msg import Float64MultiArray
 
 INS_SIM = "ins_sim_node"
@@ -56,6 +60,10 @@ class Topic:
 
 CLOCK = Topic("/clock", Clock)
 IMU = Topic("imu/data_raw", Imu, (UKF_FUSION,))
+BAROMETER = Topic("barometer/data_raw", FluidPressure, (UKF_FUSION,))
+"""In air or in water, if `height.source` says so."""
+VELOCITY = Topic("velocity/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
+"""In body axes, if `velocity.kind` says which sensor."""
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
 INS_FIX = Topic("ins/fix", NavSatFix)
@@ -83,7 +91,7 @@ NAV_PATH = Topic("nav/path", Path)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
-    CLOCK, IMU, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
+    CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
     MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
     FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
     DIAGNOSTICS,

@@ -1,5 +1,6 @@
 """The filter of a node from its start on: where it begins, gaps, and what survives a restart."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -36,7 +37,8 @@ class Navigation:
 
     def __init__(self, node: GraphNode) -> None:
         self._settings, self._health = node.settings, node.health
-        self._height = node.scenario.route.height
+        measured = node.scenario.height.measured
+        self._height = math.nan if measured else node.scenario.route.height
         self._log = node.get_logger()
         known = known_gravity(node.scenario, build_trajectory(node.scenario))
         self.model = FilterModel.from_scenario(node.scenario, known)

@@ -1,6 +1,7 @@
 """The navigator: an unscented filter that integrates the IMU and takes fixes of any age."""
 
 import sys
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ from isogal_ros.messages.whole_fix import read_whole_fix
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.spin import run_node
+from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
 from ukf_fusion_node.navigation import Navigation
@@ -31,7 +33,7 @@ class UkfFusionNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
-        "matcher", "fusion", "truth",
+        "height", "velocity", "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
@@ -46,6 +48,12 @@ class UkfFusionNode(GraphNode):
         self._navigation = Navigation(self)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         self._watch = Watch(self.settings.max_acceleration, self.settings.max_turn_rate)
+        self._aids = Aids(self, self._go_on)
+        self._aids.use(self._navigation.model)
+        self._held: deque[Any] = deque()
+        """IMU samples that wait for other sensors."""
+        self._first = sys.maxsize
+        """Stamp of the first of all."""
         self._outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
         self.listen(topics.IMU, self._take_imu)
@@ -57,6 +65,24 @@ class UkfFusionNode(GraphNode):
         self.create_service(Trigger, "~/reset", self._reset)
 
     def _take_imu(self, message: Any) -> None:
+        self._held.append(message)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Take the IMU samples that need not wait for other sensors."""
+        self._aids.apply(self._navigation.navigator, self._navigation.ns)
+        while self._held and not self._waits(to_ns(self._held[0].header.stamp)):
+            try:
+                self._take_sample(self._held.popleft())
+            except BadMessageError as error:
+                self.health.drop(topics.IMU.name, str(error))
+
+    def _waits(self, ns: int) -> bool:
+        self._first = min(ns, self._first)
+        begin = self._first - from_seconds(1.0 / self.scenario.imu.rate)
+        return self._aids.are_due(ns, begin)
+
+    def _take_sample(self, message: Any) -> None:
         self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
@@ -70,6 +96,7 @@ class UkfFusionNode(GraphNode):
         else:
             self._leaps.check(ns, self._navigation.ns)
         for _ in self._navigation.sample(ns, force, rate):
+            self._aids.apply(self._navigation.navigator, self._navigation.ns)
             self._publish()
             if self._fixes:
                 self._settle()

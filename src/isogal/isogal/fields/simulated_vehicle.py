@@ -11,9 +11,11 @@ from isogal.fields.known_gravity import known_gravity
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.velocity_aid import simulate_velocities
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +33,11 @@ class SimulatedVehicle:
     step."""
     unaided: Array
     """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
+    height: Array | None
+    """(K,) m, what the height sensor reads at the end of each step, NaN = nothing; None = there is
+    none."""
+    velocity: Array | None
+    """(K, 3) m/s, FRD, what the velocity aid reads, likewise."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -74,7 +81,12 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     samples = simulate_samples(
         world, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    return SimulatedVehicle(trajectory, states, imu, samples, unaided, _turn_rate(trajectory))
+    height = simulate_heights(world, trajectory, [run])[0] if world.height.measured else None
+    aid = world.velocity.kind != "none"
+    velocity = simulate_velocities(world, trajectory, [run])[0] if aid else None
+    return SimulatedVehicle(
+        trajectory, states, imu, samples, unaided, height, velocity, _turn_rate(trajectory)
+    )
 
 
 def _turn_rate(trajectory: Trajectory) -> Array:

@@ -117,7 +117,7 @@ class BufferedNavigator:
         specific_force, angular_rate : (3,) arrays
             Body axes, m/s², rad/s.
         height : float
-            Known height at `time`, m.
+            Known height at `time`, m; NaN = not known.
         missing : float
             How much of the time since the last stamp the sample does not cover, s; the covariance
             grows by what may have happened meanwhile (`isogal.fusion.outage`).
@@ -134,7 +134,7 @@ class BufferedNavigator:
         if not (
             np.isfinite(specific_force).all()
             and np.isfinite(angular_rate).all()
-            and np.isfinite(height)
+            and not np.isinf(height)
         ):
             raise ValueError("IMU sample is not finite")
         new = _Step(
@@ -206,6 +206,11 @@ class BufferedNavigator:
             return np.zeros(2), 0.0
 
         return self._update(time, apply)
+
+    def update(self, time: float, update: Update) -> UpdateResult:
+        """Apply an update of the state at a stamp within the horizon; a stamp between two IMU
+        samples counts as in `update_position`."""
+        return self._update(time, update)
 
     def _update(self, time: float, update: Update) -> UpdateResult:
         times = [step.time for step in self._steps]

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
@@ -37,6 +38,8 @@ ANSWERS = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
+AIDS = (topics.BAROMETER, topics.VELOCITY)
+"""Sensors beside the IMU that the filter may have."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
 PATIENCE = 120.0
@@ -79,6 +82,8 @@ class _Recorded:
     imu: dict[int, bytes]
     """Serialised messages by stamp."""
     collector: Collector
+    aids: dict[topics.Topic, dict[int, bytes]]
+    """Readings of height and velocity sensors by stamp."""
 
 
 def replay(
@@ -140,9 +145,12 @@ def replay(
 def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
-    for topic, data in wanted_messages(reader, (topics.IMU, *collector.topics())):
+    aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
+    for topic, data in wanted_messages(reader, (topics.IMU, *AIDS, *collector.topics())):
         if topic is topics.IMU:
             imu[peek_ns(data)] = data
+        elif topic in aids:
+            aids[topic][peek_ns(data)] = data
         else:
             collector.take(topic, data)
     reduced = adapter_of(scenario).reduced.name
@@ -155,7 +163,7 @@ def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
             f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
             f" has {there}{cut}"
         )
-    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector)
+    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector, aids)
 
 
 def _run(
@@ -178,6 +186,7 @@ def _run(
             nodes[name] = kind(name, values=values, context=context)
         values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
+        feeder.advertise_aids([topic for topic in AIDS if recorded.aids[topic]])
         for node in nodes.values():
             executor.add_node(node)
         answered = _LockStep(recorded, nodes, executor, tamper).run(interrupt, report)
@@ -213,6 +222,14 @@ class _Feeder(GraphNode):
         """Count the answers."""
         return self.heard
 
+    def advertise_aids(self, used: Collection[topics.Topic]) -> None:
+        """Make publishers of the sensors that were recorded."""
+        self._aids = {topic: self.advertise(topic) for topic in used}
+
+    def aid(self, topic: topics.Topic, data: bytes) -> None:
+        """Publish a reading of a height or velocity sensor."""
+        self._aids[topic].publish(data)
+
     def imu(self, ns: int, data: bytes) -> None:
         """Publish the clock and an IMU sample."""
         clock = Clock()
@@ -238,6 +255,9 @@ class _LockStep:
         self._tamper = tamper
         self._reduced = adapter_of(recorded.scenario).reduced
         self._imu, self._readings = recorded.imu, recorded.collector.readings
+        self._aids = [
+            (topic, deque(sorted(readings.items()))) for topic, readings in recorded.aids.items()
+        ]
         self._executor = executor
         self._nodes = nodes.values()
         self._matcher, self._filter = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION]
@@ -265,6 +285,10 @@ class _LockStep:
         return answered
 
     def _play_sample(self, ns: int) -> None:
+        for topic, readings in self._aids:
+            while readings and readings[0][0] <= ns:
+                for data in self._changed(topic, readings.popleft()[1]):
+                    self._feeder.aid(topic, data)
         for data in self._changed(topics.IMU, self._imu[ns]):
             self._feeder.imu(ns, data)
             self._samples += 1
