@@ -218,18 +218,16 @@ class BatchBuilder:
         return channel_batch(batch, np.stack(readings), self.covariance)
 
     def _noise(self, scans: list[_Scan], sigma: Array) -> Array | None:
-        """Return (T, T) the covariance of the readings' noise, of which errors of the height that
-        they were reduced with are a part; None where it is white."""
+        """Return (T, T) the covariance of the readings' noise and of errors of their height; None
+        where it is white."""
         latitude, longitude, velocity, times = _arrays(scans)
         covariance = reading_covariance(self.instrument, times, sigma, velocity)
-        if not self._height.measured:
-            return covariance
         up = np.array([scan.height for scan in scans])
-        slope = self.reduction.height_slope(
-            State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-        )
-        white = np.diag(sigma**2) if covariance is None else covariance
-        return white + height_covariance(self._height, times, up, slope)
+        at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
+        of_height = height_covariance(self._height, self.reduction, times, at)
+        if of_height is None:
+            return covariance
+        return of_height + (np.diag(sigma**2) if covariance is None else covariance)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it

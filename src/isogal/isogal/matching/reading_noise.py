@@ -5,6 +5,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.gravimeter_errors import accelerations
+from isogal.sensors.reduction import Reduction, State
 
 
 def reading_covariance(
@@ -40,19 +41,22 @@ def time_covariance(sigma: float, correlation_time: float, time: Array) -> Array
     return np.asarray(sigma**2 * np.exp(-np.abs(time[:, None] - time) / correlation_time))
 
 
-def height_covariance(settings: Height, time: Array, height: Array, slope: Array) -> Array:
+def height_covariance(
+    settings: Height, reduction: Reduction, time: Array, at: State
+) -> Array | None:
     """Return (T, T) the covariance of what an error of the measured height makes of reduced
-    readings (docs/mathematics.md, section 3.11).
+    readings (docs/mathematics.md, section 3.11); None where the height is exact.
 
     Parameters
     ----------
-    height : (T,) array
-        m, as measured.
-    slope : (T,) array
-        d(reduced reading)/d(height), map's unit per m.
+    at : State
+        Of T readings, as measured and estimated.
     """
-    share = settings.scale * height
+    if not settings.measured:
+        return None
+    share = settings.scale * np.asarray(at.height)
     error = settings.bias**2 + np.outer(share, share)
     if settings.weather_sigma > 0.0:
         error = error + time_covariance(settings.weather_sigma, settings.weather_time, time)
+    slope = reduction.height_slope(at)
     return np.asarray(slope[:, None] * slope * error)
