@@ -224,10 +224,10 @@ class BatchBuilder:
         covariance = reading_covariance(self.instrument, times, sigma, velocity)
         up = np.array([scan.height for scan in scans])
         at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-        of_height = height_covariance(self._height, self.reduction, times, at)
-        if of_height is None:
-            return covariance
-        return of_height + (np.diag(sigma**2) if covariance is None else covariance)
+        if self._height.measured:
+            white = np.diag(sigma**2) if covariance is None else covariance
+            return white + height_covariance(self._height, self.reduction, times, at)
+        return covariance
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it
@@ -282,10 +282,7 @@ def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:
 
 def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's
-    linear error dynamics.
-
-    IMU noise between scan and `end` is left out: 0.3 m in 300 s for the precision grade.
-    """
+    linear error dynamics; without IMU noise, 0.3 m in 300 s for the precision grade."""
     meridian, normal = radii(latitude)
     force = np.zeros((len(times), 3))
     if len(times) > 1:

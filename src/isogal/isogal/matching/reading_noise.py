@@ -41,19 +41,15 @@ def time_covariance(sigma: float, correlation_time: float, time: Array) -> Array
     return np.asarray(sigma**2 * np.exp(-np.abs(time[:, None] - time) / correlation_time))
 
 
-def height_covariance(
-    settings: Height, reduction: Reduction, time: Array, at: State
-) -> Array | None:
+def height_covariance(settings: Height, reduction: Reduction, time: Array, at: State) -> Array:
     """Return (T, T) the covariance of what an error of the measured height makes of reduced
-    readings (docs/mathematics.md, section 3.11); None where the height is exact.
+    readings (docs/mathematics.md, section 3.11).
 
     Parameters
     ----------
     at : State
         Of T readings, as measured and estimated.
     """
-    if not settings.measured:
-        return None
     share = settings.scale * np.asarray(at.height)
     error = settings.bias**2 + np.outer(share, share)
     if settings.weather_sigma > 0.0:
