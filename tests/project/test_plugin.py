@@ -128,7 +128,6 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
     assert done.returncode == 0, done.stderr
     settings = (
         *("field=free-air", "matcher.name=least-squares", f"map.source={grid}"),
-        "gravity.field=normal",  # the map is of an anomaly, not of the whole vector
         *("route.start=[-37.05, 145.05]", "route.end=[-36.9, 145.2]", "route.duration=320"),
     )
     options = [word for item in settings for word in ("--set", item)]
