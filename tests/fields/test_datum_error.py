@@ -25,6 +25,7 @@ def scenario(**keys) -> Scenario:
             "route": route,
             "gravimeter": {"sigma": 1e-9, "quantity": "disturbance"},
             "gravity": {"field": "normal"},
+            "matcher": {"map_sigma": 0.0, "stride": 30},
         }
         | keys
     )

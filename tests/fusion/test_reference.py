@@ -22,7 +22,7 @@ def hour(which: str, gravity: str) -> Scenario:
         initial_error=InitialError(position=300.0),
         gravimeter=Gravimeter(quantity="disturbance"),
         map_error=MapError(sigma=1e-5),
-        matcher=Matcher(batch_length=30, map_sigma=1e-5),
+        matcher=Matcher(batch_length=30, stride=30, map_sigma=1e-5),
         fusion=Fusion(filter=which),
     )
 

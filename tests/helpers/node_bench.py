@@ -36,6 +36,9 @@ from isogal_ros.topics import Topic
 
 PATIENCE = 60.0
 
+NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY)
+"""Topics that nobody publishes in a graph without such sensors, whose start is known."""
+
 
 def topics_of(scenario: Scenario) -> list[Topic]:
     """Topics that the graph of a scenario publishes: not those of other instruments."""
@@ -49,7 +52,7 @@ def topics_of(scenario: Scenario) -> list[Topic]:
     return [
         topic
         for topic in all_topics(scenario)
-        if topic is not topics.INITIAL_POSE and (topic in wanted or topic not in of_instruments)
+        if topic not in NOT_IN_USE and (topic in wanted or topic not in of_instruments)
     ]
 
 

@@ -231,6 +231,9 @@ def test_a_run_over_a_tiled_map_is_that_over_the_map_in_memory(monkeypatch):
             f"route.end={CORNERS[1]}",
             "route.duration=3000",
             "gravimeter.quantity=disturbance",
+            "gravity.field=normal",  # the map is made up
+            "matcher.map_sigma=0",
+            "matcher.stride=30",
         ],
     )
     (south, west), (north, east) = np.radians(CORNERS)

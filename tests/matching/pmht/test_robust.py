@@ -13,7 +13,7 @@ from isogal.matching.interfaces import Fix, Information, declined
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.robust import TrackMonitor, _with_excess, excess_covariance
+from isogal.matching.pmht.robust import TrackMonitor, excess_covariance, with_excess
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.batches import build_batch
@@ -89,7 +89,7 @@ def test_a_widened_fix_keeps_its_place_in_both_its_forms():
     fix = Fix(0.0, 0.5, 1.0, np.diag([1e4, 2500.0]), information=Information(vector, matrix))
     excess = np.zeros((4, 4))
     excess[:2, :2] = [[500.0, 300.0], [300.0, 900.0]]
-    wide = _with_excess(fix, excess, 30)
+    wide = with_excess(fix, excess, 30)
     np.testing.assert_allclose(np.linalg.inv(wide.information.matrix[:2, :2]), wide.covariance)
     np.testing.assert_allclose(
         np.linalg.solve(wide.information.matrix[:2, :2], wide.information.vector[:2]), place
@@ -105,7 +105,7 @@ def test_widening_makes_no_information_out_of_what_was_none(negative):
     vector = np.array([1e-3, 4e-4 * -50.0, 0.0, 0.0])
     fix = Fix(0.0, 0.5, 1.0, np.diag([1e8, 2500.0]), information=Information(vector, matrix))
     excess = np.diag([5000.0, 900.0, 0.0, 0.0])
-    wide = _with_excess(fix, excess, 30).information.matrix
+    wide = with_excess(fix, excess, 30).information.matrix
     np.testing.assert_allclose(wide, np.diag([0.0, 1.0 / (2500.0 + 900.0), 0.0, 0.0]), atol=1e-12)
 
 

@@ -46,7 +46,8 @@ def test_a_gravimeters_readings_are_reduced(scenario) -> None:
         }
         made.wait(lambda: all(made.heard[name] for name in reductions))
         for name, reduce in reductions.items():
-            value, variance = adapter_of(made.scenario).read_reduced(made.heard[name][0])
+            adapter = adapter_of(made.scenario, name.partition("/")[2])
+            value, variance = adapter.read_reduced(made.heard[name][0])
             assert value == pytest.approx(
                 float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15
             )

@@ -8,6 +8,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from helpers.node_bench import bench, stamps
 from isogal.earth.frames import horizontal_difference
+from isogal.fields.known_gravity import known_gravity
 from isogal.inertial.strapdown import propagate
 from isogal.matching.interfaces import Fix
 from isogal.sensors.imu import simulate_imu
@@ -46,6 +47,7 @@ def test_every_sample_is_answered(filter_bench) -> None:
 def test_it_navigates_as_the_library_does(scenario, filter_bench) -> None:
     trajectory = build_trajectory(scenario())
     imu = simulate_imu(scenario(), trajectory, [0])
+    known = known_gravity(scenario(), trajectory).compensation
     for k in range(30):
         filter_bench.imu(
             k + 1, tuple(imu.specific_force[0, k])
@@ -53,7 +55,8 @@ def test_it_navigates_as_the_library_does(scenario, filter_bench) -> None:
     filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 31)
     state = draw_initial_state(scenario(), trajectory, [0])
     force = imu.specific_force[:, :30]
-    end, _ = propagate(state, force, np.zeros_like(force), 1.0, trajectory.height[:31])
+    height = trajectory.height[:31]
+    end, _ = propagate(state, force, np.zeros_like(force), 1.0, height, known)
     got = read_position(filter_bench.heard["nav/fix"][-1])
     off = horizontal_difference(got[0], got[1], end.position[0, 0], end.position[0, 1])
     assert np.hypot(*off) < 0.01
