@@ -23,7 +23,9 @@ def drive(scenario):
             place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
             made.nav(k, place[0] + 5e-6, place[1], tuple(trajectory.velocity[k, :2]))
             made.reading(k, float(field_map.value(*place)) + noise[scan])
-        made.wait(lambda: made.node.taken >= last - first + 1 and not made.node.scans.waiting)
+            # states 10 s apart: with the next one a covariance that is still to come is given up
+            taken = scan - first + 1
+            made.wait(lambda n=taken: made.node.taken >= n and not made.node.scans.waiting)
         made.settle()
 
     return go
