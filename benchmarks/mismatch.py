@@ -49,7 +49,7 @@ BASE = (
     "gravity.field=normal",
 )
 """Of every row, before its own base."""
-CHUNK = 2
+CHUNK = 10
 """Runs to a job."""
 COARSER = 2
 """Cells of the map to a cell of the coarse one."""
