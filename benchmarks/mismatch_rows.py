@@ -40,6 +40,37 @@ OVER_KALGOORLIE = (
     "map_error.sigma=5.0",
     "matcher.map_sigma=5.0",
 )
+GRADIENTS = (
+    "field=gradient",
+    "gradiometer.sigma_eotvos=10",
+    "map_error.sigma=1.5e-8",
+    "map_error.correlation_length=700",
+    "matcher.map_sigma=1.5e-8",
+    "matcher.map_correlation_length=700",
+)
+"""A map of the disturbance that is 3 mGal wrong over 4 km, in its gradients (docs/maps.md)."""
+GROUND = (
+    "field=terrain",
+    "map.variable=height",
+    "gravimeter.sigma=5",
+    "route.height=2500",
+    "map_error.sigma=10",
+    "map_error.correlation_length=1000",
+    "matcher.map_sigma=10",
+    "matcher.map_correlation_length=1000",
+)
+"""Clearance above ground by an altimeter."""
+BAROMETER = (
+    *MGAL_3,
+    "height.source=barometer",
+    "height.bias=0.5",
+    "height.scale=0",
+    "height.weather_sigma=0.5",
+    "height.weather_time=600",
+)
+"""One that is taken to be good."""
+LOG = (*MGAL_3, "velocity.kind=log", "velocity.scale=0", "velocity.current_sigma=0")
+"""A speed log, taken to be without scale factor error, in still water."""
 TURNS = (
     "route.waypoints=[[-37.9, 144.8, 22], [-37.6, 145.2, 18], [-37.75, 145.7, 25],"
     " [-37.3, 146.0, 22], [-37.35, 146.6, 20], [-36.9, 147.2, 22]]"
@@ -108,6 +139,36 @@ ROWS = (
             "gravimeter.bias=4e-5",
         ),
     ),
+    Row(
+        "height from a barometer, 20 m off",
+        ("height.bias=20",),
+        base=BAROMETER,
+    ),
+    Row(
+        "height from a barometer, wrong by 10 m over 600 s",
+        ("height.weather_sigma=10",),
+        base=BAROMETER,
+    ),
+    Row(
+        "height from a barometer, wrong by 10 m over 2 h",
+        ("height.weather_sigma=10", "height.weather_time=7200"),
+        base=BAROMETER,
+    ),
+    Row(
+        "speed log with a scale factor error of 1 %",
+        ("velocity.scale=0.01",),
+        base=LOG,
+    ),
+    Row(
+        "speed log in a current of 0.3 m/s",
+        ("velocity.current_sigma=0.3",),
+        base=LOG,
+    ),
+    Row(
+        "Doppler log 3 times worse, with scale and mounting",
+        ("velocity=3x",),
+        base=(*MGAL_3, "velocity.kind=dvl"),
+    ),
     Row("half of the readings missing", ("gravimeter.missing_fraction=0.5",), untold=False),
     Row("no readings for 20 min", ("gravimeter.gaps=[[5400, 1200]]",), untold=False),
     Row("5 % outliers of 50 sigma", ("gravimeter.outlier_fraction=0.05",), tellable=False),
@@ -149,4 +210,7 @@ ROWS = (
         ("magnetometer.epoch=2015",),
         base=OVER_KALGOORLIE,
     ),
+    Row("magnetometer noise 3 times larger", ("gravimeter.sigma=3x",), base=OVER_KALGOORLIE),
+    Row("gradiometer noise 3 times larger", ("gradiometer.sigma_eotvos=3x",), base=GRADIENTS),
+    Row("altimeter noise 3 times larger", ("gravimeter.sigma=3x",), base=GROUND),
 )
