@@ -67,6 +67,7 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         trajectory.height,
         compensation,
         history=True,
+        preintegrated=scenario.samples_per_step > 1,
     )
     states = np.column_stack(
         [

@@ -14,6 +14,7 @@ from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.gravity import Compensation, no_compensation
+from isogal.inertial.strapdown import MEANS, ROTATIONS
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma, noise_density
 
@@ -50,6 +51,8 @@ class FilterModel:
     """The states beside the fifteen, in their order."""
     compensation: Compensation = field(default_factory=no_compensation, repr=False, compare=False)
     """Horizontal gravity that the strapdown takes off."""
+    preintegrated: bool = False
+    """Whether inertial data are pre-integrated samples rather than means over an interval."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
     """The same as the compiled filter takes it."""
 
@@ -64,6 +67,7 @@ class FilterModel:
             auxiliary_of(self.auxiliary),
             self.compensation,
             self.height_reading,
+            ROTATIONS if self.preintegrated else MEANS,
         )
         object.__setattr__(self, "assumptions", assumptions)
 
@@ -118,4 +122,5 @@ class FilterModel:
                 *velocity_states.states(scenario.velocity),
             ),
             compensation=gravity.compensation,
+            preintegrated=scenario.samples_per_step > 1,
         )

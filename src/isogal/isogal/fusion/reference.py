@@ -159,7 +159,7 @@ def _after(
     felt = tuple((force - state.accelerometer_bias - total[3:6]).tolist())
     turned = tuple((rate - state.gyroscope_bias - total[6:]).tolist())
     start = (tuple(array.tolist()) for array in state[:3])
-    after = step(*start, felt, turned, beside, assumptions.dt)
+    after = step(*start, felt, turned, beside, assumptions.dt, assumptions.coning)
     position, velocity, attitude = (np.array(part) for part in after)
     biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
     return Nominal(position, velocity, attitude, *biases, correlation * state.auxiliary)

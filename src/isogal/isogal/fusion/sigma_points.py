@@ -111,13 +111,14 @@ def spread_points(size, factor, spread, points):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def propagate_points(  # type: ignore[no-untyped-def]
-    nominal, force, rate, gravity, dt, points, pushes, ends
+    nominal, force, rate, gravity, dt, coning, points, pushes, ends
 ):
     """Move the nominal state by each point's error and take the result through the strapdown.
 
     `force`, `rate` (3,) are the interval's means as measured, without what the auxiliary states
     take off them; `gravity` is what the navigator knows of gravity beside normal gravity: to
-    north, east and down (m/s²), and the derivatives of the first two by north and by east (1/s²).
+    north, east and down (m/s²), and the derivatives of the first two by north and by east (1/s²);
+    `coning` is that of the strapdown's step.
     `pushes` (9, 32) is what the auxiliary part of each point adds (`auxiliary.spread_input`),
     `ends` (10, 32) gets position, velocity and attitude of each point."""
     position, velocity, attitude, ba, bg, _ = nominal
@@ -164,6 +165,7 @@ def propagate_points(  # type: ignore[no-untyped-def]
                 gd + pushes[2, i],
             ),
             dt,
+            coning,
         )
         ends[0, i], ends[1, i], ends[2, i] = place
         ends[3, i], ends[4, i], ends[5, i] = speed

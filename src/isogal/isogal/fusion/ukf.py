@@ -54,6 +54,8 @@ class Assumptions(NamedTuple):
     """Horizontal gravity that the strapdown takes off."""
     height_reading: HeightReading
     """What a reading of the height contains beside it."""
+    coning: float
+    """Of the strapdown's step: `MEANS` or `ROTATIONS` of `isogal.inertial.strapdown`."""
 
 
 @kernel(**INLINE)
@@ -148,7 +150,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     known or measured height after each, NaN where there is none. A run whose covariance is no
     longer positive definite stops at that step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights, _, auxiliary, compensation, reading = assumptions
+    dt, noise, height_sigma, weights, _, auxiliary, compensation, reading, coning = assumptions
     size = auxiliary.size
     n, width = len(size), columns(size)
     done = np.empty(runs, np.int64)
@@ -186,6 +188,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
                 (w[0] - total[6], w[1] - total[7], w[2] - total[8]),
                 ((gn + total[0], ge + total[1], total[2]), (gn_n, gn_e, ge_n, ge_e)),
                 dt,
+                coning,
                 points,
                 pushes,
                 ends,

@@ -1,10 +1,11 @@
 """Strapdown navigation in the local navigation frame, one IMU interval at a time.
 
 Inputs are the mean specific force and mean angular rate over the interval, resolved in body axes
-(what integrating sensors give, divided by dt). The step is second order: rotation vector of the
-body against the navigation frame for the attitude, velocity with its rotation correction, gravity
-and Coriolis at the interval's mid-point, trapezoid for the position (docs/mathematics.md, section
-3.1; Titterton & Weston 2004, ch. 11; Groves 2013, ch. 5.4)."""
+(what integrating sensors give, divided by dt), or what pre-integration makes of faster samples.
+The step is second order: rotation vector of the body against the navigation frame for the
+attitude, velocity with its rotation correction, gravity and Coriolis at the interval's mid-point,
+trapezoid for the position (docs/mathematics.md, section 3.1; Titterton & Weston 2004, ch. 11;
+Groves 2013, ch. 5.4)."""
 
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,13 @@ from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
 from isogal.inertial.gravity import Compensation, horizontal_gravity, no_compensation
 from isogal.inertial.rotations import INLINE, from_short_rotation_vector, multiply, rotate
+
+MEANS, ROTATIONS = 1.0 / 6.0, 1.0 / 12.0
+"""Coefficient `coning` of a x (a x z) in the attitude's step, for a turn by a and a rotation of
+the navigation frame by z in it. A mean angular rate holds the mean of z, which turns with the
+body: z - a x z / 2 + a x (a x z) / 6. The rotation vector of the whole interval, as of
+`preintegration`, holds it as rotations compose, by the series of Baker, Campbell and Hausdorff to
+first order in z: z - a x z / 2 + a x (a x z) / 12."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,20 +78,22 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def step(position, velocity, attitude, force, rate, gravity, dt):  # type: ignore[no-untyped-def]
+def step(  # type: ignore[no-untyped-def]
+    position, velocity, attitude, force, rate, gravity, dt, coning
+):
     """Advance one state by one interval (see the module for the method).
 
     Tuples in: position (latitude rad, longitude rad, height m), velocity (north, east, down; m/s),
     attitude (w, x, y, z), the interval's mean specific force (m/s²) and angular rate (rad/s) in
-    body axes, and gravity beside normal gravity (north, east, down; m/s²). Tuples out: position,
-    velocity, attitude."""
+    body axes, and gravity beside normal gravity (north, east, down; m/s²). `coning` is `MEANS` or,
+    for pre-integrated samples, `ROTATIONS`. Tuples out: position, velocity, attitude."""
     sine, cosine = np.sin(position[0]), np.cos(position[0])
-    return step_at(sine, cosine, position, velocity, attitude, force, rate, gravity, dt)
+    return step_at(sine, cosine, position, velocity, attitude, force, rate, gravity, dt, coning)
 
 
 @kernel(**INLINE)
 def step_at(  # type: ignore[no-untyped-def]
-    s, c, position, velocity, attitude, force, rate, gravity, dt
+    s, c, position, velocity, attitude, force, rate, gravity, dt, coning
 ):
     """`step` with the sine and cosine of the latitude given: without calls, so that loops over it
     are vectorised."""
@@ -142,13 +152,13 @@ def step_at(  # type: ignore[no-untyped-def]
     h1 = h - half * (vd + vd1)
 
     # The body turns at a constant rate against the navigation frame, so that frame's rotation z,
-    # as the gyroscopes feel it, turns within the interval: its mean, z - a x z / 2 + a x (a x z) /
-    # 6, comes off the rotation vector. Else the coning of a minute's turn costs metres.
+    # as the gyroscopes feel it, turns within the interval (`MEANS`, `ROTATIONS`). Else the coning
+    # of a minute's turn costs metres.
     pn, pe, pd = ae * zd - ad * ze, ad * zn - an * zd, an * ze - ae * zn
     bw, bx, by, bz = from_short_rotation_vector(
-        an - zn + 0.5 * pn - (ae * pd - ad * pe) * (1.0 / 6.0),
-        ae - ze + 0.5 * pe - (ad * pn - an * pd) * (1.0 / 6.0),
-        ad - zd + 0.5 * pd - (an * pe - ae * pn) * (1.0 / 6.0),
+        an - zn + 0.5 * pn - (ae * pd - ad * pe) * coning,
+        ae - ze + 0.5 * pe - (ad * pn - an * pd) * coning,
+        ad - zd + 0.5 * pd - (an * pe - ae * pn) * coning,
     )
     qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
     # one Newton step keeps the norm at 1
@@ -159,7 +169,7 @@ def step_at(  # type: ignore[no-untyped-def]
 
 @kernel(error_model="numpy")
 def _propagate(  # type: ignore[no-untyped-def]
-    state, force, rate, dt, height, compensation, history
+    state, force, rate, dt, height, compensation, coning, history
 ):
     """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
     1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
@@ -181,6 +191,7 @@ def _propagate(  # type: ignore[no-untyped-def]
                 (w[0], w[1], w[2]),
                 (gravity[0], gravity[1], 0.0),
                 dt,
+                coning,
             )
             if height.shape[0] > 0:  # known height: the vertical channel follows it
                 velocity = (velocity[0], velocity[1], (height[k] - height[k + 1]) / dt)
@@ -200,6 +211,7 @@ def propagate(
     known_height: Array | None = None,
     compensation: Compensation | None = None,
     history: bool = False,
+    preintegrated: bool = False,
 ) -> tuple[NavState, Array]:
     """Run the strapdown over S intervals for R runs.
 
@@ -218,6 +230,8 @@ def propagate(
         Horizontal gravity that is taken off; default: none.
     history : bool
         Whether to return latitude and longitude (rad) after each interval.
+    preintegrated : bool
+        Whether force and rate are those of `isogal.inertial.preintegration` rather than means.
 
     Returns
     -------
@@ -231,5 +245,6 @@ def propagate(
     )
     arrays = end.position, end.velocity, end.attitude
     compensation = compensation or no_compensation()
-    _propagate(arrays, specific_force, angular_rate, dt, height, compensation, track)
+    coning = ROTATIONS if preintegrated else MEANS
+    _propagate(arrays, specific_force, angular_rate, dt, height, compensation, coning, track)
     return end, track

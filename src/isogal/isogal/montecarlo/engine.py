@@ -63,6 +63,7 @@ def simulate_unaided(
         trajectory.height,
         compensation,
         history=True,
+        preintegrated=scenario.samples_per_step > 1,
     )
     stride = scenario.steps_per_scan
     index = np.arange(0, len(trajectory) + 1, stride)
