@@ -15,6 +15,7 @@ from isogal.fields.simulator import true_readings
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.load import load_map
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -83,6 +84,24 @@ def test_from_the_level_that_is_told(low, high, tmp_path):
     it = scenario(low)
     assert rms(along(it, down) - along(it, map_of(attraction(700.0)))) < 0.05 * MGAL
     assert down.sigma > 0.0
+
+
+def test_what_continuing_adds_is_not_what_the_map_says_of_its_error(low, tmp_path):
+    """A map that says nothing still says nothing, in a file and in tiles; the matcher then asks
+    the readings."""
+    it = scenario(low)
+    found = map_for_scenario(it, margin=5000.0)
+    assert found.sigma > 0.0
+    assert not found.states_error
+    again = load_map(written(tmp_path / "again.nc", found))
+    assert again.sigma == found.sigma
+    assert not again.states_error
+    told = replace(map_of(attraction(0.0)), sigma=1.0 * MGAL)
+    assert map_for_scenario(scenario(written(tmp_path / "told.nc", told))).states_error
+    route = build_trajectory(it)
+    points = route.latitude, route.longitude
+    tiles = TiledMap(partial(read_at_flown_height, it), corridor_of(*points, 5000.0))
+    assert not tiles.states_error
 
 
 def test_from_the_ground(tmp_path):

@@ -252,6 +252,19 @@ def test_the_same_batch_gives_the_same_fix(rough_map):
     assert third.latitude == fourth.latitude == again.latitude
 
 
+def test_an_error_that_is_only_processing_s_own_is_not_believed_to_be_all(rough_map):
+    """`FieldMap.error_stated`: without a statement the error is asked of the readings."""
+    batch, _ = batch_at(rough_map)
+    continued = replace(rough_map, sigma=1e-7, correlation_length=10e3, error_stated=False)
+    stated = replace(continued, error_stated=None)
+    (of_none, _), (of_continued, _), (of_stated, _) = (
+        pmht(map_sigma="auto").match(batch, one, None) for one in (rough_map, continued, stated)
+    )
+    learnt = [one.diagnostics["map_sigma"] for one in (of_none, of_continued, of_stated)]
+    assert learnt[1] == pytest.approx(learnt[0], rel=0.05)
+    assert learnt[2] < 0.5 * learnt[0]
+
+
 def test_fixes_for_retrodiction_hold_the_information_once(rough_map):
     batch, error = batch_at(rough_map)
     fix, _ = pmht().match(replace(batch, new=20), rough_map, None)

@@ -31,7 +31,7 @@ _REFUSED = 2
 _ARRAYS = ("latitude", "longitude", "values", "sigma")
 _ABOUT = (
     *("unit", "quantity", "correlation_length", "quantisation"),
-    *("provenance", "file_unit", "file_factor", "height"),
+    *("provenance", "file_unit", "file_factor", "height", "error_stated"),
 )
 
 

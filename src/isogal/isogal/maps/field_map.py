@@ -54,6 +54,9 @@ class FieldMap:
     correlation_lengths : (n, m) or None
         The same at each node, where it differs from place to place; `correlation_length` is then
         the usual one.
+    error_stated : bool or None
+        Whether `sigma` is said of the map's whole error; False = it is only what processing has
+        added to an error that nobody has stated; None = where it is above 0.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str
@@ -86,6 +89,7 @@ class FieldMap:
     file_factor: float = 1.0
     height: float | None = None
     correlation_lengths: Array | None = None
+    error_stated: bool | None = None
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -163,6 +167,12 @@ class FieldMap:
             float(self.longitude[0]),
             float((self.longitude[-1] - self.longitude[0]) / (self.longitude.size - 1)),
         )
+
+    @property
+    def states_error(self) -> bool:
+        """Whether the map says how wrong it is."""
+        stated = self.error_stated
+        return bool(np.any(np.nan_to_num(self.sigma) > 0.0)) if stated is None else stated
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -102,6 +102,7 @@ def _channel(disturbance: FieldMap, name: str, values: Array, height: float) -> 
         quantisation=step and step * error_gain(name, cell, height),
         provenance=f"T_{name} of {disturbance.provenance or 'map'}",
         file_unit="1/s²",
+        error_stated=disturbance.states_error,
     )
 
 

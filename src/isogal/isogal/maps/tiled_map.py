@@ -11,7 +11,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from isogal.maps.axes import (
 )
 from isogal.maps.corridor import Corridor, joined
 from isogal.maps.field_map import FieldMap, flat_points
+from isogal.maps.part_reader import Load
 
 WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
@@ -34,25 +35,6 @@ TILE_CELLS = 250
 """Cells along a side of a tile."""
 _BATCH = 100_000.0  # m; longer batches are matched as well, but their tiles are not made ahead
 _KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
-
-
-class Load(Protocol):
-    """How a part of a map is read: a function, which can be pickled if the map is sent to other
-    processes."""
-
-    def __call__(self, *, window: Window) -> FieldMap:
-        """Read what the map has in a window, with the nodes around it that interpolation needs.
-
-        Raises
-        ------
-        EmptyWindowError
-            There is nothing.
-        TooManyCellsError
-            There is more than the window allows.
-        InputError
-            The map cannot be read.
-        """
-        ...
 
 
 class TiledMap:
@@ -103,6 +85,11 @@ class TiledMap:
     def sigma(self) -> float | Array:
         """See `FieldMap`; where it differs from place to place, at the start of the route."""
         return self._start.sigma
+
+    @property
+    def states_error(self) -> bool:
+        """See `FieldMap`."""
+        return self._start.states_error
 
     @property
     def correlation_length(self) -> float | None:

@@ -9,7 +9,6 @@ from isogal.cli.match.inputs import Inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice
 
 if TYPE_CHECKING:
-    from isogal.maps.tiled_map import ScalarMap
     from isogal.scenario import Matcher
 
 _LENGTH = "matcher.map_correlation_length"
@@ -36,7 +35,7 @@ def matcher_settings(
     if _LENGTH not in said and field_map.correlation_length is not None:
         changes.append(f"{_LENGTH}={field_map.correlation_length!r}")
     settings = load_scenario(None, changes).matcher
-    if "matcher.map_sigma" not in said and not _knows_error(field_map):
+    if "matcher.map_sigma" not in said and not field_map.states_error:
         note(
             "the map does not say how wrong it is, which is estimated along the track; give"
             " --map-sigma where it is known"
@@ -47,12 +46,6 @@ def matcher_settings(
     if reduction is None:
         settings = _with_unknown_latitude(settings, inputs, assumed.prior_sigma)
     return settings
-
-
-def _knows_error(field_map: "ScalarMap") -> bool:
-    import numpy as np
-
-    return bool(np.any(np.nan_to_num(field_map.sigma) > 0.0))
 
 
 def _with_unknown_latitude(settings: "Matcher", inputs: Inputs, prior_sigma: float) -> "Matcher":

@@ -101,6 +101,7 @@ def continued(
         values=values,
         sigma=mean_sigma if sigma is None else np.hypot(sigma, beyond),
         correlation_length=length,
+        error_stated=field_map.states_error,
         quantisation=0.0,
         provenance=f"{field_map.provenance or 'map'} continued to {height:g} m",
         height=height,

@@ -78,6 +78,7 @@ def to_level(
         values=result[0],
         sigma=sigma,
         correlation_length=length,
+        error_stated=field_map.states_error,
         quantisation=0.0,
         provenance=f"{where} continued to {height:g} m",
         height=height,

@@ -102,6 +102,8 @@ def _read(
         "correlation_length": number_of(data, "error_correlation_length") or None,
         "height": number_of(data, "height_m"),
     }
+    stated = number_of(data, "error_stated")
+    attributes["error_stated"] = None if stated is None else stated != 0.0
     sigma: Any = number_of(data, "error_sigma") or 0.0
     lengths = dataset.variables.get(f"{data.name}_error_length")
     if lengths is not None and set(lengths.dimensions) == set(data.dimensions):

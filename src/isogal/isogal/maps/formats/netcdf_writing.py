@@ -63,14 +63,7 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             name, field_map.values.dtype.str[1:], ("lat", "lon"), **kwargs
         )
         data.units = unit
-        data.long_name = field_map.quantity.replace("_", " ")
-        data.isogal_quantity = field_map.quantity
-        if field_map.quantisation:
-            data.quantisation = field_map.quantisation
-        if field_map.correlation_length is not None:
-            data.error_correlation_length = field_map.correlation_length
-        if field_map.height is not None:
-            data.height_m = field_map.height
+        _describe(data, field_map)
         data[:] = field_map.values
         if isinstance(field_map.sigma, float):
             data.error_sigma = field_map.sigma
@@ -85,3 +78,17 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             length.units = "m"
             length.long_name = f"correlation length of the error of {name}"
             length[:] = field_map.correlation_lengths
+
+
+def _describe(data: Any, field_map: FieldMap) -> None:
+    """Write what is one number or word of the whole map."""
+    data.long_name = field_map.quantity.replace("_", " ")
+    data.isogal_quantity = field_map.quantity
+    if field_map.quantisation:
+        data.quantisation = field_map.quantisation
+    if field_map.correlation_length is not None:
+        data.error_correlation_length = field_map.correlation_length
+    if field_map.height is not None:
+        data.height_m = field_map.height
+    if field_map.error_stated is not None:
+        data.error_stated = int(field_map.error_stated)

@@ -114,7 +114,7 @@ def _map_error(
 
 def _states_error(field_map: AnyMap) -> bool:
     """Whether a map says how wrong it is."""
-    return any(np.nanmax(one.sigma) > 0.0 for one in channels_of(field_map))
+    return any(one.states_error for one in channels_of(field_map))
 
 
 def _stated(field_map: FieldMap, settings: Settings) -> NoiseModel:
