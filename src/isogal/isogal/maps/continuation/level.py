@@ -55,8 +55,7 @@ def to_level(
     Raises
     ------
     InputError
-        Not a harmonic quantity, height not known, downwards without a cut-off, too many holes, too
-        small or too large a map.
+        Not a harmonic quantity, unknown height, no cut-off downwards, too many holes, bad size.
     """
     field_map = trimmed(field_map)
     check(field_map, height, edge)
