@@ -1,0 +1,208 @@
+"""Coefficients of the Tolles-Lawson model from a calibration flight (docs/magnetometer.md, section
+3)."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.errors import InputError
+from isogal.magnetics.band_pass import Band, filtered
+from isogal.magnetics.compensation import Compensation
+from isogal.magnetics.lag import find_lag
+from isogal.magnetics.readings import Readings
+from isogal.magnetics.terms import COUNT
+
+_LEAST_SWING = 0.004
+"""Least RMS of the direction cosines along the axis in which the field's direction moved least:
+rolls and pitches of some degrees give ten times as much, straight flight in turbulence a
+twentieth."""
+_FIRST_RIDGE, _ROUNDS = 1e-8, 20
+"""Where the search for a ridge begins, of the largest eigenvalue of the normal equations; and
+steps of it."""
+_LEAST_NOISE = 0.05
+"""nT: what is left is not taken as smaller, because the model is exact to first order only."""
+_LARGEST_SPREAD = 300.0
+"""nT: the coefficients' spread is not taken as larger."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How coefficients are learnt."""
+
+    band: Band = field(default_factory=Band)
+    ridge: float | None = None
+    """Added to the diagonal of the normal equations, whose columns are of the order of 1; holds
+    the combinations that a flight does not tell near zero. None = by the evidence; Gnadt et al.
+    2022 have 0.025."""
+    lag: float | None = None
+    """s by which the vector magnetometer is late; None = found out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What a calibration flight told."""
+
+    compensation: Compensation
+    time: Array
+    """(N,) s."""
+    before: Array
+    """(N,) nT, in the band; NaN where it does not hold."""
+    after: Array
+    """(N,) nT, in the band, less the model."""
+    swing: Array
+    """(3,) RMS of the direction cosines in the band, along the axes in which they moved most,
+    less and least."""
+    condition: float
+    """Of the filtered terms."""
+    used: int
+    """Readings that count."""
+
+    @property
+    def rms_before(self) -> float:
+        """nT, in the band."""
+        return float(np.sqrt(np.nanmean(self.before**2)))
+
+    @property
+    def rms_after(self) -> float:
+        """nT, in the band."""
+        return float(np.sqrt(np.nanmean(self.after**2)))
+
+
+def calibrate(
+    readings: Readings,
+    known: Array | None = None,
+    settings: Settings | None = None,
+    reference: bool = False,
+) -> Calibration:
+    """Return the coefficients that take most of what the vehicle adds off the readings of a
+    calibration flight.
+
+    Parameters
+    ----------
+    readings : Readings
+    known : (N,) array, optional
+        nT, of the total field what is not the vehicle's: the main field, the daily variation.
+    settings : Settings, optional
+    reference : bool
+        Whether `known` is all of it, anomaly included, so that its level tells the offset.
+
+    Raises
+    ------
+    InputError
+        There are no calibration manoeuvres in the readings, or they are too far apart.
+    """
+    settings = settings or Settings()
+    settings.band.check(readings.interval, readings.where)
+    level = readings.total - (0.0 if known is None else known)
+    names = tuple(readings.currents)
+    lag = _lag(readings, level, settings) if settings.lag is None else settings.lag
+    columns = readings.terms(names, lag)
+    y, a, holds = _in_band(readings, level, columns, settings.band)
+    swing = _require_manoeuvres(a[holds], readings)
+    # neighbouring readings in the band are not independent
+    share = min(1.0, 2.0 * (settings.band.high - settings.band.low) * readings.interval)
+    ridge = settings.ridge
+    if ridge is None:
+        ridge = evidence_ridge(a[holds], y[holds], share)
+    coefficients, covariance = solve(a[holds], y[holds], ridge)
+    sigma = np.sqrt(np.diag(covariance) / share)
+    found = Compensation(coefficients, names, 0.0, lag, sigma)
+    if reference:
+        rest = level - columns @ coefficients
+        found = replace(found, offset=float(np.median(rest[readings.usable & np.isfinite(rest)])))
+    after = np.where(holds, y - a @ coefficients, np.nan)
+    scaled = a[holds] / np.sqrt((a[holds] ** 2).sum(axis=0))
+    return Calibration(
+        found,
+        readings.time,
+        np.where(holds, y, np.nan),
+        after,
+        swing,
+        float(np.linalg.cond(scaled)),
+        int(holds.sum()),
+    )
+
+
+def solve(a: Array, y: Array, ridge: float) -> tuple[Array, Array]:
+    """Return coefficients (C,) and their covariance (C, C) by least squares with ridge: of columns
+    (N, C) and values (N,); the noise is taken to be what is left."""
+    normal = a.T @ a + ridge * np.eye(a.shape[1])
+    inverse = np.linalg.inv(normal)
+    coefficients = inverse @ (a.T @ y)
+    rest = y - a @ coefficients
+    variance = float(rest @ rest) / max(1, y.size - a.shape[1])
+    return coefficients, variance * inverse @ (a.T @ a) @ inverse
+
+
+def evidence_ridge(a: Array, y: Array, share: float = 1.0) -> float:
+    """Return the ridge under which the readings are most likely, if all coefficients are drawn
+    from one normal distribution (MacKay 1992, Neural Computation 4:415, section 4), within what
+    can be.
+
+    Parameters
+    ----------
+    a, y : (N, C) and (N,) array
+    share : float
+        Of the readings that are independent.
+    """
+    values, axes = np.linalg.eigh(a.T @ a)
+    values, along = np.maximum(values, 0.0), axes.T @ (a.T @ y)
+    ridge = _FIRST_RIDGE * values[-1]
+    for _ in range(_ROUNDS):
+        coefficients = along / (values + ridge)
+        told = float((values / (values + ridge)).sum())
+        rest = float(y @ y - coefficients @ (2.0 * along - values * coefficients))
+        noise = max(rest / y.size, _LEAST_NOISE**2) / share
+        spread = min(float(coefficients @ coefficients) / told, _LARGEST_SPREAD**2)
+        ridge = noise / spread
+    return ridge
+
+
+def _in_band(
+    readings: Readings, level: Array, columns: Array, band: Band
+) -> tuple[Array, Array, Booleans]:
+    """Return (N,) level and (N, C) columns in the band, and where both hold."""
+    whole = np.column_stack([level, columns])
+    usable = readings.usable & np.isfinite(whole).all(axis=1)
+    found, holds = filtered(readings.time, np.where(usable[:, None], whole, 0.0), usable, band)
+    if not holds.any():
+        raise InputError(
+            f"{readings.where}: no stretch of even readings without gaps is longer than"
+            f" {4.0 * band.settling:g} s"
+        )
+    return found[:, 0], found[:, 1:], holds
+
+
+def _lag(readings: Readings, level: Array, settings: Settings) -> float:
+    """Return by how much the vector magnetometer is late, s."""
+
+    def left(lag: float) -> float:
+        columns = readings.terms(tuple(readings.currents), lag)
+        y, a, holds = _in_band(readings, level, columns, settings.band)
+        y, a = y[holds], a[holds]
+        found, _ = solve(a, y, settings.ridge or evidence_ridge(a, y))
+        return float(np.sqrt(np.mean((y - a @ found) ** 2)))
+
+    return find_lag(left)
+
+
+def _require_manoeuvres(a: Array, readings: Readings) -> Array:
+    """Return (3,) by how much the field's direction moved in the band; raises InputError where
+    that is not enough."""
+    if len(a) < 4 * COUNT:
+        raise InputError(f"{readings.where}: {len(a)} readings that count are too few")
+    swing = np.linalg.svd(a[:, :3], compute_uv=False) / np.sqrt(len(a))
+    if swing[2] < _LEAST_SWING:
+        what = (
+            "no calibration manoeuvres"
+            if swing[1] < _LEAST_SWING
+            else "calibration manoeuvres on one heading only, or about one axis"
+        )
+        raise InputError(
+            f"{readings.where}: {what}: the field's direction moved by"
+            f" {' / '.join(f'{np.degrees(one):.2f}' for one in swing)} deg (RMS, three axes, in"
+            f" the band); at least {np.degrees(_LEAST_SWING):.2f} is needed: rolls, pitches and"
+            " yaws of 5 to 10 deg on four headings"
+        )
+    return swing

@@ -1,0 +1,145 @@
+"""Calibration flights of an aircraft built by hand, and what is left of it on another flight."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from helpers.magnetics import BAD_SENSOR, INTENSITY, Circumstances, aircraft, fly, spread
+from isogal.errors import InputError
+from isogal.magnetics.band_pass import Band
+from isogal.magnetics.calibration import Calibration, Settings, calibrate
+from isogal.magnetics.diurnal import BaseStation
+from isogal.magnetics.heading_error import by_heading, heading_error
+from isogal.magnetics.manoeuvres import Flight, calibration_flight, ordinary_flight
+from isogal.magnetics.readings import Readings
+from isogal.magnetics.terms import identifiable
+
+NO_LAG = Settings(lag=0.0)
+
+
+@lru_cache
+def clean() -> Calibration:
+    readings, _ = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
+    return calibrate(readings, np.full(len(readings), INTENSITY), NO_LAG)
+
+
+def test_a_heading_error_of_200_nt_is_gone_on_another_flight():
+    readings, total = fly(ordinary_flight(3), aircraft(), Circumstances(noise=0.02), seed=2)
+    assert np.ptp(readings.total - total) > 190.0
+    assert spread(clean().compensation.clean(readings) - total) < 0.5
+    heading = ordinary_flight(3).angles[:, 2]
+    assert heading_error(heading, readings.total - total) > 50.0
+    assert heading_error(heading, clean().compensation.clean(readings) - total) < 0.5
+
+
+def test_coefficients_are_recovered():
+    found = identifiable(clean().compensation.coefficients)
+    true = identifiable(aircraft().coefficients())
+    np.testing.assert_allclose(found, true, atol=6.0)
+    assert np.abs(true).max() > 120.0
+    assert clean().rms_after < 0.05
+    assert clean().rms_before > 5.0
+
+
+def test_switched_currents_a_poor_vector_sensor_and_a_diurnal():
+    around = Circumstances(diurnal=40.0, errors=BAD_SENSOR)
+    craft = aircraft(size=2.2, strobe=True)
+    readings, _ = fly(calibration_flight(), craft, around)
+    found = calibrate(readings, np.full(len(readings), INTENSITY), NO_LAG).compensation
+    readings, total = fly(ordinary_flight(3), craft, around, seed=2)
+    assert np.ptp(readings.total - total) > 400.0
+    assert spread(found.clean(readings) - total) < 5.0
+    np.testing.assert_allclose(found.coefficients[18:], [8.0, -5.0, 6.0], atol=0.3)  # in its axes
+
+
+def test_the_lag_of_the_vector_magnetometer_is_found():
+    around = Circumstances(lag=0.2, noise=0.02)
+    readings, _ = fly(calibration_flight(rate=5.0), aircraft(), around)
+    found = calibrate(readings, np.full(len(readings), INTENSITY)).compensation
+    assert found.lag == pytest.approx(0.2, abs=0.01)
+
+
+def test_an_offset_is_told_by_a_reference_only():
+    readings, total = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
+    found = calibrate(readings, total, NO_LAG, reference=True).compensation
+    assert np.nanmean(found.clean(readings) - total) == pytest.approx(0.0, abs=0.1)
+    assert clean().compensation.offset == 0.0
+
+
+def straight(heading: float = 0.3) -> Flight:
+    flight = ordinary_flight(5, minutes=5.0)
+    angles = np.zeros_like(flight.angles)
+    angles[:, 2] = heading
+    return Flight(flight.time, angles, flight.north, flight.east)
+
+
+def one_heading() -> Flight:
+    flight = calibration_flight()
+    return Flight(
+        *(part[:1000] for part in (flight.time, flight.angles, flight.north, flight.east))
+    )
+
+
+@pytest.mark.parametrize(
+    ("flight", "said"),
+    [(straight(), "no calibration manoeuvres"), (one_heading(), "on one heading only")],
+)
+def test_flights_without_calibration_manoeuvres_are_refused(flight, said):
+    readings, _ = fly(flight, aircraft())
+    with pytest.raises(InputError, match=said):
+        calibrate(readings, settings=NO_LAG)
+
+
+def test_readings_that_are_too_far_apart_or_too_few():
+    flight = calibration_flight(rate=0.3)
+    readings, _ = fly(flight, aircraft())
+    with pytest.raises(InputError, match="too far apart"):
+        calibrate(readings, settings=NO_LAG)
+    flight = calibration_flight()
+    readings, _ = fly(Flight(flight.time[:150], flight.angles[:150], flight.north[:150],
+                             flight.east[:150]), aircraft())  # fmt: skip
+    with pytest.raises(InputError, match="no stretch"):
+        calibrate(readings, settings=NO_LAG)
+
+
+def test_gaps_do_no_harm():
+    readings, _ = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
+    total = readings.total.copy()
+    total[1500:1520] = np.nan
+    broken = Readings(readings.time, total, readings.vector, "flight")
+    found = calibrate(broken, np.full(len(readings), INTENSITY), NO_LAG)
+    assert found.used < clean().used
+    other, truth = fly(ordinary_flight(3), aircraft(), Circumstances(noise=0.02), seed=2)
+    assert spread(found.compensation.clean(other) - truth) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("total", "vector", "said"),
+    [(5e-5, 5e4, "scalar"), (5e4, 5e-5, "vector"), (5e4, 2e4, "of the scalar")],
+)
+def test_readings_in_another_unit_are_refused(total, vector, said):
+    with pytest.raises(InputError, match=said):
+        Readings(np.arange(5.0), np.full(5, total), np.tile([0.0, 0.0, vector], (5, 1)), "file")
+
+
+def test_the_band_refuses_what_is_no_band():
+    with pytest.raises(InputError, match="band"):
+        Band(0.9, 0.1)
+
+
+def test_a_base_station():
+    time = np.arange(0.0, 100.0, 10.0)
+    station = BaseStation(time, 50_000.0 + time, "base.csv")
+    np.testing.assert_allclose(station.variation(np.array([0.0, 55.0]), "x"), [-45.0, 10.0])
+    with pytest.raises(InputError, match="does not cover"):
+        station.variation(np.array([0.0, 95.0]), "flight.csv")
+    with pytest.raises(InputError, match="neither"):
+        BaseStation(time, 5e-5 + 0.0 * time + 4000.0, "base.csv")
+
+
+def test_means_by_heading():
+    heading = np.array([0.0, 6.2, np.pi / 2.0, np.pi])
+    means = by_heading(heading, np.array([1.0, 3.0, 5.0, np.nan]))
+    assert (means[0], means[2]) == (2.0, 5.0)
+    assert np.isnan(means[4])
