@@ -126,18 +126,6 @@ ROWS = (
     Row(
         "gravimeter's platform 2e-3 rad off level, over 300 s",
         ("gravimeter.platform_tilt=2e-3",),
-        (
-            "gravimeter.correlated_sigma=4e-5",
-            "gravimeter.correlation_time=150",
-            "truth.gravimeter.correlated_sigma=0",
-            "truth.gravimeter.correlation_time=60",
-            "matcher.bias_sigma=4e-5",
-        ),
-        bound=(
-            "gravimeter.correlated_sigma=4e-5",
-            "gravimeter.correlation_time=150",
-            "gravimeter.bias=4e-5",
-        ),
     ),
     Row(
         "height from a barometer, 20 m off",

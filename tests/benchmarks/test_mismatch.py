@@ -43,7 +43,6 @@ def test_a_page_gets_the_table_between_its_marks(tmp_path):
 
 
 def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(mismatch, "CHUNK", 2)
     scenario = load_scenario(
         None,
         [

@@ -31,6 +31,8 @@ def test_an_instrument_as_built_gives_larger_bounds():
     assert good < rms(gaps=[[300.0, 900.0]]) < rms(gaps=[[0.0, 1700.0]])
     assert rms(dead_turn_rate=0.01) == good  # it goes straight
     assert rms(cross_coupling=1e-3) == pytest.approx(good, rel=1e-3)
+    tilting = rms(platform_tilt=2e-3, platform_time=300.0)
+    assert tilting == pytest.approx(rms(correlated_sigma=9.8 * 4e-6, correlation_time=150.0))
     # late by 5 s: the same field, seen a little later
     assert rms(delay=5.0) == pytest.approx(good, rel=0.1)
     assert 0.9 * good < rms(filter_time=20.0) < 1.5 * good

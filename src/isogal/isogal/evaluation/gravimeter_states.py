@@ -10,6 +10,7 @@ from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.scenario import Gravimeter
 from isogal.sensors.gravimeter_errors import accelerations
+from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -36,7 +37,8 @@ class SlowStates(NamedTuple):
 
 def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -> SlowStates:
     """Return those of an instrument: noise correlated in time, cross-coupling with the two
-    horizontal accelerations, and its filter.
+    horizontal accelerations, what its platform's tilt takes of the vertical and of the horizontal
+    specific force, and its filter.
 
     Parameters
     ----------
@@ -48,12 +50,18 @@ def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -
         variance.append(settings.correlated_sigma**2)
         time.append(settings.correlation_time)
         share.append(np.ones(len(index)))
+    before = np.concatenate([[0], index])
     if settings.cross_coupling > 0.0:
-        before = np.concatenate([[0], index])
         moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
         variance += [settings.cross_coupling**2] * 2
         time += [np.inf] * 2
         share += list(moving.T)
+    if settings.platform_tilt > 0.0:
+        variance += [mean_error(settings) ** 2, *[settings.platform_tilt**2] * 2]
+        time += [0.5 * settings.platform_time, *[settings.platform_time] * 2]
+        force = np.diff(trajectory.velocity[before, :2], axis=0)
+        force /= np.diff(trajectory.time[before])[:, None]
+        share += [np.ones(len(index)), *force.T]
     if settings.filter_time > 0.0:
         variance.append(0.0)  # settled when the first reading is given
         time.append(np.inf)

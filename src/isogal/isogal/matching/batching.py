@@ -1,6 +1,5 @@
 """From scans, one by one, to batches: the only place that knows when a batch is due and what the
-navigator's error does over it.
-"""
+navigator's error does over it."""
 
 import math
 from collections import deque
@@ -22,6 +21,7 @@ from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.scenario import Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
+from isogal.sensors.platform import mean_error
 from isogal.sensors.reduction import Reduction, State
 
 
@@ -196,7 +196,7 @@ class BatchBuilder:
             if several
             else np.array([scan.reading for scan in scans]),
             sigma=sigma,
-            offset=np.array([scan.offset for scan in scans]),
+            offset=mean_error(self.instrument) + np.array([scan.offset for scan in scans]),
             transition=np.ascontiguousarray(transition[:, :2]),
             reading_jacobian=np.einsum("ti,tij->tj", at_scan, transition),
             nuisance_position=np.ascontiguousarray(drift[:, :2]),

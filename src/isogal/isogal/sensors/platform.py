@@ -9,6 +9,9 @@ from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
+_GRAVITY = 9.8
+"""m/s², of any place within 0.3 %."""
+
 
 def levelling_error(
     settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
@@ -35,6 +38,13 @@ def levelling_error(
     steps = index[0]
     mean = (total[index] - total[index - steps]) / steps
     return tilted_reading(mean, north, east) + mean[:, 2]
+
+
+def mean_error(settings: Gravimeter) -> float:
+    """Return what the platform's tilt adds to a reading of a vehicle at constant velocity on
+    average, m/s². Its 1-sigma is the same: half of g times a chi-square of two degrees of
+    freedom, times the tilt's variance; it is correlated over half of the tilt's time."""
+    return -_GRAVITY * settings.platform_tilt**2
 
 
 def tilted_reading(force: Array, north: Array, east: Array) -> Array:
