@@ -56,7 +56,9 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
         return None
     if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
         return None
-    key = scenario.model_dump_json(include={"field", "route", "imu", "gravimeter", "map"})
+    # what `_vector` looks at: with other sensors it is the same
+    document = scenario.model_dump_json(include={"route", "map"})
+    key = f"{scenario.measured_field} {trajectory.dt} {document}"
     if key not in _kept:
         while len(_kept) >= _KEPT:
             _kept.popitem(last=False)
