@@ -55,14 +55,15 @@ def known_gravity(
     share = settings.compensated_share if settings.compensation == "map" else 0.0
     along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
     spread = float(np.sqrt(np.nanmean(along**2)))
-    left = (1.0 - share) * spread
+    left = ((1.0 - share) * spread) ** 2
+    wrong = 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2
     sigma, length = settings.residual_sigma, settings.residual_correlation_length
     if sigma == "auto":
-        sigma = float(np.sqrt(left**2 + 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2))
+        sigma = float(np.sqrt(left + wrong))
     if length == "auto":
         of_map = _correlation_length(trajectory, along)
         of_error = scenario.matcher.map_correlation_length
-        weight = left**2 / (left**2 + 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2)
+        weight = left / (left + wrong)
         length = float(np.exp(weight * np.log(of_map) + (1.0 - weight) * np.log(of_error)))
     return KnownGravity(compensation_by(vector.horizontal, share), float(sigma), float(length))
 
