@@ -2,6 +2,7 @@
 outliers, bias and drift."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from isogal.sensors.lag import Lag
 from isogal.sensors.platform import levelling_error
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
+
+KEPT_SCANS = 2000
+"""Of a route at most, for its matrices to stay in memory (32 MB each)."""
 
 
 class ReadingSimulator:
@@ -180,17 +184,27 @@ def draw_map_error(
     its unit.
 
     Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions,
-    one field per run and channel."""
+    one field per run and channel. The square root of the covariance is kept for the next runs."""
     sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
     size = (len(index), *channels)
     if sigma == 0.0:
         return np.zeros((len(runs), *size))
-    from isogal.earth.frames import geodetic_to_ecef
-
-    points = geodetic_to_ecef(trajectory.latitude[index], trajectory.longitude[index], 0.0)
-    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
-    root = np.linalg.cholesky(sigma**2 * (np.exp(-distance / length) + 1e-12 * np.eye(len(index))))
+    places = np.stack([trajectory.latitude[index], trajectory.longitude[index]]).tobytes()
+    root_of = _root if len(index) <= KEPT_SCANS else _root.__wrapped__
+    root = root_of(places, sigma, length)
     # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
     return np.stack(
         [root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs]
     )
+
+
+@lru_cache(maxsize=1)
+def _root(places: bytes, sigma: float, length: float) -> Array:
+    """Return (N, N) a square root of the map error's covariance at places, (2, N) rad as bytes."""
+    from isogal.earth.frames import geodetic_to_ecef
+
+    latitude, longitude = np.frombuffer(places).reshape(2, -1)
+    points = geodetic_to_ecef(latitude, longitude, 0.0)
+    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
+    correlation = np.exp(-distance / length) + 1e-12 * np.eye(len(points))
+    return np.asarray(np.linalg.cholesky(sigma**2 * correlation))

@@ -15,11 +15,13 @@ disturbance each.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fields.simulator import KEPT_SCANS
 from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
@@ -106,13 +108,9 @@ def draw_horizontal_error(
     count = 2 * len(stations)
     if sigma == 0.0:
         return stations, np.zeros((len(runs), len(stations), 2))
-    known = np.exp(-np.sqrt((_apart(trajectory, index, index) ** 2).sum(axis=-1)) / length)
-    cross = cross_covariance(_apart(trajectory, index, stations), length).reshape(-1, count)
-    own = horizontal_covariance(_apart(trajectory, stations, stations), length)
-    own = own.transpose(0, 2, 1, 3).reshape(count, count)
-    gain = np.linalg.solve(known + _JITTER * np.eye(len(index)), cross)
-    rest = own - cross.T @ gain
-    root = np.linalg.cholesky(0.5 * (rest + rest.T) + _JITTER * np.eye(count))
+    plane = _plane(trajectory)
+    given = _given if len(index) <= KEPT_SCANS else _given.__wrapped__
+    gain, root = given(plane[index].tobytes(), plane[stations].tobytes(), length)
     drawn = [
         # a product for each run: its numbers must not depend on how many runs are computed
         error @ gain
@@ -124,9 +122,30 @@ def draw_horizontal_error(
     return stations, np.stack(drawn).reshape(len(runs), len(stations), 2)
 
 
-def _apart(trajectory: Trajectory, first: Integers, second: Integers) -> Array:
-    """Return (n, m, 2) m, from points of the route to others, in one plane."""
+@lru_cache(maxsize=1)
+def _given(scans: bytes, stations: bytes, length: float) -> tuple[Array, Array]:
+    """Return (scans, 2 S) by which the disturbance's error at the scans makes the mean of the
+    horizontal ones at S stations, and (2 S, 2 S) a square root of what is left of their
+    covariance, sigma = 1; places (N, 2) m in a plane as bytes."""
+    first, second = (np.frombuffer(places).reshape(-1, 2) for places in (scans, stations))
+    count = 2 * len(second)
+    known = np.exp(-np.sqrt((_apart(first, first) ** 2).sum(axis=-1)) / length)
+    cross = cross_covariance(_apart(first, second), length).reshape(-1, count)
+    own = horizontal_covariance(_apart(second, second), length)
+    own = own.transpose(0, 2, 1, 3).reshape(count, count)
+    gain = np.linalg.solve(known + _JITTER * np.eye(len(first)), cross)
+    rest = own - cross.T @ gain
+    root = np.linalg.cholesky(0.5 * (rest + rest.T) + _JITTER * np.eye(count))
+    return np.asarray(gain), np.asarray(root)
+
+
+def _plane(trajectory: Trajectory) -> Array:
+    """Return (K + 1, 2) m, north and east, the points of the route in one plane."""
     latitude, longitude = trajectory.latitude, trajectory.longitude
     north, east = metres_per_radian(float(latitude.mean()))
-    plane = np.stack([latitude * north, longitude * east], axis=-1)
-    return plane[second][None] - plane[first][:, None]
+    return np.stack([latitude * north, longitude * east], axis=-1)
+
+
+def _apart(first: Array, second: Array) -> Array:
+    """Return (n, m, 2) m, from points (n, 2) to others (m, 2)."""
+    return np.asarray(second[None] - first[:, None])
