@@ -11,10 +11,10 @@ from helpers.route_maps import field, tilted, waves
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import (
     BoundResult,
-    effective_noise_variance,
     posterior_cramer_rao,
     unaided_covariance,
 )
+from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
@@ -193,6 +193,20 @@ def test_worse_sensors_and_maps_give_larger_bounds():
     assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
     assert good < rms(initial_error={"position": 500.0})
     assert good < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
+
+
+def test_a_map_that_is_more_wrong_in_some_places():
+    base = {"route": {"duration": 1800.0}, "gravity": {"field": "normal"}}
+    trajectory, field_map = build_trajectory(scenario(**base)), field(waves)
+
+    def rms(sigma, share):
+        settings = scenario(**base, map_error={"sigma": sigma})
+        share = None if share is None else np.broadcast_to(share, 180)
+        return posterior_cramer_rao(settings, trajectory, field_map, map_share=share).rms[-1]
+
+    assert rms(1e-5, 3.0) == pytest.approx(rms(3e-5, None))
+    good_at_the_end = np.where(np.arange(180) < 90, 3.0, 1.0)
+    assert rms(1e-5, None) < rms(1e-5, good_at_the_end) < rms(3e-5, None)
 
 
 def test_the_rate_of_the_imu_hardly_matters():

@@ -28,7 +28,13 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.evaluation.aids_model import aids_model, height_slope
-from isogal.evaluation.gravimeter_states import SlowStates, fill_slow, slow_states
+from isogal.evaluation.gravimeter_states import (
+    SlowStates,
+    effective_noise,
+    effective_noise_variance,
+    fill_slow,
+    slow_states,
+)
 from isogal.evaluation.ins_error_model import (
     Segments,
     ageing,
@@ -46,7 +52,7 @@ from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap
 from isogal.matching.batching import fix_due
-from isogal.scenario import Gravimeter, Scenario
+from isogal.scenario import Scenario
 from isogal.sensors.gravimeter_errors import without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.reduction import State
@@ -66,6 +72,8 @@ class _Readings(NamedTuple):
     """(S,) whether the navigator gets, after a scan, what all readings so far say."""
     slow: SlowStates
     """Of the sensor."""
+    map_share: Array
+    """(S,) the map's error in a reading, in units of its 1-sigma."""
 
 
 class _Ageing(NamedTuple):
@@ -102,7 +110,12 @@ class BoundResult:
 
 
 def posterior_cramer_rao(
-    scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, *, batchwise: bool = False
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RouteMap,
+    *,
+    batchwise: bool = False,
+    map_share: Array | None = None,
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the noise and map
     error of the scenario's true world, which it knows.
@@ -120,6 +133,8 @@ def posterior_cramer_rao(
     batchwise : bool
         Return the bound of a navigator that learns what a batch's readings say only at the end of
         the batch, as any batch matcher does.
+    map_share : (S,) array, optional
+        1-sigma of the map's error at each scan in units of `map_error.sigma`; default: 1.
     """
     scenario = scenario.world
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
@@ -133,14 +148,15 @@ def posterior_cramer_rao(
     )
     if (covariance := field.covariance(scenario)) is not None:
         rounding = np.array([one.quantisation for one in channels_of(field_map)]) ** 2 / 12.0
-        noise, turn = np.linalg.eigh(_effective_noise(scenario.gravimeter, covariance, rounding))
+        noise, turn = np.linalg.eigh(effective_noise(scenario.gravimeter, covariance, rounding))
         sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
     used = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
     slope = height_slope(scenario, trajectory, scans)
-    return _run(scenario, trajectory, _Readings(sensitivity, slope, noise, used, slow))
+    share = np.ones(len(scans)) if map_share is None else map_share
+    return _run(scenario, trajectory, _Readings(sensitivity, slope, noise, used, slow, share))
 
 
 def _sensitivity(
@@ -183,32 +199,8 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
     scans = len(trajectory) // scenario.steps_per_scan
     nothing = np.full((scans, 1, 4), np.nan)
     used = np.ones(scans, dtype=np.bool_)
-    readings = _Readings(nothing, np.zeros(scans), np.ones(1), used, SlowStates.none(scans))
-    return _run(scenario, trajectory, readings)
-
-
-def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
-    """Return the variance (map's unit squared) whose information equals that of a reading on
-    average.
-
-    White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a
-    navigator that knows which readings are outliers: the mean of the two informations. So is that
-    of readings of which a share is missing by chance."""
-    rounding = quantisation**2 / 12.0
-    good = gravimeter.sigma**2 + rounding
-    outlier = good + (gravimeter.sigma * gravimeter.outlier_sigma) ** 2
-    known = (1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier
-    return 1.0 / ((1.0 - gravimeter.missing_fraction) * known)
-
-
-def _effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) -> Array:
-    """Return the same as a covariance (C, C), for readings of C channels with a covariance of
-    their noise, and variances (C,) of the maps' rounding."""
-    good = covariance + np.diag(rounding)
-    outlier = good + gravimeter.outlier_sigma**2 * covariance
-    share = gravimeter.outlier_fraction
-    known = (1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)
-    return np.asarray(np.linalg.inv((1.0 - gravimeter.missing_fraction) * known))
+    slow, ones = SlowStates.none(scans), np.ones(scans)
+    return _run(scenario, trajectory, _Readings(nothing, ones, np.ones(1), used, slow, ones))
 
 
 def _run(scenario: Scenario, trajectory: Trajectory, readings: _Readings) -> BoundResult:
@@ -258,7 +250,7 @@ def _riccati(  # type: ignore[no-untyped-def]
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
     geometry, force, rotation, rate, dt, per_scan = segments
-    sensitivity, _, noise, used, slow = readings
+    sensitivity, _, noise, used, slow, map_share = readings
     n, filtered = start.shape[0], slow.filter_time > 0.0
     first = n - 2 - slow.variance.shape[0]  # of the slow states
     m = first - noise.shape[0]
@@ -301,7 +293,8 @@ def _riccati(  # type: ignore[no-untyped-def]
                     row[:4] = sensitivity[scan, c]
                     row[STATES:m] = aids.by_height[scan]
                     row[first : n - 2] = slow.share[scan]
-                    row[n - 3 if filtered else m + c] = row[n - 2] = 1.0
+                    row[n - 3 if filtered else m + c] = map_share[scan]
+                    row[n - 2] = 1.0
                     _update(P, row, noise[c])
             if used[scan]:
                 alone = P.copy()

@@ -1,5 +1,5 @@
-"""States of the bound for what a gravimeter adds slowly to its readings (docs/mathematics.md,
-sections 2.8 and 11.1)."""
+"""What the bound takes for a gravimeter's errors: states for what it adds slowly to its readings,
+and their white noise (docs/mathematics.md, sections 2.8 and 11.1)."""
 
 import math
 from typing import NamedTuple
@@ -90,3 +90,27 @@ def fill_slow(transition, half_noise, slow, map_error, dt):  # type: ignore[no-u
         keep = math.exp(-dt / slow.filter_time)
         transition[n - 3, map_error], transition[n - 3, n - 3] = 1.0 - keep, keep
         half_noise[n - 3, n - 3] = 0.0
+
+
+def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
+    """Return the variance (map's unit squared) whose information equals that of a reading on
+    average.
+
+    White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a
+    navigator that knows which readings are outliers: the mean of the two informations. So is that
+    of readings of which a share is missing by chance."""
+    rounding = quantisation**2 / 12.0
+    good = gravimeter.sigma**2 + rounding
+    outlier = good + (gravimeter.sigma * gravimeter.outlier_sigma) ** 2
+    known = (1.0 - gravimeter.outlier_fraction) / good + gravimeter.outlier_fraction / outlier
+    return 1.0 / ((1.0 - gravimeter.missing_fraction) * known)
+
+
+def effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) -> Array:
+    """Return the same as a covariance (C, C), for readings of C channels with a covariance of
+    their noise, and variances (C,) of the maps' rounding."""
+    good = covariance + np.diag(rounding)
+    outlier = good + gravimeter.outlier_sigma**2 * covariance
+    share = gravimeter.outlier_fraction
+    known = (1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)
+    return np.asarray(np.linalg.inv((1.0 - gravimeter.missing_fraction) * known))
