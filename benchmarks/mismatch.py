@@ -30,6 +30,7 @@ import numpy as np
 import yaml
 from mismatch_rows import EXACT, MGAL_3, ROWS, Row
 
+from isogal.arrays import Array
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
@@ -53,6 +54,8 @@ CHUNK = 10
 """Runs to a job."""
 COARSER = 2
 """Cells of the map to a cell of the coarse one."""
+AROUND = 3.0
+"""Its cells over which what it leaves out is averaged (1-sigma of a Gaussian weight)."""
 MARKS = "<!-- table of benchmarks/mismatch.py -->", "<!-- end of the table -->"
 
 
@@ -62,6 +65,8 @@ class Maps:
 
     fine: str
     coarse: str
+    rated: str
+    """The coarse one with its 1-sigma at each node."""
     magnetic: str
     residual: float
     """1-sigma, m/s²."""
@@ -74,8 +79,11 @@ class Maps:
 
 
 def coarse_map(data: Path, out: Path) -> Maps:
-    """Write the map of a coarser grid; return all maps."""
-    fine, coarse = data / "se_australia_gravity.nc", out / "coarse.nc"
+    """Write the map of a coarser grid, without and with what is known of its error; return all
+    maps."""
+    from scipy.ndimage import gaussian_filter
+
+    fine, coarse, rated = data / "se_australia_gravity.nc", out / "coarse.nc", out / "rated.nc"
     field_map = load_map(fine, quantity="gravity")
     rows, columns = (n // COARSER * COARSER for n in field_map.values.shape)
 
@@ -94,6 +102,12 @@ def coarse_map(data: Path, out: Path) -> Maps:
     )
     out.mkdir(parents=True, exist_ok=True)
     write_netcdf(wide, coarse)
+    apart = field_map.values - wide.value(*np.meshgrid(
+        field_map.latitude, field_map.longitude, indexing="ij"
+    ))  # fmt: skip
+    squared = np.nan_to_num(apart[:rows, :columns] ** 2).reshape(blocks.shape).mean(axis=(1, 3))
+    local = np.sqrt(gaussian_filter(squared, AROUND)) + 1e-7
+    write_netcdf(replace(wide, sigma=local), rated)
     route = build_trajectory(load_scenario())
     difference = field_map.value(route.latitude, route.longitude) - wide.value(
         route.latitude, route.longitude
@@ -103,7 +117,7 @@ def coarse_map(data: Path, out: Path) -> Maps:
     far = int(np.argmax(np.array(products) < products[0] / np.e))
     speed = float(np.hypot(*route.velocity[0, :2]))
     magnetic = data / "kalgoorlie_gravity_magnetic.nc"
-    return Maps(str(fine), str(coarse), str(magnetic), sigma, far * speed * route.dt)
+    return Maps(str(fine), str(coarse), str(rated), str(magnetic), sigma, far * speed * route.dt)
 
 
 def scenario_of(row: Row, told: bool, base: Sequence[str], maps: Maps) -> Scenario:
@@ -156,7 +170,8 @@ def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
     world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario
-    bound = posterior_cramer_rao(world, trajectory, field_map).rms_at(record.time)
+    share = map_share(world, field_map, record)
+    bound = posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
     summary = summarise(record, scenario, bound)
     late = record.elapsed > SETTLED_AFTER
     squared = (record.horizontal_error[:, late] ** 2).mean(axis=1)
@@ -174,6 +189,15 @@ def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str
         "share": summary["judgement"]["share"],
         "declined": summary["fixes"]["declined"] / max(1, record.published.size),
     }
+
+
+def map_share(world: Scenario, field_map: Any, record: Runs) -> Array | None:
+    """Return (S,) the error of a map that says where it is how wrong, at the scans, in units of
+    what the world says; None where it does not."""
+    if not isinstance(getattr(field_map, "sigma", 0.0), np.ndarray):
+        return None
+    there = field_map.sigma_at(record.latitude[1:], record.longitude[1:])
+    return np.asarray(there) / world.map_error.sigma
 
 
 HEAD = (

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-FINE, COARSE, MAGNETIC = "{fine}", "{coarse}", "{magnetic}"
-"""Stand for map files: the map, the same of twice its grid spacing, a magnetic one."""
+FINE, COARSE, RATED, MAGNETIC = "{fine}", "{coarse}", "{rated}", "{magnetic}"
+"""Stand for map files: the map, the same of twice its grid spacing, without and with its 1-sigma
+at each node, a magnetic one."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ ROWS = (
     Row(
         "map of twice the grid spacing",
         (f"map.source={FINE}",),
-        ("matcher.map_sigma={residual}", "matcher.map_correlation_length={length}"),
+        (f"map.source={RATED}", "matcher.map_correlation_length={length}"),
         (*EXACT, f"map.source={COARSE}", "map.continuation=none"),
         bound=("map_error.sigma={residual}", "map_error.correlation_length={length}"),
     ),

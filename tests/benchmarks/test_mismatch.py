@@ -10,7 +10,7 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
 from isogal.scenario import load_scenario
 
-MAPS = mismatch.Maps("fine.nc", "coarse.nc", "magnetic.nc", 7e-5, 700.0)
+MAPS = mismatch.Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
 IDS = [row.name for row in ROWS]
 
 
