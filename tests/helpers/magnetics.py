@@ -1,6 +1,7 @@
 """Flights of a magnetic aircraft built by hand."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -68,6 +69,23 @@ def fly(
         shift = np.clip(flight.time - around.lag, flight.time[0], None)
         vector = np.stack([np.interp(shift, flight.time, v) for v in vector.T], axis=-1)
     return Readings(flight.time, scalar, vector, "flight", currents), total
+
+
+def write_flight(path: Path, flight: Flight, readings: Readings, **columns: object) -> Path:
+    """Write a flight over Scotland as a file of `isogal mag`; columns may be given, or left out
+    by None."""
+    place = {
+        "latitude": 56.0 + flight.north / 111_200.0,
+        "longitude": -4.0 + flight.east / 62_200.0,
+        "height": np.full(len(readings), 500.0),
+    }
+    vector = {f"vector_{axis}": readings.vector[:, i] for i, axis in enumerate("xyz")}
+    currents = {f"current_{name}": value for name, value in readings.currents.items()}
+    table = {"time": readings.time, **place, "scalar": readings.total, **vector, **currents}
+    table = {name: column for name, column in (table | columns).items() if column is not None}
+    rows = np.stack([np.asarray(column, float) for column in table.values()], axis=-1)
+    np.savetxt(path, rows, "%.14g", ",", header=",".join(table), comments="")
+    return path
 
 
 def spread(error: Array) -> float:

@@ -4,7 +4,13 @@ evaluated, and up and down."""
 import numpy as np
 import pytest
 
-from isogal.sensors.magnetometer import MagneticReduction, MainField, intensity
+from isogal.sensors.magnetometer import (
+    MagneticReduction,
+    MainField,
+    decimal_year,
+    intensity,
+    is_absolute,
+)
 from isogal.sensors.reduction import State
 
 LATITUDE, LONGITUDE = np.radians([55.5, 56.4]), np.radians([-5.0, -3.0])
@@ -74,3 +80,30 @@ def test_the_anomaly_is_the_field_less_the_model(main_field):
     assert reduction.reduce(total, at) == pytest.approx(123.0, abs=0.02)
     away = at._replace(latitude=np.radians(30.0))
     assert np.isnan(reduction.reduce(total, away))  # nobody asked about that part of the Earth
+
+
+def test_the_date_of_a_reading_counts_where_its_time_is_absolute(main_field):
+    # 2021-07-02 12:00 UTC is the middle of 2021
+    assert decimal_year(1_625_227_200.0) == pytest.approx(2021.5)
+    assert (is_absolute(1_625_227_200.0), is_absolute([12_960.0, 1_625_227_200.0])) == (
+        True,
+        False,
+    )
+    at = State(np.radians(56.0), np.radians(-4.0), 300.0, 30.0, 0.0)
+    reduction = MagneticReduction(main_field)
+    for time, year in ((1_625_227_200.0, 2021.5), (1_639_000_000.0, 2021.9366)):
+        exact = float(intensity(56.0, -4.0, 300.0, year))
+        assert reduction.reduce(exact, at._replace(time=time)) == pytest.approx(0.0, abs=0.05)
+    assert abs(float(reduction.reduce(exact, at))) > 5.0  # by the epoch, 2025.0
+    several = main_field.value(
+        np.radians([56.0] * 2), np.radians([-4.0] * 2), 300.0, [2021.5, 2021.9]
+    )
+    np.testing.assert_allclose(
+        several, [float(intensity(56.0, -4.0, 300.0, y)) for y in (2021.5, 2021.9)], atol=0.05
+    )
+
+
+def test_dates_beyond_the_model_are_taken_as_its_ends(main_field):
+    assert decimal_year(4.0e9) == 2030.0
+    there = main_field.value(np.radians(56.0), np.radians(-4.0), 300.0, 2030.0)
+    assert there == pytest.approx(float(intensity(56.0, -4.0, 300.0, 2030.0)), abs=0.05)

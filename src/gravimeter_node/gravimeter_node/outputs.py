@@ -4,9 +4,11 @@ import math
 from typing import Any
 
 from isogal.fields.measured import measured_field, of_instrument
+from isogal.sensors.magnetometer import is_absolute
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_sample import NavSample
 
@@ -34,7 +36,10 @@ class Outputs:
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, *nav.velocity[:2])
+                when = to_seconds(ns)
+                utc = when if is_absolute(when) else None
+                north, east = nav.velocity[:2]
+                estimate = State(*place, height, north, east, utc)
                 value = reduction.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance

@@ -6,6 +6,7 @@ Commands
 - `montecarlo`: ``isogal montecarlo``, a scenario many times.
 - `paper`: ``isogal paper``, the reproduction of the paper.
 - `match`: ``isogal match``, a recorded track against a map.
+- `mag`: ``isogal mag calibrate`` and ``compensate``, a magnetometer on a magnetic vehicle.
 - `map`: ``isogal map info``, ``variability``, ``synth``, ``fetch`` and ``convert``.
 
 What they share

@@ -54,6 +54,7 @@ COMMANDS = {
     "plan": Command(
         "plan", "plan", "Find the route on which the navigator arrives with the least error."
     ),
+    "mag": Command("mag", "app", "Clean a magnetometer of the vehicle's own field."),
     "map": Command("map.app", "app", "Look at maps, make, fetch and convert them."),
 }
 

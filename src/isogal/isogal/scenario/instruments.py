@@ -87,7 +87,10 @@ class Magnetometer(Section):
         2025.0,
         ge=1900.0,
         le=2030.0,
-        description="when, decimal year: the main field (IGRF) changes from year to year",
+        description=(
+            "when, decimal year: the main field (IGRF) changes from year to year; of readings"
+            " whose stamps do not say it, as those since the start of a simulation"
+        ),
     )
 
 

@@ -4,11 +4,13 @@ field is subtracted (docs/mathematics.md, section 2.7).
 The anomaly of total field is |B| less the main field's intensity at the navigator's estimate. The
 main field is the International Geomagnetic Reference Field (Alken et al. 2021, Earth Planets Space
 73:49; degree 13, wavelengths of 3000 km and more) by the package ppigrf. Only |B| is used, so the
-sensor's attitude does not matter. Neither the daily variation (tens of nT) nor the vehicle's own
-field is modelled; an offset that is constant within a batch can be allowed for by
-`matcher.bias_sigma`."""
+sensor's attitude does not matter. The main field is that of the reading's own date where its time
+is absolute, else that of `magnetometer.epoch`. Of the vehicle's own field `isogal.magnetics` knows
+more. The daily variation (tens of nT) is not modelled; an offset that is constant within a batch
+can be allowed for by `matcher.bias_sigma`."""
 
 import math
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -27,6 +29,25 @@ MARGIN = 300e3
 HEIGHT_STEP = 1000.0
 """m over which the main field's change with height, about -0.02 nT/m, is computed."""
 _NEAREST_POLE = 89.0
+_ABSOLUTE = 631_152_000.0
+"""s, 1990-01-01 UTC: smaller times count from the start of a recording or a simulation."""
+_FIRST_YEAR, _LAST_YEAR = 1900.0, 2030.0
+"""Of the model; beyond them the field is taken as at these."""
+
+
+def is_absolute(time: ArrayLike) -> bool:
+    """Return whether times (s) are since 1970 UTC, rather than since the start of something."""
+    return bool(np.min(time) >= _ABSOLUTE)
+
+
+def decimal_year(time: ArrayLike) -> Array:
+    """Return the decimal year of times since 1970 UTC (s), leap seconds left out, within the years
+    of the model."""
+    seconds = np.asarray(time, dtype=float)
+    year = seconds.astype("datetime64[s]").astype("datetime64[Y]")
+    start, end = (one.astype("datetime64[s]").astype(float) for one in (year, year + 1))
+    share = (seconds - start) / (end - start)
+    return np.clip(year.astype(float) + 1970.0 + share, _FIRST_YEAR, _LAST_YEAR)
 
 
 class MainField:
@@ -53,22 +74,50 @@ class MainField:
         columns = SPACING * np.arange(
             math.floor(west / SPACING) - 1, math.ceil(east / SPACING) + 2
         )
-        rows, columns = rows[np.abs(rows) <= _NEAREST_POLE], columns[: round(360.0 / SPACING)]
-        # row by row, because the package needs 3 kB of memory for each point
-        here, above = (
-            np.stack([intensity(row, columns, h, epoch) for row in rows])
-            for h in (height, height + HEIGHT_STEP)
+        self._rows = rows[np.abs(rows) <= _NEAREST_POLE]
+        self._columns = columns[: round(360.0 / SPACING)]
+        self.grid, above = (self._map(h, epoch) for h in (height, height + HEIGHT_STEP))
+        self._rise = replace(
+            self.grid, values=(above.values - self.grid.values) / HEIGHT_STEP, unit="nT/m"
         )
-        axes = np.radians(rows), np.radians(columns)
-        self.grid = FieldMap(*axes, here, "nT", "magnetic_field", provenance="IGRF")
-        self._rise = FieldMap(
-            *axes, (above - here) / HEIGHT_STEP, "nT/m", "magnetic_field", provenance="IGRF"
-        )
+        self._years: dict[int, FieldMap] = {}
 
-    def value(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
-        """Return the intensity, nT; NaN far from the points."""
-        rise = self._rise.value(latitude, longitude)
-        return self.grid.value(latitude, longitude) + rise * (np.asarray(height) - self.height)
+    def _map(self, height: float, epoch: float) -> FieldMap:
+        # row by row, because the package needs 3 kB of memory for each point
+        values = np.stack([intensity(row, self._columns, height, epoch) for row in self._rows])
+        axes = np.radians(self._rows), np.radians(self._columns)
+        return FieldMap(*axes, values, "nT", "magnetic_field", provenance="IGRF")
+
+    def value(
+        self,
+        latitude: ArrayLike,
+        longitude: ArrayLike,
+        height: ArrayLike,
+        year: ArrayLike | None = None,
+    ) -> Array:
+        """Return the intensity, nT, in decimal years, by default at the epoch; NaN far from the
+        points."""
+        rise = self._rise.value(latitude, longitude) * (np.asarray(height) - self.height)
+        if year is None:
+            return self.grid.value(latitude, longitude) + rise
+        return self._at_year(latitude, longitude, np.asarray(year)) + rise
+
+    def _at_year(self, latitude: ArrayLike, longitude: ArrayLike, year: Array) -> Array:
+        """Return the intensity at the grid's height, linear between years (the model's
+        coefficients are; the intensity is to some hundredths of a nT)."""
+        whole = np.floor(year)
+        result = np.full(np.broadcast(latitude, longitude, year).shape, np.nan)
+        for first in np.unique(whole):
+            before, after = (self._in_year(int(one)) for one in (first, first + 1.0))
+            here, there = (one.value(latitude, longitude) for one in (before, after))
+            result = np.where(whole == first, here + (year - first) * (there - here), result)
+        return result
+
+    def _in_year(self, year: int) -> FieldMap:
+        """Return the grid at the start of a year, which is computed at its first use."""
+        if year not in self._years:
+            self._years[year] = self._map(self.height, min(float(year), _LAST_YEAR))
+        return self._years[year]
 
     def gradient(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, Array]:
         """Return its derivative to the north, to the east and upwards, nT/m."""
@@ -106,7 +155,7 @@ class MagneticReduction:
 
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return the total field over a point of a given anomaly."""
-        return np.asarray(value) + self.main_field.value(at.latitude, at.longitude, at.height)
+        return np.asarray(value) + self._main(at)
 
     def report(self, raw: ArrayLike) -> Array:
         """Return it as it is."""
@@ -114,7 +163,11 @@ class MagneticReduction:
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the anomaly: the total field less the main field at the navigator's position."""
-        return np.asarray(raw) - self.main_field.value(at.latitude, at.longitude, at.height)
+        return np.asarray(raw) - self._main(at)
+
+    def _main(self, at: State) -> Array:
+        year = None if at.time is None else decimal_year(at.time)
+        return self.main_field.value(at.latitude, at.longitude, at.height, year)
 
     def jacobian(self, at: State) -> Array:
         """Return minus the main field's gradient: at a wrong position a wrong main field is

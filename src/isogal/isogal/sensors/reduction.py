@@ -22,6 +22,8 @@ class State(NamedTuple):
     v_north: ArrayLike
     """m/s."""
     v_east: ArrayLike
+    time: ArrayLike | None = None
+    """s since 1970 UTC, where it is known; the Earth's main field changes."""
 
 
 class Reduction(Protocol):

@@ -6,6 +6,8 @@ Reading
 - `csv_file`, `text_rows`: how is one read from a text file?
 - `averaging`: how does a dense one become a sparse one?
 - `recording`: how is one read from a bag?
+- `magnetic_flight`: how is a flight with two magnetometers read, and its compensated track
+  written?
 
 Matching
 
@@ -19,5 +21,6 @@ Results
 - `results`: how are fixes written as JSON, CSV and GeoJSON?
 - `figures`: how do track, fixes and readings look?
 - `shift_figure`: how likely is each shift of a track?
+- `magnetic_report`: what did a calibration flight tell?
 - `match_report`: how is all this shown on one page?
 """

@@ -4,7 +4,6 @@ optionally time, sigma, offset and line."""
 import difflib
 import math
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.corridor import Corridor, corridor_of
-from isogal.tracks.text_rows import TextRows, read_rows
+from isogal.tracks.text_rows import DUMMIES, MISSING, TextRows, iso_seconds, read_rows
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
@@ -29,9 +28,6 @@ _NAMES = {
 }
 """Names of columns, in any case."""
 _MAY_BE_MISSING = ("value", "sigma", "offset")
-_MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
-_DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
-"""Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
 _RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
 
 
@@ -240,17 +236,17 @@ def _geographic(x: Array, y: Array, crs: str | None, where: str) -> dict[str, Ar
 
 def _number(cell: str, name: str, line: int, where: str) -> float:
     text = cell.strip()
-    missing = text.casefold() in _MISSING
+    missing = text.casefold() in MISSING
     if missing and name in _MAY_BE_MISSING:
         return math.nan
     try:
         value = float(text)
     except ValueError:
-        if name == "time" and (stamp := _iso(text)) is not None:
+        if name == "time" and (stamp := iso_seconds(text)) is not None:
             return stamp
         shown = f"'{text[:40]}'" if text else "empty"
         raise InputError(f"{where}: {name} in line {line} is {shown}, not a number") from None
-    if name in _MAY_BE_MISSING and value in _DUMMIES:
+    if name in _MAY_BE_MISSING and value in DUMMIES:
         return math.nan
     if not np.isfinite(value):
         raise InputError(
@@ -264,12 +260,3 @@ def _number(cell: str, name: str, line: int, where: str) -> float:
     if name == "sigma" and value <= 0.0:
         raise InputError(f"{where}: sigma in line {line} is {text}, must be > 0")
     return value
-
-
-def _iso(text: str) -> float | None:
-    """Return seconds since 1970 of a date and time by ISO 8601; None where it is none."""
-    try:
-        stamp = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()

@@ -3,10 +3,15 @@
 import csv
 import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from isogal.errors import InputError
 
+MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
+"""Cells without a reading, in lower case."""
+DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
+"""Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
 _LINE = re.compile(r"^\s*(?:line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 """A row that begins a survey line in a Geosoft XYZ file."""
 
@@ -87,3 +92,13 @@ def _split(rows: list[str], mark: str, where: str) -> list[list[str]]:
     if len(cells) != len(rows):
         raise InputError(f"{where}: a quoted cell runs over several lines")
     return cells
+
+
+def iso_seconds(text: str) -> float | None:
+    """Return seconds since 1970 of a date and time by ISO 8601, UTC unless it says otherwise; None
+    where it is none."""
+    try:
+        stamp = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()

@@ -1,0 +1,241 @@
+"""The commands of ``isogal mag``: a magnetometer on a magnetic vehicle."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isogal.cli.checks import finite, not_negative
+from isogal.cli.map.results import print_json
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json
+from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal.arrays import Array
+    from isogal.magnetics.calibration import Calibration, Settings
+    from isogal.tracks.magnetic_flight import MagneticFlight
+
+FITTING = "Calibration"
+"""Heading of the options that say how coefficients are learnt."""
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    help="Clean a magnetometer of the vehicle's own field.",
+)
+
+
+@dataclass(frozen=True)
+class FlightChoice:
+    """Which flight, and what its file does not say."""
+
+    flight: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FLIGHT",
+            help="CSV or XYZ file with the columns time (s or ISO 8601), scalar, vector_x,"
+            " vector_y, vector_z (nT), and if you like latitude, longitude (deg), height (m),"
+            " current_NAME (A) and reference (nT, the true field).",
+        ),
+    ]
+    base: Annotated[
+        Path | None,
+        typer.Option(
+            "--base",
+            metavar="FILE",
+            help="Base station with the columns time and scalar: its daily variation is taken"
+            " off.",
+        ),
+    ] = None
+    height: Annotated[
+        float | None,
+        typer.Option(
+            "--height",
+            metavar="M",
+            callback=finite,
+            help="Above the ellipsoid, where the file has no column height.",
+        ),
+    ] = None
+    epoch: Annotated[
+        float,
+        typer.Option(
+            "--epoch",
+            metavar="YEAR",
+            min=1900.0,
+            max=2030.0,
+            help="Of the main field, where the times are not UTC.",
+        ),
+    ] = 2025.0
+
+    def read(self) -> "MagneticFlight":
+        """Return the flight, less the daily variation; raises InputError."""
+        from isogal.tracks.magnetic_flight import (
+            read_base_station,
+            read_magnetic_flight,
+            without_diurnal,
+        )
+
+        flight = read_magnetic_flight(self.flight)
+        return without_diurnal(flight, read_base_station(self.base) if self.base else None)
+
+    def main_field(self, flight: "MagneticFlight") -> "Array":
+        """Return (N,) nT the Earth's main field; raises InputError."""
+        return flight.main_field(self.epoch, self.height)
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How coefficients are learnt."""
+
+    band: Annotated[
+        str,
+        typer.Option(
+            "--band",
+            metavar="LOW,HIGH",
+            help="Frequencies of the manoeuvres, Hz.",
+            rich_help_panel=FITTING,
+        ),
+    ] = "0.1,0.9"
+    ridge: Annotated[
+        float | None,
+        typer.Option(
+            "--ridge",
+            metavar="NUMBER",
+            callback=not_negative,
+            help="Added to the normal equations; default: by the evidence.",
+            rich_help_panel=FITTING,
+        ),
+    ] = None
+    lag: Annotated[
+        float | None,
+        typer.Option(
+            "--lag",
+            metavar="S",
+            callback=finite,
+            help="By which the vector magnetometer is late; default: found out.",
+            rich_help_panel=FITTING,
+        ),
+    ] = None
+
+    def settings(self) -> "Settings":
+        """Return the same as the library takes it; raises InputError."""
+        from isogal.magnetics.band_pass import Band
+        from isogal.magnetics.calibration import Settings
+
+        try:
+            low, high = (float(part) for part in self.band.split(","))
+        except ValueError:
+            raise InputError(f"--band {self.band}: must be LOW,HIGH in Hz") from None
+        return Settings(Band(low, high), self.ridge, self.lag)
+
+
+@app.command()
+@with_groups
+def calibrate(
+    chosen: FlightChoice,
+    fitting: Fitting,
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="FILE.yaml", help="Coefficients.", rich_help_panel=RESULTS),
+    ],
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report", metavar="DIR", help="Page with a figure.", rich_help_panel=RESULTS
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Learn what a vehicle adds to the total magnetic field from a calibration flight: rolls,
+    pitches and yaws on four headings, high above the ground.
+
+    The coefficients are those of Tolles and Lawson: 3 of permanent magnetisation, 6 of induced, 9
+    of eddy currents, and 3 for each current that is measured."""
+    from isogal.magnetics.calibration import calibrate as learn
+    from isogal.tracks.magnetic_report import summary, write_calibration_report
+
+    settings, flight = fitting.settings(), chosen.read()
+    known = flight.reference
+    if known is None and flight.latitude is not None:
+        known = _main_field_or_height(chosen, flight)
+    found = learn(flight.readings, known, settings, flight.reference is not None)
+    found.compensation.write(out)
+    files = [str(out)]
+    if report is not None:
+        files.append(str(write_calibration_report(flight, found, report)))
+    _show(summary(flight, found) | {"files": files}, found, json)
+
+
+@app.command()
+@with_groups
+def compensate(
+    chosen: FlightChoice,
+    coefficients: Annotated[
+        Path, typer.Option("--coefficients", metavar="FILE.yaml", help="Of isogal mag calibrate.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="FILE.csv",
+            help="Track with the anomaly as value.",
+            rich_help_panel=RESULTS,
+        ),
+    ],
+    json: Json = False,
+) -> None:
+    """Take the vehicle's own field and the Earth's main field off a flight: what is left is the
+    anomaly, a track for isogal match --reduction main-field."""
+    import numpy as np
+
+    from isogal.magnetics.compensation import read_compensation
+    from isogal.tracks.magnetic_flight import write_compensated
+
+    compensation, flight = read_compensation(coefficients), chosen.read()
+    own = compensation.own_field(flight.readings)
+    total = flight.readings.total - own
+    write_compensated(out, flight, total, total - chosen.main_field(flight))
+    found: dict[str, Any] = {
+        "readings": len(flight.readings),
+        "without": int(np.isnan(total).sum()),
+        "own_field": [float(np.nanmin(own)), float(np.nanmax(own))],
+        "file": str(out),
+    }
+    _show_track(found, json)
+
+
+def _show_track(found: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json(found)
+        return
+    least, most = found["own_field"]
+    typer.echo(
+        f"{found['readings']} readings, the vehicle's field from {least:.1f} to {most:.1f} nT"
+    )
+    typer.echo(found["file"])
+
+
+def _main_field_or_height(chosen: FlightChoice, flight: "MagneticFlight") -> "Array":
+    """Return the main field; where no height is known, that at zero, because only its changes
+    count in a calibration."""
+    if flight.height is None and chosen.height is None:
+        return flight.main_field(chosen.epoch, 0.0)
+    return chosen.main_field(flight)
+
+
+def _show(numbers: dict[str, Any], found: "Calibration", as_json: bool) -> None:
+    if as_json:
+        print_json(numbers)
+        return
+    typer.echo(
+        f"{numbers['used']} of {numbers['readings']} readings count; in the band"
+        f" {found.rms_before:.2f} nT before, {found.rms_after:.2f} nT after (RMS), improvement"
+        f" {numbers['improvement']:.0f}"
+    )
+    typer.echo(f"the vehicle adds {numbers['own_field_peak_to_peak']:.0f} nT, peak to peak")
+    if found.compensation.lag:
+        typer.echo(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
+    for name in numbers["files"]:
+        typer.echo(name)

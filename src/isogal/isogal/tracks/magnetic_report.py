@@ -1,0 +1,112 @@
+"""The report of a calibration flight: a page with a figure and tables."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isogal.evaluation.figures import style
+from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.magnetics.calibration import Calibration
+from isogal.magnetics.heading_error import SECTORS, by_heading
+from isogal.magnetics.terms import names
+from isogal.tracks.magnetic_flight import MagneticFlight
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SECTORS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+
+
+def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
+    """Return what was found as numbers: nT, s, deg."""
+    compensation = found.compensation
+    own = compensation.own_field(flight.readings)
+    result: dict[str, Any] = {
+        "readings": len(flight.readings),
+        "used": found.used,
+        "rms_before": found.rms_before,
+        "rms_after": found.rms_after,
+        "improvement": found.rms_before / max(found.rms_after, 1e-9),
+        "own_field_peak_to_peak": float(np.nanmax(own) - np.nanmin(own)),
+        "moved_deg": [float(np.degrees(one)) for one in found.swing],
+        "condition": found.condition,
+        "lag": compensation.lag,
+        "offset": compensation.offset,
+        "currents": list(compensation.currents),
+    }
+    if flight.heading is not None:
+        means = by_heading(flight.heading, own)
+        result["own_field_by_heading"] = {
+            name: None if np.isnan(mean) else float(mean - np.nanmean(means))
+            for name, mean in zip(_SECTORS, means, strict=True)
+        }
+    return result
+
+
+@style.journal
+def calibration_figure(found: Calibration) -> "Figure":
+    """Draw the readings in the band before and after."""
+    figure = style.new_figure(3.2)
+    panel = figure.subplots()
+    minutes = (found.time - found.time[0]) / 60.0
+    panel.plot(minutes, found.before, lw=0.6, label=f"measured, RMS {found.rms_before:.2f} nT")
+    panel.plot(minutes, found.after, lw=0.6, label=f"compensated, RMS {found.rms_after:.2f} nT")
+    panel.set_xlabel("time (min)")
+    panel.set_ylabel("total field in the band (nT)")
+    panel.legend(loc="upper right")
+    return figure
+
+
+def write_calibration_report(flight: MagneticFlight, found: Calibration, folder: Path) -> Path:
+    """Write `report.html` with a PNG figure beside it; return the path of the page."""
+    numbers = summary(flight, found)
+    rows = [
+        ("readings, and those that count", f"{numbers['readings']}, {numbers['used']}"),
+        ("RMS in the band before, after (nT)", _pair(found.rms_before, found.rms_after)),
+        ("improvement", number(numbers["improvement"])),
+        ("the vehicle's field, peak to peak (nT)", number(numbers["own_field_peak_to_peak"])),
+        (
+            "the field's direction moved by, RMS on three axes (deg)",
+            ", ".join(number(one) for one in numbers["moved_deg"]),
+        ),
+        ("lag of the vector magnetometer (s)", number(numbers["lag"])),
+    ]
+    tables = [Table("Result", ("", ""), rows)]
+    if "own_field_by_heading" in numbers:
+        means = numbers["own_field_by_heading"]
+        tables.append(
+            Table(
+                f"The vehicle's field by heading, mean in {SECTORS} sectors (nT)",
+                tuple(means),
+                [[number(mean) for mean in means.values()]],
+            )
+        )
+    compensation = found.compensation
+    coefficients = zip(
+        names(compensation.currents), compensation.coefficients, compensation.sigma, strict=True
+    )
+    tables.append(
+        Table(
+            "Coefficients (nT; eddy nT s; current nT/A)",
+            ("term", "value", "1σ"),
+            [[name, number(float(a)), number(float(b))] for name, a, b in coefficients],
+            folded=True,
+        )
+    )
+    picture = Illustration(
+        "calibration",
+        calibration_figure(found),
+        "Total field of the calibration flight, less the main field, in the band of the"
+        " manoeuvres.",
+    )
+    return write_report(
+        folder,
+        "Magnetometer calibration",
+        [Section("Calibration", [], [picture], tables)],
+        subtitle=Path(flight.readings.where).name,
+    )
+
+
+def _pair(a: float, b: float) -> str:
+    return f"{number(a)}, {number(b)}"

@@ -1,0 +1,128 @@
+"""`isogal mag`: from a calibration flight to a compensated track."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from helpers.command_line import answer, refusal
+from helpers.magnetics import Circumstances, aircraft, fly, spread, write_flight
+from isogal.magnetics.compensation import read_compensation
+from isogal.magnetics.manoeuvres import calibration_flight, ordinary_flight
+from isogal.sensors.magnetometer import intensity
+
+AROUND = Circumstances(noise=0.02)
+LAG = ("--lag", 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("mag")
+
+
+@pytest.fixture(scope="module")
+def calibration(folder):
+    flight = calibration_flight(rate=5.0)
+    readings, _ = fly(flight, aircraft(), AROUND)
+    return write_flight(folder / "calibration.csv", flight, readings)
+
+
+@pytest.fixture(scope="module")
+def coefficients(folder, calibration):
+    answer("mag", "calibrate", calibration, "--out", folder / "own.yaml", *LAG)
+    return folder / "own.yaml"
+
+
+def test_calibrate_writes_coefficients_and_a_report(tmp_path, calibration):
+    out = tmp_path / "own.yaml"
+    words = ("mag", "calibrate", calibration, "--out", out, "--report", tmp_path / "report", *LAG)
+    found = json.loads(answer(*words, "--json"))
+    assert found["improvement"] > 50.0
+    assert 150.0 < found["own_field_peak_to_peak"] < 300.0
+    by_heading = found["own_field_by_heading"]
+    assert max(by_heading.values()) - min(by_heading.values()) > 50.0
+    assert found["files"] == [str(out), str(tmp_path / "report" / "report.html")]
+    assert (tmp_path / "report" / "calibration.png").read_bytes().startswith(b"\x89PNG")
+    assert "heading" in (tmp_path / "report" / "report.html").read_text()
+    assert read_compensation(out).coefficients.size == 18
+    assert "peak to peak" in answer("mag", "calibrate", calibration, "--out", out, *LAG)
+
+
+def test_compensate_leaves_the_anomaly(tmp_path, coefficients):
+    flight = ordinary_flight(3, minutes=5.0, rate=5.0)
+    readings, total = fly(flight, aircraft(), AROUND, seed=2)
+    path, out = write_flight(tmp_path / "flight.csv", flight, readings), tmp_path / "track.csv"
+    words = ("mag", "compensate", path, "--coefficients", coefficients, "--out", out)
+    assert str(out) in answer(*words)
+    with out.open() as stream:
+        rows = list(csv.DictReader(stream))
+    value = np.array([float(row["value"]) for row in rows])
+    place = [np.array([float(row[name]) for row in rows]) for name in ("latitude", "longitude")]
+    truth = total - intensity(*place, 500.0, 2025.0)
+    assert np.ptp(readings.total - total) > 100.0
+    assert spread(value - truth) < 0.7
+    found = json.loads(answer(*words, "--json"))
+    assert (found["readings"], found["without"]) == (len(rows), 0)
+
+
+def test_the_date_of_the_readings_counts(tmp_path, coefficients):
+    flight = ordinary_flight(3, minutes=0.5, rate=5.0)
+    readings, _ = fly(flight, aircraft(), AROUND)
+    values = []
+    for stamp, epoch in ((1_625_227_200.0, 2025.0), (0.0, 2021.5), (0.0, 2025.0)):
+        path = tmp_path / "flight.csv"
+        write_flight(path, flight, readings, time=stamp + readings.time)
+        out = tmp_path / "track.csv"
+        answer("mag", "compensate", path, "--coefficients", coefficients, "--out", out,
+               "--epoch", epoch)  # fmt: skip
+        values.append(float(out.read_text().splitlines()[50].split(",")[3]))
+    assert values[0] == pytest.approx(values[1], abs=0.1)
+    assert abs(values[1] - values[2]) > 50.0
+
+
+def test_a_base_station_takes_the_daily_variation_off(tmp_path, calibration, coefficients):
+    base = tmp_path / "base.csv"
+    base.write_text("time,scalar\n0,50000\n1000,50000\n2000,50080\n")
+    flight = ordinary_flight(3, minutes=0.5, rate=5.0)
+    readings, _ = fly(flight, aircraft(), AROUND)
+    path = write_flight(tmp_path / "flight.csv", flight, readings, time=1500.0 + readings.time)
+    words = ("mag", "compensate", path, "--coefficients", coefficients, "--out")
+    answer(*words, tmp_path / "with.csv", "--base", base)
+    answer(*words, tmp_path / "without.csv")
+    a, b = (float((tmp_path / f"{n}.csv").read_text().splitlines()[1].split(",")[4])
+            for n in ("with", "without"))  # fmt: skip
+    assert b - a == pytest.approx(40.0, abs=0.2)
+    base.write_text("time,scalar\n0,50000\n1000,50000\n")
+    assert "does not cover" in refusal(*words, tmp_path / "x.csv", "--base", base)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"scalar": None}, "no column 'scalar'"),
+        ({"vector_z": None}, "no column 'vector_z'"),
+        ({"scalar": 5e-5 * np.ones(300)}, "in nT"),
+        ({"vector_x": np.zeros(300), "vector_y": np.zeros(300)}, "no calibration manoeuvres"),
+        ({"time": np.zeros(300)}, "times must increase"),
+        ({"latitude": np.full(300, 95.0)}, "latitude in line 2"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path, columns, said):
+    flight = ordinary_flight(3, minutes=1.0, rate=5.0)
+    readings, _ = fly(flight, aircraft(), AROUND)
+    path = write_flight(tmp_path / "flight.csv", flight, readings, **columns)
+    assert said in refusal("mag", "calibrate", path, "--out", tmp_path / "own.yaml", *LAG)
+    assert not (tmp_path / "own.yaml").exists()
+
+
+def test_bad_options_are_refused(tmp_path, calibration):
+    out = tmp_path / "own.yaml"
+    words = ("mag", "calibrate", calibration, "--out", out)
+    assert "--band" in refusal(*words, "--band", "much")
+    assert "band" in refusal(*words, "--band", "2,1")
+    assert "--ridge" in refusal(*words, "--ridge", "-1")
+    out.write_text("a: 1\n")
+    assert "holds no compensation" in refusal(
+        "mag", "compensate", calibration, "--coefficients", out, "--out", tmp_path / "x.csv"
+    )
