@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from helpers.command_line import answer, refusal
-from helpers.magnetics import Circumstances, aircraft, fly, spread, write_flight
+from helpers.magnetics import INTENSITY, Circumstances, aircraft, fly, spread, write_flight
 from isogal.magnetics.compensation import read_compensation
 from isogal.magnetics.manoeuvres import calibration_flight, ordinary_flight
+from isogal.magnetics.readings import Readings
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.sensors.magnetometer import intensity
 
 AROUND = Circumstances(noise=0.02)
@@ -95,6 +98,28 @@ def test_a_base_station_takes_the_daily_variation_off(tmp_path, calibration, coe
     assert b - a == pytest.approx(40.0, abs=0.2)
     base.write_text("time,scalar\n0,50000\n1000,50000\n")
     assert "does not cover" in refusal(*words, tmp_path / "x.csv", "--base", base)
+
+
+def test_match_takes_both_magnetometers(tmp_path, coefficients):
+    # a map of the anomaly that is in the readings; the flight is recorded 300 m too far north
+    flight = ordinary_flight(3, minutes=5.0, rate=5.0)
+    north, east = np.linspace(-2e4, 2e4, 200), np.linspace(-2e4, 2e4, 200)
+    anomaly = 100.0 * np.outer(np.sin(2e-3 * np.pi / 4 * north), np.cos(2e-3 * np.pi / 5 * east))
+    axes = np.radians(56.0 + north / 111_200.0), np.radians(-4.0 + east / 62_200.0)
+    write_netcdf(FieldMap(*axes, anomaly, "nT", "magnetic_anomaly"), tmp_path / "map.nc")
+    readings, _ = fly(flight, aircraft(), Circumstances(anomaly=100.0, noise=0.02), seed=2)
+    place = 56.0 + flight.north / 111_200.0, -4.0 + flight.east / 62_200.0
+    level = intensity(*place, 500.0, 2025.0) - INTENSITY  # of the model, not that of the helper
+    felt = Readings(readings.time, readings.total + level, readings.vector, "flight")
+    path = write_flight(tmp_path / "flight.csv", flight, felt, latitude=place[0] + 300 / 111_200)
+    words = ("match", "--map", tmp_path / "map.nc", "--track", path, "--sensor-sigma", 1,
+             "--map-sigma", 0, "--spacing", 100, "--prior-sigma", 500, "--batch-length", "all",
+             "--json", "--out", tmp_path / "fixes.json")  # fmt: skip
+    answer(*words, "--compensation", coefficients)
+    fix = json.loads((tmp_path / "fixes.json").read_text())[0]
+    there = np.interp(fix["time"], flight.time, place[0])
+    assert 111_200.0 * (fix["latitude"] - there) == pytest.approx(0.0, abs=60.0)
+    assert "no column 'value'" in refusal(*words)
 
 
 @pytest.mark.parametrize(

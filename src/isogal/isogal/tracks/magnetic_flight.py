@@ -13,6 +13,7 @@ from isogal.files import write_atomic
 from isogal.magnetics.diurnal import BaseStation
 from isogal.magnetics.readings import Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
+from isogal.tracks.csv_file import CsvTrack
 from isogal.tracks.text_rows import DUMMIES, MISSING, TextRows, iso_seconds, read_rows
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
@@ -72,14 +73,32 @@ class MagneticFlight:
         InputError
             The file has no positions or no heights.
         """
-        if self.latitude is None or self.longitude is None:
-            raise InputError(f"{self.readings.where}: has no columns latitude and longitude")
+        latitude, longitude = self._places()
         up = self.height if self.height is not None else height
         if up is None:
-            raise InputError(f"{self.readings.where}: has no column height; give --height")
-        field = MainField(self.latitude, self.longitude, float(np.median(up)), epoch)
+            raise InputError(f"{self.readings.where}: has no column height, nor is one given")
+        field = MainField(latitude, longitude, float(np.median(up)), epoch)
         year = decimal_year(self.time) if self.dated else None
-        return field.value(self.latitude, self.longitude, up, year)
+        return field.value(latitude, longitude, up, year)
+
+    def track(self, anomaly: Array) -> CsvTrack:
+        """Return the flight as a recorded track with the anomaly (N,) nT as value; raises
+        InputError where it has no positions."""
+        latitude, longitude = self._places()
+        return CsvTrack(
+            self.readings.where,
+            self.time,
+            np.degrees(latitude),
+            np.degrees(longitude),
+            anomaly,
+            None,
+            None,
+        )
+
+    def _places(self) -> tuple[Array, Array]:
+        if self.latitude is None or self.longitude is None:
+            raise InputError(f"{self.readings.where}: has no columns latitude and longitude")
+        return self.latitude, self.longitude
 
     @property
     def heading(self) -> Array | None:
@@ -160,14 +179,13 @@ def write_compensated(
     InputError
         The file cannot be written, or the flight has no positions.
     """
-    if flight.latitude is None or flight.longitude is None:
-        raise InputError(f"{flight.readings.where}: has no columns latitude and longitude")
+    track = flight.track(anomaly)
     lines = ["time,latitude,longitude,value,total"]
     for row in zip(
-        flight.time,
-        np.degrees(flight.latitude),
-        np.degrees(flight.longitude),
-        anomaly,
+        track.time,
+        track.latitude,
+        track.longitude,
+        track.value,
         total,
         strict=True,
     ):

@@ -1,7 +1,8 @@
 """``isogal match``: a recorded track of any scalar field against a map.
 
 - `command`: the command, from the options to the results.
-- `options`: what can be said about track, matcher, errors and results?
+- `track_choice`: what can be said about the track?
+- `options`: what can be said about matcher, errors and results?
 - `inputs`: the track and the map, in one unit.
 - `sigmas`: sigmas with units, and those that cannot be meant.
 - `settings`: what the matcher is told.

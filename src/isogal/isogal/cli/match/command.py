@@ -2,7 +2,8 @@
 
 from isogal.cli.map_choice import MapOption
 from isogal.cli.match.inputs import read_inputs
-from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults, TrackChoice
+from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults
+from isogal.cli.match.track_choice import TrackChoice
 from isogal.cli.option_groups import with_groups
 
 
@@ -20,6 +21,7 @@ def match(
     """
     from isogal.cli.match.run import match_and_report
 
+    track = track.resolved()
     results.check()
     matching.check()
     uncertainty = assumed.of_track()

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isogal.cli.errors import note
 from isogal.cli.map_choice import MapChoice
-from isogal.cli.match.options import Assumptions, TrackChoice
+from isogal.cli.match.options import Assumptions
+from isogal.cli.match.track_choice import TrackChoice
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,9 +106,22 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvT
 
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
+    if chosen.compensation is not None:
+        return [_compensated(chosen.track, chosen.compensation)]
     if is_recording(chosen.track):
         return [read_recording(chosen.track, chosen.fix_topic)]
     return read_csv_tracks(chosen.track, crs)
+
+
+def _compensated(path: Path, coefficients: Path) -> "CsvTrack":
+    """Return a flight's anomaly, nT, without the vehicle's own field."""
+    from isogal.magnetics.compensation import read_compensation
+    from isogal.scenario import Magnetometer
+    from isogal.tracks.magnetic_flight import read_magnetic_flight
+
+    compensation, flight = read_compensation(coefficients), read_magnetic_flight(path)
+    total = compensation.clean(flight.readings)
+    return flight.track(total - flight.main_field(Magnetometer().epoch))
 
 
 def _unit(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:

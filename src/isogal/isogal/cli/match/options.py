@@ -18,63 +18,6 @@ ASSUMED = "What is assumed"
 
 
 @dataclass(frozen=True)
-class TrackChoice:
-    """Which recorded track, and what its file does not say."""
-
-    track: Annotated[
-        Path,
-        typer.Option(
-            "--track",
-            metavar="FILE",
-            help=(
-                "CSV or XYZ file with the columns latitude, longitude (deg, where the navigator"
-                " said it was; or x, y with --crs), value, and if you like time (s or ISO 8601),"
-                " sigma, offset (added to the map's value) and line; or a bag (MCAP)."
-            ),
-        ),
-    ]
-    track_unit: Annotated[
-        str | None,
-        typer.Option(
-            "--track-unit",
-            metavar="UNIT",
-            help=(
-                "Unit of value, sigma and offset and of the sigma options below; default: the map"
-                " file's."
-            ),
-        ),
-    ] = None
-    reduction: Annotated[
-        str | None,
-        typer.Option(
-            "--reduction",
-            metavar="none|latitude|velocity|main-field",
-            help=(
-                "What of the track itself went into value or offset: normal gravity at its"
-                " latitude, or also the Eötvös"
-                " acceleration of its velocity, or the Earth's main magnetic field at its"
-                " position. A candidate elsewhere would"
-                " have had another. Default: none, but an offset that holds normal gravity is"
-                " allowed to be that of another"
-                " latitude. Of a bag's readings it is known."
-            ),
-        ),
-    ] = None
-    fix_topic: Annotated[
-        str,
-        typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position."),
-    ] = "nav/fix"
-    spacing: Annotated[
-        float | None,
-        typer.Option(
-            "--spacing",
-            metavar="M",
-            help="Average readings over stretches of this length, m.",
-        ),
-    ] = None
-
-
-@dataclass(frozen=True)
 class MatcherChoice:
     """Which matcher, with which batches."""
 
