@@ -4,8 +4,7 @@ import math
 from typing import Any
 
 from isogal.fields.measured import measured_field, of_instrument
-from isogal.sensors.magnetometer import is_absolute
-from isogal.sensors.reduction import State, reduction_variance
+from isogal.sensors.reduction import State, on_date, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import to_seconds
@@ -36,11 +35,9 @@ class Outputs:
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                when = to_seconds(ns)
-                utc = when if is_absolute(when) else None
-                north, east = nav.velocity[:2]
-                estimate = State(*place, height, north, east, utc)
-                value = reduction.reduce(felt, estimate)[()]
+                estimate = State(*place, height, *nav.velocity[:2])
+                dated = on_date(reduction, to_seconds(ns))
+                value = dated.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance
                 )

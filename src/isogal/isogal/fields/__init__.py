@@ -2,6 +2,7 @@
 
     measured         what a field is; fields by name (entry points `isogal.fields`)
     simulator        simulated readings: truth from the map, map error, noise
+    magnetic_vehicle  what a magnetic vehicle adds, and what is said of it
     datum_error      a map's wrong datum: offset and tilt
     scenario_map     the map of what a scenario measures
     source_map       the map that a scenario names

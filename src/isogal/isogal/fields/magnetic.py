@@ -1,15 +1,23 @@
 """The magnetic anomaly, measured by a magnetometer."""
 
+from functools import lru_cache
+
 from isogal.fields.measured import MeasuredField
-from isogal.scenario import Scenario
+from isogal.scenario import Route, Scenario
 from isogal.sensors.magnetometer import MagneticReduction, MainField
-from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.trajectory import drive
 
 
 def _reduction(scenario: Scenario) -> MagneticReduction:
-    route = build_trajectory(scenario)
-    height, epoch = scenario.route.height, scenario.magnetometer.epoch
-    return MagneticReduction(MainField(route.latitude, route.longitude, height, epoch))
+    return MagneticReduction(
+        _main_field(scenario.route, scenario.navigation_rate, scenario.magnetometer.epoch)
+    )
+
+
+@lru_cache(maxsize=4)
+def _main_field(route: Route, rate: float, epoch: float) -> MainField:
+    rows, _ = drive(route, rate)
+    return MainField(rows[:, 0], rows[:, 1], route.height, epoch)
 
 
 MAGNETIC = MeasuredField(

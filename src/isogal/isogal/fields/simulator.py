@@ -2,13 +2,19 @@
 outliers, bias and drift."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.fields.datum_error import draw_datum_error
+from isogal.fields.magnetic_vehicle import (
+    MAGNETOMETER,
+    Vehicle,
+    simulate_vehicle,
+    told_compensation,
+)
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
@@ -47,11 +53,41 @@ class ReadingSimulator:
             else channels.noise(scenario, run, len(i))
             for run in runs
         ]
-        felt = field.reduction(scenario).report(felt + np.stack(noise))
+        felt = felt + np.stack(noise)
+        self._world = scenario, trajectory, field_map, runs
+        if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
+            felt = felt + self.vehicle.added[i]
+        felt = field.reduction(scenario).report(felt)
         for row, run in enumerate(runs):
             felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
         self.felt = felt
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
+
+    @cached_property
+    def vehicle(self) -> Vehicle:
+        """What a magnetic vehicle adds to the readings, and what its vector magnetometer feels,
+        at every step of the trajectory; raises InputError as `true_readings` does."""
+        scenario, trajectory, field_map, runs = self._world
+        every = np.arange(len(trajectory) + 1)
+        total = true_readings(scenario, trajectory, field_map, every)
+        return simulate_vehicle(scenario, trajectory, total, runs)
+
+
+def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
+    """Return (R, scans) simulated raw readings less what a scenario says that the vehicle adds to
+    them, by the vector magnetometer; the raw readings where it says nothing.
+
+    Raises
+    ------
+    InputError
+        The file of coefficients cannot be read, or `true_readings` refuses the map.
+    """
+    told = told_compensation(scenario)
+    if told is None:
+        return readings.felt
+    i, vector = readings.index, readings.vehicle.vector
+    rate = (vector[:, i] - vector[:, i - 1]) / trajectory.dt
+    return readings.felt - told.one(vector[:, i], rate, readings.felt)
 
 
 def true_readings(

@@ -18,7 +18,7 @@ from isogal.fields.gravity_vector import felt_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
-from isogal.fields.simulator import ReadingSimulator
+from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.fix import apply_fix
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import NavigatorRun
@@ -137,7 +137,8 @@ class _ClosedLoop:
         self.imu = simulate_imu(world, trajectory, runs, felt_gravity(world, trajectory, runs))
         self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
         source = true_map(scenario, trajectory, field_map)
-        self.felt = ReadingSimulator(world, trajectory, source, runs).felt
+        readings = ReadingSimulator(world, trajectory, source, runs)
+        self.felt = compensated(scenario, trajectory, readings)
         self.model = FilterModel.from_scenario(scenario, known)
         self.aids = Aids(scenario, trajectory, runs, self.model, self.imu)
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)

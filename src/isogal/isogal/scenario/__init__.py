@@ -23,6 +23,7 @@ from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.instruments import (
     TENSOR_COMPONENTS,
+    Aircraft,
     Altimeter,
     Gradiometer,
     Gravimeter,
@@ -38,6 +39,7 @@ from isogal.scenario.world import Gravity, Map, MapError
 
 __all__ = [
     "TENSOR_COMPONENTS",
+    "Aircraft",
     "Altimeter",
     "Fusion",
     "Gradiometer",

@@ -80,8 +80,38 @@ class Gravimeter(Section):
     dead_time: NonNegative = Field(0.0, description="s after such a turn without readings")
 
 
+Vector = tuple[float, float, float]
+Tensor = tuple[float, float, float, float, float, float, float, float, float]
+_NO_TENSOR: Tensor = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Aircraft(Section):
+    """What the vehicle adds to the magnetic field at the magnetometer, body axes."""
+
+    permanent: Vector = Field((0.0, 0.0, 0.0), description="by its own magnetisation, nT")
+    induced: Tensor = Field(
+        _NO_TENSOR,
+        description="induced by the field it is in, share of it; rows of a 3 x 3 matrix",
+    )
+    eddy: Tensor = Field(
+        _NO_TENSOR, description="by eddy currents where that changes, s; rows of a 3 x 3 matrix"
+    )
+
+    @property
+    def magnetic(self) -> bool:
+        """Whether it adds anything."""
+        return any((*self.permanent, *self.induced, *self.eddy))
+
+
 class Magnetometer(Section):
     """Settings of the magnetometer that `gravimeter` does not have; for the field `magnetic`."""
+
+    errors: ClassVar[tuple[str, ...]] = (
+        "vector_sigma",
+        "aircraft.permanent",
+        "aircraft.induced",
+        "aircraft.eddy",
+    )
 
     epoch: float = Field(
         2025.0,
@@ -92,6 +122,17 @@ class Magnetometer(Section):
             " whose stamps do not say it, as those since the start of a simulation"
         ),
     )
+    compensation: str | None = Field(
+        None,
+        description=(
+            "coefficients of `isogal mag calibrate` that are taken off the readings; null = what"
+            " aircraft says"
+        ),
+    )
+    vector_sigma: NonNegative = Field(
+        0.0, description="white noise of each component of the vector magnetometer, nT"
+    )
+    aircraft: Aircraft = Aircraft()
 
 
 class Altimeter(Section):

@@ -129,17 +129,24 @@ def intensity(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
 ) -> Array:
     """Return the main field's intensity (nT) at points in deg and a height in m, by the IGRF."""
+    return np.sqrt((field_vector(latitude_deg, longitude_deg, height, epoch) ** 2).sum(axis=-1))
+
+
+def field_vector(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
+) -> Array:
+    """Return the main field (..., 3), north, east, down, nT; see `intensity`."""
     import ppigrf
 
     year = int(epoch)
     date = datetime(year, 1, 1, tzinfo=UTC) + timedelta(days=(epoch - year) * 365.25)
-    parts = ppigrf.igrf(
+    east, north, up = ppigrf.igrf(
         np.asarray(longitude_deg),
         np.asarray(latitude_deg),
         height / 1000.0,
         date.replace(tzinfo=None),
     )
-    return np.sqrt(sum(part[0] ** 2 for part in parts))
+    return np.stack([north[0], east[0], -up[0]], axis=-1)
 
 
 class MagneticReduction:
@@ -148,10 +155,18 @@ class MagneticReduction:
     Parameters
     ----------
     main_field : MainField
+    year : float, optional
+        Of the main field, decimal; None = its epoch.
     """
 
-    def __init__(self, main_field: MainField) -> None:
-        self.main_field = main_field
+    def __init__(self, main_field: MainField, year: float | None = None) -> None:
+        self.main_field, self.year = main_field, year
+
+    def dated(self, time: float) -> "MagneticReduction":
+        """Return the reduction of readings at a time, s: of its date, if it is since 1970 UTC."""
+        if not is_absolute(time):
+            return self
+        return MagneticReduction(self.main_field, float(decimal_year(time)))
 
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return the total field over a point of a given anomaly."""
@@ -166,8 +181,7 @@ class MagneticReduction:
         return np.asarray(raw) - self._main(at)
 
     def _main(self, at: State) -> Array:
-        year = None if at.time is None else decimal_year(at.time)
-        return self.main_field.value(at.latitude, at.longitude, at.height, year)
+        return self.main_field.value(at.latitude, at.longitude, at.height, self.year)
 
     def jacobian(self, at: State) -> Array:
         """Return minus the main field's gradient: at a wrong position a wrong main field is

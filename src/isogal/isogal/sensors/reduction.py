@@ -22,8 +22,6 @@ class State(NamedTuple):
     v_north: ArrayLike
     """m/s."""
     v_east: ArrayLike
-    time: ArrayLike | None = None
-    """s since 1970 UTC, where it is known; the Earth's main field changes."""
 
 
 class Reduction(Protocol):
@@ -51,6 +49,13 @@ class Reduction(Protocol):
     def height_slope(self, at: State) -> Array:
         """Return d(reduced)/d(navigator's height error), per m."""
         ...
+
+
+def on_date(reduction: Reduction, time: float) -> Reduction:
+    """Return a reduction for readings at a time, s; the same where it does not have a method
+    ``dated``, as that of a magnetometer has, because the field does not change."""
+    dated = getattr(reduction, "dated", None)
+    return reduction if dated is None else dated(time)
 
 
 def reduction_variance(

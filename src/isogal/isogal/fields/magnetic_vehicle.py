@@ -1,0 +1,86 @@
+"""A magnetic vehicle in a scenario: what it really adds to the readings, and what is told of it
+(docs/magnetometer.md, section 7)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.inertial.rotations import matrix
+from isogal.magnetics.aircraft import MagneticAircraft
+from isogal.magnetics.compensation import Compensation, read_compensation
+from isogal.scenario import Aircraft, Scenario
+from isogal.seeds import generator
+from isogal.sensors.magnetometer import field_vector
+from isogal.sensors.trajectory import Trajectory
+
+MAGNETOMETER = "magnetometer"
+"""Instrument whose readings a magnetic vehicle changes."""
+_POINTS = 200
+"""Places of a route at which the main field's direction is computed; it is linear between."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vehicle:
+    """What a vehicle does to its magnetometers, at the K + 1 ends of the navigator's steps."""
+
+    added: Array
+    """(K + 1,) nT, to the total field."""
+    vector: Array
+    """(R, K + 1, 3) nT, what the vector magnetometer reads in each run, body axes."""
+
+
+def simulate_vehicle(
+    scenario: Scenario, trajectory: Trajectory, total: Array, runs: Sequence[int]
+) -> Vehicle:
+    """Return what the vehicle of a scenario adds to true total fields (K + 1,), nT, which are
+    taken to lie along the main field."""
+    settings = scenario.magnetometer
+    attitude = matrix(trajectory.attitude)
+    direction = np.einsum("kji,kj->ki", attitude, _direction(scenario, trajectory))
+    body = total[:, None] * direction
+    felt = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
+    vector = np.broadcast_to(felt, (len(runs), *felt.shape))
+    if settings.vector_sigma > 0.0:
+        vector = vector + settings.vector_sigma * np.stack(
+            [
+                generator(scenario.seed, run, "vector_magnetometer").standard_normal(felt.shape)
+                for run in runs
+            ]
+        )
+    return Vehicle(np.sqrt((felt**2).sum(axis=-1)) - total, vector)
+
+
+def told_compensation(scenario: Scenario) -> Compensation | None:
+    """Return what a scenario says that the vehicle adds to the readings of its field; None where
+    it says nothing. Raises InputError where the file cannot be read."""
+    settings = scenario.magnetometer
+    if scenario.measured_field != "magnetic":
+        return None
+    if settings.compensation is not None:
+        return read_compensation(settings.compensation)
+    if settings.aircraft.magnetic:
+        return Compensation(aircraft_of(settings.aircraft).coefficients())
+    return None
+
+
+def aircraft_of(settings: Aircraft) -> MagneticAircraft:
+    """Return the vehicle that a section of a scenario describes."""
+    induced, eddy = (
+        np.array(tensor).reshape(3, 3) for tensor in (settings.induced, settings.eddy)
+    )
+    return MagneticAircraft(np.array(settings.permanent), induced, eddy)
+
+
+def _direction(scenario: Scenario, trajectory: Trajectory) -> Array:
+    """Return (K + 1, 3) the main field's direction, north, east, down."""
+    index = np.unique(np.linspace(0, len(trajectory), _POINTS).round().astype(int))
+    latitude, longitude = np.degrees(trajectory.latitude), np.degrees(trajectory.longitude)
+    field = field_vector(
+        latitude[index], longitude[index], scenario.route.height, scenario.magnetometer.epoch
+    )
+    every = np.arange(len(trajectory) + 1)
+    whole = np.stack([np.interp(every, index, part) for part in field.T], axis=-1)
+    unit: Array = whole / np.sqrt((whole**2).sum(axis=-1, keepdims=True))
+    return unit
