@@ -15,10 +15,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
 
-# Each worker has its own ROS domain (tests/conftest.py); loadfile keeps the tests of a file, and
-# so their fixtures, together.
+# Each worker has its own ROS domain (tests/ros/conftest.py); loadfile keeps the tests of a file,
+# and so their fixtures, together, in the order of tests/conftest.py: what takes long first.
 test: install-development
-	@$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: install-development
 	@$(BIN)/ruff check .

@@ -27,6 +27,20 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 
+FIRST = ("ros/graph", "ros/isogal_bringup", "regression", "montecarlo", "ros", "paper", "tracks")
+"""Folders whose files take longest."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files that take long first: a worker that gets one last would go on alone."""
+    folder = Path(__file__).parent
+    items.sort(
+        key=lambda item: next(
+            (place for place, name in enumerate(FIRST) if folder / name in item.path.parents),
+            len(FIRST),
+        )
+    )
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:

@@ -9,7 +9,7 @@ from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 ROUTE = ["route.start=[-36.6, 146.9]", "route.end=[-36.4, 147.2]", "route.duration=1200",
-         "gravimeter.quantity=disturbance"]  # fmt: skip
+         "gravimeter.quantity=disturbance", "gravity.field=normal"]  # fmt: skip
 
 
 def bound(*more, function=posterior_cramer_rao):

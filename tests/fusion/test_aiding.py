@@ -50,8 +50,8 @@ def test_heights_in_the_compiled_filter_are_those_of_the_linear_update(filter_):
 
 
 def test_each_run_has_its_own_heights():
-    it = fly(runs=(0, 1), height=BAROMETER)
-    both, alone = it.start.copy(), fly(runs=(1,), height=BAROMETER).start
+    it = fly(runs=(0, 1), height=BAROMETER, velocity=LOG)
+    both, alone = it.start.copy(), fly(runs=(1,), height=BAROMETER, velocity=LOG).start
     height = simulate_heights(_scenario(), it.trajectory, [0, 1])[:, :50]
     force, rate = it.imu.specific_force[:, :50], it.imu.angular_rate[:, :50]
     propagate(both, it.model, force, rate, height)

@@ -14,17 +14,20 @@ from isogal.fusion.navigator import propagate, update_linear
 from isogal.fusion.state import FilterState
 
 CORE = (300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8)
+# The filter is compiled for each number of states, ten seconds each: eight auxiliary states, as
+# with a barometer and a log, and two, as where the map says its error, are compiled anyway.
 EVERY_KIND = (
     AuxiliaryState("gravity_north", "gravity", 0, 2e-4, length=8e3),
     AuxiliaryState("gravity_down", "gravity", 2, 3e-4, length=9e3, time=900.0),
     AuxiliaryState("accelerometer_y", "accelerometer", 1, 1e-4, time=300.0),
-    AuxiliaryState("accelerometer_scale_z", "accelerometer_scale", 2, 1e-4),
     AuxiliaryState("gyroscope_x", "gyroscope", 0, 1e-7, time=600.0, walk=1e-10),
     AuxiliaryState("gyroscope_scale_z", "gyroscope_scale", 2, 1e-3),
     AuxiliaryState("barometer_bias", "none", 0, 5.0, walk=0.1),
     AuxiliaryState("gyroscope_misalignment", "gyroscope_scale", 0, 1e-5, source=2),
     AuxiliaryState("accelerometer_misalignment", "accelerometer_scale", 1, 1e-5, source=0),
 )
+SPARE = AuxiliaryState("spare", "none", 0, 1.0)
+"""Does nothing."""
 
 
 def with_states(states, filter_name="compiled") -> FilterModel:
@@ -42,12 +45,12 @@ def start(model: FilterModel, seed: int = 3) -> FilterState:
     )
 
 
-@pytest.mark.parametrize("count", [1, 2, 9])
+@pytest.mark.parametrize("count", [2, 8])
 def test_every_kind_equals_a_filter_with_sigma_points_for_all_states(count):
     flight = fly()
     force = flight.imu.specific_force[:, :20].copy()
     force[..., 0] += 0.5  # scale factors have something to act on
-    rate = flight.imu.angular_rate[:, :20] + [0.0, 0.0, 0.02]
+    rate = flight.imu.angular_rate[:, :20] + [0.0, 0.0, 0.01]
     ends = []
     for name in ("compiled", "reference"):
         model = with_states(EVERY_KIND[:count], name)
@@ -63,10 +66,10 @@ def test_every_kind_equals_a_filter_with_sigma_points_for_all_states(count):
 
 
 def test_a_steady_process_keeps_its_variance_and_forgets_its_value():
-    states = (AuxiliaryState("a", "none", 0, 2.0, time=50.0),)
+    states = (AuxiliaryState("a", "none", 0, 2.0, time=50.0), SPARE)
     model, flight = with_states(states), fly()
     state = start(model)
-    state.covariance[0, 15, :15] = state.covariance[0, :15, 15] = 0.0
+    state.covariance[0, 15, :] = state.covariance[0, :, 15] = 0.0
     state.covariance[0, 15, 15], state.auxiliary[0, 0] = 4.0, 3.0
     propagate(
         state,
@@ -81,14 +84,14 @@ def test_a_steady_process_keeps_its_variance_and_forgets_its_value():
 
 def test_felt_gravity_that_is_known_to_a_state_moves_the_estimate():
     """A constant residual of 1e-3 m/s² over 100 s: half a t squared, 5 m."""
-    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3),)
+    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3), SPARE)
     model, flight = with_states(states), fly()
     ends = []
     for value in (0.0, 1e-3):
         state = dataclasses.replace(
             flight.start.copy(),
-            auxiliary=np.array([[value]]),
-            covariance=np.diag(np.square([*model.initial_sigma, 1e-3]))[None],
+            auxiliary=np.array([[value, 0.0]]),
+            covariance=np.diag(np.square([*model.initial_sigma, 1e-3, 1.0]))[None],
         )
         propagate(
             state,

@@ -3,6 +3,7 @@ error."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,13 +29,23 @@ def wavy(north: ArrayLike, east: ArrayLike) -> np.ndarray:
     return 1e-5 * total
 
 
+def _values(function: Callable[..., np.ndarray], half: float, step: float) -> np.ndarray:
+    side = np.arange(-half, half + step / 2, step)
+    return function(side[:, None], side[None, :]) + np.zeros((side.size, side.size))
+
+
+_rough = lru_cache(maxsize=8)(_values)
+"""The same for `wavy`, which many files of tests have."""
+
+
 def field_map_of(
     function: Callable[..., np.ndarray], half: float = 40e3, step: float = 250.0, **keys
 ) -> FieldMap:
     """Map of a function of metres north and east of ORIGIN."""
     side = np.arange(-half, half + step / 2, step)
     metres = metres_per_radian(ORIGIN[0])
-    values = function(side[:, None], side[None, :]) + np.zeros((side.size, side.size))
+    made = _rough if function is wavy else _values
+    values = made(function, half, step).copy()
     return FieldMap(
         ORIGIN[0] + side / metres[0],
         ORIGIN[1] + side / metres[1],

@@ -5,6 +5,7 @@ SHORT = (
     "matcher.batch_length=15",
     "matcher.stride=15",
     "initial_error.position=300.0",
+    "gravity.field=normal",
 )
 SCOTLAND = (
     *SHORT, "field=magnetic", "gravimeter.sigma=2.0", "route.start=[55.7, -4.6]",

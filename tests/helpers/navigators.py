@@ -9,7 +9,7 @@ from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
-from isogal.scenario import Route, Scenario
+from isogal.scenario import Gravity, Route, Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -35,7 +35,7 @@ class Flight:
 
 
 def fly(runs=(0,), **keys) -> Flight:
-    scenario = Scenario(**({"route": ROUTE} | keys))
+    scenario = Scenario(**({"route": ROUTE, "gravity": Gravity(field="normal")} | keys))
     trajectory = build_trajectory(scenario)
     model = FilterModel.from_scenario(scenario)
     start = FilterState.start(draw_initial_state(scenario, trajectory, list(runs)), model)

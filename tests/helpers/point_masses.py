@@ -1,6 +1,7 @@
 """Fields of point masses below flat ground or mountains, as maps, for tests of continuation."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -23,12 +24,24 @@ def sources(seed=5, count=100, shallowest=1500.0):
 def attraction(height, ground=None, **keys):
     """Downward attraction (n, m) of the masses at heights (n, m) or a height; their depths count
     from the ground above them."""
+    if ground is None:
+        return _above_flat_ground(float(height), **keys).copy()
+    return _attraction(height, ground, **keys)
+
+
+@lru_cache(maxsize=16)
+def _above_flat_ground(height, **keys):
+    return _attraction(height, None, **keys)
+
+
+def _attraction(height, ground, **keys):
     total = np.zeros((SIDE.size, SIDE.size))
     for north, east, depth, gm in zip(*sources(**keys), strict=True):
         node = tuple(np.rint((np.array([north, east]) + HALF) / STEP).astype(int))
         above = height + depth - (0.0 if ground is None else ground[node])
         horizontal = (SIDE[:, None] - north) ** 2 + (SIDE[None, :] - east) ** 2
-        total += gm * above / (horizontal + above**2) ** 1.5
+        square = horizontal + above**2
+        total += gm * above / (square * np.sqrt(square))
     return total
 
 

@@ -36,7 +36,7 @@ class SmallPlan(Plan):
 
 def small_plan(bag: Path) -> SmallPlan:
     """A plan with a bag."""
-    scenario = load_scenario(None, ["route.duration=1800.0"])
+    scenario = load_scenario(None, ["route.duration=1800.0", "gravity.field=normal"])
     return SmallPlan(scenario, bag, rate=50.0, lock_step=False)
 
 

@@ -26,9 +26,10 @@ def field_of(quantity: str, **keys) -> FieldMap:
     from dataclasses import replace
 
     unit, factor, offset = FIELDS[quantity]
-    field_map = field_map_of(lambda north, east: offset + factor * wavy(north, east))
+    field_map = field_map_of(wavy)
     return replace(
         field_map,
+        values=offset + factor * field_map.values,
         unit=unit,
         quantity=quantity,
         file_unit=unit,

@@ -56,12 +56,10 @@ def propagate(
         A covariance is no longer positive definite; it is not repaired.
     """
     advance = _reference().advance if model.filter == "reference" else ukf.advance
-    height = np.ascontiguousarray(
-        np.broadcast_to(np.asarray(height, dtype=float), specific_force.shape[:2])
-    )
-    done = advance(
-        state.nominal, state.covariance, specific_force, angular_rate, height, model.assumptions
-    )
+    # In one memory layout, whatever came: the filter is compiled anew for each, for ten seconds.
+    height = np.array(np.broadcast_to(height, specific_force.shape[:2]), dtype=float, order="C")
+    force, rate = np.ascontiguousarray(specific_force), np.ascontiguousarray(angular_rate)
+    done = advance(state.nominal, state.covariance, force, rate, height, model.assumptions)
     steps = specific_force.shape[1]
     failed = [run for run, reached in enumerate(done.tolist()) if reached < steps]
     if failed:

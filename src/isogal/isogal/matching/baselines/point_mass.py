@@ -68,7 +68,7 @@ class PointMass(Baseline[PointMassOptions]):
         side = np.linspace(-1.0, 1.0, options.nodes)
         unit = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
         for level in range(1, options.levels + 1):
-            position = centre + unit @ axes.T
+            position = np.ascontiguousarray(centre + unit @ axes.T)
             nodes = _nodes(readings.arrays, certainty, position, gain, linear)
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
             if not np.isfinite(nodes.likelihood).any():

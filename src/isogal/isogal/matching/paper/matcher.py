@@ -132,7 +132,11 @@ class PmhtPaper:
         plane = LocalPlane.of(batch)
         scans = Scans.of(batch, plane)
         candidates = find_candidates(
-            field_map.grid, scans, batch.prior, (plane.north, plane.east), self._search
+            field_map.grid,
+            scans,
+            np.ascontiguousarray(batch.prior),  # of one layout: compiled once
+            (plane.north, plane.east),
+            self._search,
         )
         usable = int((candidates.found > 0).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
