@@ -33,9 +33,11 @@ def isogal(
     )
 
 
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    """Wait until a condition holds."""
-    end = time.monotonic() + PATIENCE
+def wait_for(
+    condition: Callable[[], object], what: str, every: float = 0.05, patience: float = PATIENCE
+) -> None:
+    """Wait until a condition holds, which is asked for every so many seconds."""
+    end = time.monotonic() + patience
     while not condition():
         assert time.monotonic() < end, f"waited in vain for {what}"
-        time.sleep(0.05)
+        time.sleep(every)

@@ -2,13 +2,14 @@
 
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from helpers.commands import isogal, sets
-from isogal_ros.graph.shared_memory import shared_memory
+from helpers.commands import isogal, sets, wait_for
+from isogal_ros.graph.shared_memory import abandoned_memory, shared_memory
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,8 @@ class Finished:
 
     result: subprocess.CompletedProcess
     out: Path
-    before: set[str]
-    """Shared memory files that were there before it."""
+    abandoned: set[str]
+    """Shared memory files that nobody has open."""
 
 
 @pytest.fixture(scope="session")
@@ -28,4 +29,7 @@ def finished(
     """A whole run in processes."""
     out = tmp_path_factory.mktemp("processes")
     before = shared_memory()
-    return Finished(isogal("run", *sets(settings()), "--out", out), out, before)
+    result = isogal("run", *sets(settings()), "--out", out)
+    with suppress(AssertionError):  # what others have killed meanwhile they delete
+        wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5, 20.0)
+    return Finished(result, out, abandoned_memory(before))

@@ -1,8 +1,10 @@
 """The graph as processes: the same numbers, and an orderly end whatever happens."""
 
+import json
 import os
 import signal
 import subprocess
+import sys
 
 import numpy as np
 import psutil
@@ -11,6 +13,7 @@ import pytest
 from helpers.commands import PATIENCE, command, sets, wait_for
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
+from isogal.cli.main import main
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
@@ -66,6 +69,45 @@ def test_a_run_in_processes_is_the_run_in_one(finished, recording) -> None:
     np.testing.assert_allclose(nav_positions(one), nav_positions(five), atol=1e-13, rtol=0)
 
 
+def test_what_a_run_leaves_behind(finished) -> None:
+    result, out = finished.result, finished.out
+    assert not finished.abandoned
+    assert {"summary.json", "report.html", "bag", "log"} <= {entry.name for entry in out.iterdir()}
+    assert list(out.glob("*.png"))
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["runs"] == 1
+    assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 10
+    assert summary["time"]["fix_ms_median"] > 0
+    assert 0 < summary["position_error"]["mean"] < 1000
+    for name in CLASSES:
+        assert (out / "log" / f"{name}.log").exists()
+    assert "ROS domain" in result.stderr
+    assert "aided navigator" in result.stdout
+    assert "Traceback" not in result.stderr
+
+
+def test_the_replay_command(finished, tmp_path, monkeypatch, capfd) -> None:
+    out = finished.out
+    words = ("replay", out / "bag", "--json", "--out", tmp_path / "again")
+    monkeypatch.setattr(sys, "argv", ["isogal", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    document = json.loads(capfd.readouterr().out)
+    assert (
+        document["fixes"]["recorded"]
+        == document["fixes"]["replayed"]
+        == document["fixes"]["common"]
+        > 0
+    )
+    assert document["largest_difference_m"] < 1e-6
+    assert document["disagreements"] == 0
+    assert document["summary"]["position_error"] == pytest.approx(
+        json.loads((out / "summary.json").read_text())["position_error"], nan_ok=True
+    )
+    assert (tmp_path / "again" / "report.html").exists()
+
+
 def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     """After a whole run, so that no node is compiling, which takes memory."""
     process, nodes, out = running
@@ -79,7 +121,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     assert "Interrupted" in err
     assert "Traceback" not in err
     assert not any(node.is_running() for node in nodes.values())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
+    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
@@ -99,7 +141,7 @@ def test_a_node_that_dies_ends_the_run(running) -> None:
         .startswith("isogal: ukf_fusion_node ended (killed by SIGKILL)")
     )
     assert not any(node.is_running() for node in nodes.values())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
+    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
@@ -115,7 +157,7 @@ def test_a_recorder_that_dies_leaves_a_bag_that_can_be_read(tmp_path) -> None:
     with pytest.raises(GraphError, match=r"^isogal_recorder ended \(killed by SIGKILL\)"):
         run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
     assert not nodes_of(os.getpid())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory")
+    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is not None
