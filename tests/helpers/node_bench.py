@@ -36,7 +36,7 @@ from isogal_ros.topics import Topic
 
 PATIENCE = 60.0
 
-NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY)
+NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD)
 """Topics that nobody publishes in a graph without such sensors, whose start is known."""
 
 

@@ -12,14 +12,14 @@ import numpy as np
 from pydantic import Field
 
 from gravimeter_node.outputs import Outputs
+from gravimeter_node.simulated import simulated_readings
+from gravimeter_node.vehicle import Vehicle
 from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.fields.simulator import ReadingSimulator
 from isogal.sensors.scans import Thinning
-from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import require_later
+from isogal_ros.messages.magnetometer import MagnetometerAdapter
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
@@ -67,47 +67,58 @@ class GravimeterNode(GraphNode):
         self._felt_last: Any = math.nan
         self._adapter = adapter_of(self.scenario)
         self._message = self._adapter.new_raw()
+        is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
+        self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None
+        raw_topic = self._adapter.raw
         if self.settings.simulate:
-            self._felt = self._readings()
-            self._raw = self.advertise(self._adapter.raw)
+            self._felt, vector = simulated_readings(self.scenario, self.settings.run)
+            if self._vehicle is not None and vector is not None:
+                self._vehicle.simulate(vector)
+                raw_topic = topics.SCALAR_FIELD
+            self._raw = self.advertise(raw_topic)
             self.listen(topics.TRUTH_FIX, self._feel, raw=True)
         else:
             self._thinning = Thinning(from_seconds(self.scenario.gravimeter.interval))
             self.listen(self._adapter.raw, self._take)
+            if self._vehicle is not None:
+                self.listen(topics.SCALAR_FIELD, self._take_scalar)
         self._outputs = Outputs(self)
         self._queue = NavQueue(self, self.scenario, self._reduce)
 
-    def _readings(self) -> dict[int, Any]:
-        """Return the raw reading of each scan, a number or one for each channel, by stamp; the map
-        is not kept."""
-        trajectory = build_trajectory(self.scenario)
-        simulator = ReadingSimulator(
-            self.scenario.world,
-            trajectory,
-            map_for_scenario(self.scenario.world, trajectory),
-            [self.settings.run],
-        )
-        stamps = [from_seconds(time) for time in trajectory.time[simulator.index]]
-        return dict(zip(stamps, simulator.felt[0], strict=True))
-
     def _feel(self, data: bytes) -> None:
-        felt = self._felt.get(ns := peek_ns(data))
-        if felt is None:
+        ns = peek_ns(data)
+        if self._vehicle is not None:
+            self._vehicle.step(ns)
+        if (felt := self._felt.get(ns)) is None:
             return
         self._adapter.fill_raw(self._message, ns, felt, self._variance)
         self._raw.publish(self._message)
-        self._enqueue(ns, felt, self._variance)
+        self._use(ns, felt, self._variance)
 
     def _take(self, message: Any) -> None:
-        ns = to_ns(message.header.stamp)
-        felt, variance = self._adapter.read_raw(message)
+        if self._vehicle is not None:
+            self._vehicle.take_vector(message)
+            if self._vehicle.has_scalar:
+                return
+        self._read(to_ns(message.header.stamp), *self._adapter.read_raw(message))
+
+    def _take_scalar(self, message: Any) -> None:
+        self._read(to_ns(message.header.stamp), *MagnetometerAdapter().read_scalar(message))
+
+    def _read(self, ns: int, felt: Any, variance: Any) -> None:
         require_later(ns, self._newest)
         self._newest = ns
         if self._thinning.takes(ns):
-            self._enqueue(ns, felt, self._variance if variance is None else variance)
+            self._use(ns, felt, self._variance if variance is None else variance)
         else:
             self._left_out += 1
             self.health.figures["readings between scans"] = self._left_out
+
+    def _use(self, ns: int, felt: Any, variance: Any) -> None:
+        if self._vehicle is None:
+            self._enqueue(ns, felt, variance)
+        else:
+            self._vehicle.put(ns, felt, variance)
 
     def _enqueue(self, ns: int, felt: Any, variance: Any) -> None:
         if np.isnan(felt).all():

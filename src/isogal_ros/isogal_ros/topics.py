@@ -71,6 +71,9 @@ FELT = Topic("gravimeter/data_raw", AccelWithCovarianceStamped)
 GRAVITY = Topic("gravimeter/gravity", AccelWithCovarianceStamped)
 DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
 MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
+"""A vector; its length is the reading, unless there is a scalar instrument, too."""
+SCALAR_FIELD = Topic("magnetometer/scalar", MagneticField)
+"""Of a scalar instrument beside a vector one: the total field on z."""
 ANOMALY = Topic("magnetometer/anomaly", MagneticField)
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
@@ -92,7 +95,7 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
-    MAGNETIC_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
+    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
     FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
     DIAGNOSTICS,
 )  # fmt: skip

@@ -5,6 +5,7 @@ Model
 - `terms`: which terms has the Tolles-Lawson model?
 - `readings`: what do a scalar and a vector magnetometer give?
 - `compensation`: the coefficients, their file, and how they are applied.
+- `stream`: how are they applied to readings as they come?
 
 Learning it
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -28,8 +29,10 @@ def magnetic(scenario: Scenario) -> "MagnetometerAdapter":
 class MagnetometerAdapter:
     """Total field and its anomaly.
 
-    Of a raw vector only the length counts, so that its frame may be any. The simulated instrument
-    measures the total field alone, as optically pumped ones do: it is on z. The anomaly is the
+    Of a raw vector only the length counts, so that its frame may be any, but for what a magnetic
+    vehicle adds: that is told in the axes that the messages have. The simulated instrument
+    measures the total field alone, as optically pumped ones do: it is on z. That on a magnetic
+    vehicle has a vector instrument beside it, in axes forward, right, down. The anomaly is the
     component along the main field, the other two are not reported (NaN, as the definition of the
     message has it)."""
 
@@ -46,6 +49,36 @@ class MagnetometerAdapter:
         set_stamp(message.header.stamp, ns)
         message.magnetic_field.z = value * TESLA
         message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
+
+    def fill_vector(self, message: Any, ns: int, vector: Any, variance: float) -> None:
+        """Write a vector (3,), nT, with the variance of each component."""
+        set_stamp(message.header.stamp, ns)
+        field = message.magnetic_field
+        field.x, field.y, field.z = (float(part) * TESLA for part in vector)
+        message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
+
+    def read_vector(self, message: Any) -> Array:
+        """Return a vector (3,), nT."""
+        field = message.magnetic_field
+        vector = np.array([field.x, field.y, field.z]) / TESLA
+        if not np.isfinite(vector).all():
+            raise BadMessageError("a component is not finite: the vector needs all three")
+        return vector
+
+    def read_scalar(self, message: Any) -> tuple[float, float | None]:
+        """Return total field and variance of a scalar instrument's message, see `read_raw`: it is
+        on z, the other components are zero or not finite."""
+        field = message.magnetic_field
+        total, variance = field.z / TESLA, float(message.magnetic_field_covariance[8]) / TESLA**2
+        if math.isfinite(field.x) and math.isfinite(field.y):
+            total = math.sqrt(field.x**2 + field.y**2 + field.z**2) / TESLA
+        if not _EARTH.lowest <= total <= _EARTH.highest:
+            raise BadMessageError(
+                f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
+            )
+        if not variance >= 0.0 or math.isinf(variance):
+            raise BadMessageError("negative variance")
+        return total, variance or None
 
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return the total field (nT) and its variance (nT²), that of the component along the

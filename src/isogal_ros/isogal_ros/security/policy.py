@@ -13,7 +13,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.messages.adapter import adapter_of, all_topics
+from isogal_ros.messages.adapter import Adapter, adapter_of, all_topics
 from isogal_ros.topics import Topic
 
 ENCLAVES = "/isogal"
@@ -40,7 +40,10 @@ def published(name: str, scenario: Scenario) -> set[Topic]:
         topics.INS_SIM: (
             topics.CLOCK, topics.IMU, topics.TRUTH_FIX, topics.TRUTH_ODOM, topics.INS_FIX,
         ),
-        topics.GRAVIMETER: {topic for a in instrument for topic in (a.raw, a.reduced)},
+        topics.GRAVIMETER: {
+            *(topic for a in instrument for topic in (a.raw, a.reduced)),
+            *_beside(adapter_of(scenario)),
+        },
         topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.CANDIDATES),
         topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH),
         RECORDER: (),
@@ -54,12 +57,17 @@ def subscribed(name: str, scenario: Scenario) -> set[Topic]:
     own: dict[str, Iterable[Topic]] = {
         topics.INS_SIM: (topics.NAV_ODOM, topics.FIX, adapter.reduced, topics.DIAGNOSTICS),
         # the raw readings of a real instrument, where it does not simulate one
-        topics.GRAVIMETER: (topics.TRUTH_FIX, adapter.raw, *NAVIGATION),
+        topics.GRAVIMETER: (topics.TRUTH_FIX, adapter.raw, *_beside(adapter), *NAVIGATION),
         topics.PMHT_MM: (adapter.reduced, *NAVIGATION),
         topics.UKF_FUSION: (topics.IMU, topics.FIX, topics.INFORMATION, topics.INITIAL_POSE),
         RECORDER: all_topics(scenario),
     }
     return set(own[name])
+
+
+def _beside(adapter: Adapter) -> tuple[Topic, ...]:
+    """Return the topics of an instrument beside the one that an adapter reads."""
+    return (topics.SCALAR_FIELD,) if adapter.raw is topics.MAGNETIC_FIELD else ()
 
 
 def services(name: str) -> tuple[str, ...]:

@@ -1,0 +1,74 @@
+"""Readings of both magnetometers as they come: each of the scalar one waits until the vector one
+has been read at its time (docs/magnetometer.md, section 4.3)."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.magnetics.compensation import Compensation
+
+LONGEST_GAP = 2.0
+"""s between readings of the vector magnetometer over which it is not interpolated."""
+MOST_WAITING = 100
+"""Readings of the scalar magnetometer that wait; the oldest goes on without the vector."""
+_KEPT = 1000
+"""Readings of the vector magnetometer that are kept."""
+
+
+class CompensatedStream:
+    """Compensates readings one by one.
+
+    Parameters
+    ----------
+    compensation : Compensation
+        Currents, which are not in the stream, are taken not to flow.
+    """
+
+    def __init__(self, compensation: Compensation) -> None:
+        self._compensation = compensation
+        self._vectors: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
+        self._waiting: deque[tuple[float, float, Any]] = deque()
+
+    def vector(self, time: float, vector: Array) -> None:
+        """Take a reading (3,) nT of the vector magnetometer; one that is not later than the last
+        is left out."""
+        if not self._vectors or time > self._vectors[-1][0]:
+            self._vectors.append((time, vector))
+
+    def scalar(self, time: float, total: float, item: Any) -> None:
+        """Take a reading, nT, of the scalar magnetometer, and what belongs to it."""
+        self._waiting.append((time, total, item))
+
+    def ready(self) -> Iterator[tuple[float, Any]]:
+        """Yield the readings that can be compensated, in the order they came: total field without
+        the vehicle, nT, NaN where the vector magnetometer was not read, and what belongs to
+        it."""
+        while self._waiting:
+            time, total, item = self._waiting[0]
+            late = time + self._compensation.lag
+            due = bool(self._vectors) and self._vectors[-1][0] >= late
+            if not due and len(self._waiting) <= MOST_WAITING and not self._given_up(late):
+                return
+            self._waiting.popleft()
+            yield total - self._own_field(late, total), item
+
+    def _given_up(self, time: float) -> bool:
+        """Whether later scalar readings show that the vector magnetometer is silent."""
+        return self._waiting[-1][0] + self._compensation.lag > time + LONGEST_GAP
+
+    def _own_field(self, time: float, total: float) -> float:
+        """Return what the vehicle adds at a time of the vector magnetometer, nT."""
+        # readings come in order, so that what is looked for is near the end
+        after = len(self._vectors)
+        while after and self._vectors[after - 1][0] >= time:
+            after -= 1
+        if after in (0, len(self._vectors)):
+            return float("nan")
+        (t0, v0), (t1, v1) = self._vectors[after - 1], self._vectors[after]
+        if t1 - t0 > LONGEST_GAP:
+            return float("nan")
+        rate = (v1 - v0) / (t1 - t0)
+        return float(self._compensation.one(v0 + rate * (time - t0), rate, np.asarray(total)))

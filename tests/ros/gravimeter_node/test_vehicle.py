@@ -1,0 +1,122 @@
+"""The sensor's node on a magnetic vehicle: two instruments, and what is taken off."""
+
+import math
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import MagneticField
+
+from helpers.magnetics import aircraft
+from helpers.node_bench import bench, stamps
+from isogal.magnetics.compensation import Compensation
+from isogal.scenario import changed_scenario
+from isogal.sensors.magnetometer import field_vector, intensity
+from isogal_ros import topics
+from isogal_ros.messages.stamps import from_seconds, set_stamp
+from isogal_ros.nodes.health import WARN
+
+PLACE = np.radians([55.9, -3.9])
+CRAFT = aircraft()
+
+
+def field_of(seconds, vector):
+    message = MagneticField(magnetic_field_covariance=np.zeros(9))
+    set_stamp(message.header.stamp, from_seconds(seconds))
+    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = (
+        1e-9 * float(part) for part in vector
+    )
+    return message
+
+
+def felt(heading):
+    """What the aircraft feels when it is level on a heading, 321 nT above the main field."""
+    field = field_vector(*np.degrees(PLACE), 100.0, 2025.0)
+    field = field * (1.0 + 321.0 / np.linalg.norm(field))
+    c, s = np.cos(heading), np.sin(heading)
+    body = np.array([c * field[0] + s * field[1], c * field[1] - s * field[0], field[2]])
+    return CRAFT.feel(body, np.zeros(3))
+
+
+@pytest.fixture
+def told(magnetic, tmp_path):
+    Compensation(CRAFT.coefficients()).write(tmp_path / "own.yaml")
+    return changed_scenario(
+        magnetic, [f"magnetometer.compensation={tmp_path / 'own.yaml'}"], "test"
+    )
+
+
+def test_both_instruments(told) -> None:
+    with bench(topics.GRAVIMETER, told, simulate=False) as made:
+        made.publisher(topics.SCALAR_FIELD)
+        for seconds, heading in ((10.0, 0.0), (20.0, 2.0), (30.0, 4.0)):
+            vector = felt(heading)
+            for k in (-1, 1):
+                made.publish(topics.MAGNETIC_FIELD, field_of(seconds + 0.05 * k, vector))
+            total = np.linalg.norm(vector)
+            made.publish(topics.SCALAR_FIELD, field_of(seconds, (math.nan, math.nan, total)))
+            made.nav(seconds, *PLACE)
+        made.publish(topics.MAGNETIC_FIELD, field_of(31.0, vector))
+        made.wait(lambda: len(made.heard["magnetometer/anomaly"]) == 3)
+        found = [m.magnetic_field.z * 1e9 for m in made.heard["magnetometer/anomaly"]]
+        assert found == pytest.approx([321.0] * 3, abs=2.0)
+        assert not made.node.health.dropped
+
+
+def test_the_vectors_length_where_there_is_no_scalar_instrument(told) -> None:
+    with bench(topics.GRAVIMETER, told, simulate=False) as made:
+        for seconds in (9.9, 10.0, 10.1):
+            made.publish(topics.MAGNETIC_FIELD, field_of(seconds, felt(1.0)))
+        made.nav(9.9, *PLACE)
+        made.nav(10.2, *PLACE)
+        made.wait(lambda: made.heard["magnetometer/anomaly"])
+        # the first has none before it, so that its rate of change is not known
+        assert math.isnan(made.heard["magnetometer/anomaly"][0].magnetic_field.z)
+
+
+def test_a_silent_vector_instrument_is_said(told) -> None:
+    with bench(topics.GRAVIMETER, told, simulate=False) as made:
+        for seconds in (10.0, 20.0):
+            made.publish(topics.SCALAR_FIELD, field_of(seconds, (0.0, 0.0, 5e4)))
+            made.nav(seconds, *PLACE)
+        made.wait(lambda: made.heard["magnetometer/anomaly"])
+        assert math.isnan(made.heard["magnetometer/anomaly"][0].magnetic_field.z)
+        text = "no readings of the vector magnetometer"
+        made.wait(lambda: any(level == WARN and text in said for level, said, _ in made.says()))
+
+
+def test_bad_scalar_messages_are_dropped(told) -> None:
+    with bench(topics.GRAVIMETER, told, simulate=False) as made:
+        made.publish(topics.SCALAR_FIELD, field_of(10.0, (0.0, 0.0, 5e13)))
+        made.publish(topics.SCALAR_FIELD, field_of(11.0, (0.0, 0.0, math.nan)))
+        made.publish(topics.MAGNETIC_FIELD, field_of(11.0, (0.0, math.nan, 5e4)))
+        made.wait(lambda: sum(made.node.health.dropped.values()) == 3)
+
+
+def test_the_date_of_the_stamp(magnetic) -> None:
+    with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
+        year, stamp = 2021.5, 1_625_227_200.0
+        total = float(intensity(*np.degrees(PLACE), 100.0, year)) + 50.0
+        made.publish(topics.MAGNETIC_FIELD, field_of(stamp, (0.0, 0.0, total)))
+        made.nav(stamp, *PLACE)
+        made.wait(lambda: made.heard["magnetometer/anomaly"])
+        found = made.heard["magnetometer/anomaly"][0].magnetic_field.z * 1e9
+        assert found == pytest.approx(50.0, abs=0.1)
+
+
+def test_a_simulated_vehicle_has_both_instruments(magnetic) -> None:
+    scenario = changed_scenario(magnetic, ["magnetometer.aircraft.permanent=[0, 200, 0]"], "test")
+    with bench(topics.GRAVIMETER, scenario) as made:
+        message = topics.TRUTH_FIX.type()
+        for k in range(1, 22):
+            message.header.stamp.sec = k
+            made.publish(topics.TRUTH_FIX, message)
+        made.nav(10.0, *PLACE)
+        made.wait(lambda: len(made.heard["magnetometer/data_raw"]) == 21)
+        made.wait(lambda: made.heard["magnetometer/anomaly"])
+        assert stamps(made, topics.SCALAR_FIELD) == [10, 20]
+        vector = made.heard["magnetometer/data_raw"][9].magnetic_field
+        length = math.sqrt(vector.x**2 + vector.y**2 + vector.z**2) * 1e9
+        scalar = made.heard["magnetometer/scalar"][0].magnetic_field
+        assert (scalar.x, scalar.y) == (0.0, 0.0)
+        assert scalar.z * 1e9 == pytest.approx(length, abs=10.0)  # noise of 2 nT
+        assert math.isfinite(made.heard["magnetometer/anomaly"][0].magnetic_field.z)
