@@ -69,6 +69,22 @@ def test_compensate_leaves_the_anomaly(tmp_path, coefficients):
     assert (found["readings"], found["without"]) == (len(rows), 0)
 
 
+def test_learning_on_the_way(tmp_path):
+    flight = ordinary_flight(3, minutes=14.0, rate=2.0)
+    readings, total = fly(flight, aircraft(), AROUND, seed=2)
+    path, out = write_flight(tmp_path / "flight.csv", flight, readings), tmp_path / "track.csv"
+    words = ("mag", "compensate", path, "--out", out)
+    answer(*words, "--online", "--learnt", tmp_path / "learnt.yaml")
+    found = np.array([float(row.split(",")[4] or "nan") for row in out.read_text().split()[1:]])
+    assert np.isnan(found[0])
+    assert spread((found - total)[flight.time > 600.0]) < 15.0
+    answer(*words, "--coefficients", tmp_path / "learnt.yaml")
+    found = np.array([float(row.split(",")[4]) for row in out.read_text().split()[1:]])
+    assert spread(found - total) < 15.0
+    assert "--coefficients" in refusal(*words)
+    assert "--learnt" in refusal(*words, "--learnt", tmp_path / "learnt.yaml")
+
+
 def test_the_date_of_the_readings_counts(tmp_path, coefficients):
     flight = ordinary_flight(3, minutes=0.5, rate=5.0)
     readings, _ = fly(flight, aircraft(), AROUND)

@@ -168,13 +168,56 @@ def calibrate(
     _show(summary(flight, found) | {"files": files}, found, json)
 
 
+@dataclass(frozen=True)
+class Coefficients:
+    """What is known of the vehicle."""
+
+    coefficients: Annotated[
+        Path | None,
+        typer.Option("--coefficients", metavar="FILE.yaml", help="Of isogal mag calibrate."),
+    ] = None
+    online: Annotated[
+        bool,
+        typer.Option(
+            "--online",
+            help="Learn on the way, from --coefficients or from nothing: each reading is"
+            " compensated by those before it.",
+        ),
+    ] = False
+    learnt: Annotated[
+        Path | None,
+        typer.Option(
+            "--learnt",
+            metavar="FILE.yaml",
+            help="With --online: coefficients learnt by the end.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None
+
+    def own_field(self, flight: "MagneticFlight", known: "Array") -> "Array":
+        """Return (N,) nT what the vehicle adds, given what is not the vehicle's, and write what
+        was learnt; raises InputError."""
+        from isogal.magnetics.compensation import read_compensation
+        from isogal.magnetics.online import learn_along
+
+        if self.learnt is not None and not self.online:
+            raise InputError("--learnt: only with --online")
+        start = None if self.coefficients is None else read_compensation(self.coefficients)
+        if self.online:
+            found = learn_along(flight.readings, known, start)
+            if self.learnt is not None:
+                found.compensation.write(self.learnt)
+            return found.own
+        if start is None:
+            raise InputError("give --coefficients, or --online for a vehicle that is not known")
+        return start.own_field(flight.readings)
+
+
 @app.command()
 @with_groups
 def compensate(
     chosen: FlightChoice,
-    coefficients: Annotated[
-        Path, typer.Option("--coefficients", metavar="FILE.yaml", help="Of isogal mag calibrate.")
-    ],
+    vehicle: Coefficients,
     out: Annotated[
         Path,
         typer.Option(
@@ -190,13 +233,13 @@ def compensate(
     anomaly, a track for isogal match --reduction main-field."""
     import numpy as np
 
-    from isogal.magnetics.compensation import read_compensation
     from isogal.tracks.magnetic_flight import write_compensated
 
-    compensation, flight = read_compensation(coefficients), chosen.read()
-    own = compensation.own_field(flight.readings)
+    flight = chosen.read()
+    main_field = chosen.main_field(flight)
+    own = vehicle.own_field(flight, main_field)
     total = flight.readings.total - own
-    write_compensated(out, flight, total, total - chosen.main_field(flight))
+    write_compensated(out, flight, total, total - main_field)
     found: dict[str, Any] = {
         "readings": len(flight.readings),
         "without": int(np.isnan(total).sum()),

@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.magnetics.compensation import Compensation
+from isogal.magnetics.readings import Readings, shifted
 from isogal.magnetics.terms import COUNT, terms
 
 
@@ -30,6 +31,56 @@ class Assumed:
     """s over which that changes."""
     offset_sigma: float = 300.0
     """1-sigma of its constant part, nT."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learnt:
+    """What was learnt along a flight."""
+
+    own: Array
+    """(N,) nT, what the vehicle added, by the readings until then; NaN where it is not known."""
+    sigma: Array
+    """(N,) its 1-sigma, nT."""
+    compensation: Compensation
+    """By all readings."""
+
+
+def learn_along(
+    readings: Readings,
+    known: Array,
+    start: Compensation | None = None,
+    assumed: Assumed | None = None,
+) -> Learnt:
+    """Return what a vehicle added to each reading of a flight, by the readings until then.
+
+    Parameters
+    ----------
+    readings : Readings
+    known : (N,) array
+        nT, of the total field what is not the vehicle's.
+    start : Compensation, optional
+        What an earlier flight told; None = a cold start.
+    assumed : Assumed, optional
+
+    Raises
+    ------
+    InputError
+        A current that counts was not recorded.
+    """
+    names = tuple(readings.currents) if start is None else start.currents
+    readings.require(names)
+    learner = RecursiveCompensation(assumed, start, len(names))
+    lag = 0.0 if start is None else start.lag
+    vector = readings.vector if lag == 0.0 else shifted(readings.time, readings.vector, lag)
+    own, sigma = np.full((2, len(readings)), np.nan)
+    currents = np.stack([np.zeros(len(readings)), *(readings.currents[name] for name in names)])
+    for i in np.flatnonzero(readings.usable & np.isfinite(vector).all(axis=-1)):
+        flow = currents[None, 1:, i]
+        found = learner.step(
+            float(readings.time[i]), vector[None, i], readings.total[None, i], known[i], flow
+        )
+        own[i], sigma[i] = found[0][0], found[1][0]
+    return Learnt(own, sigma, learner.compensation(0, names))
 
 
 class RecursiveCompensation:
@@ -63,7 +114,7 @@ class RecursiveCompensation:
         self.state = np.zeros((runs, count + 3))
         """(R, C + 3) coefficients, constant, background (nT) and its rate (nT/s)."""
         if start is not None:
-            self.state[:, :count] = start.coefficients
+            self.state[:, :count], self.state[:, count] = start.coefficients, start.offset
             if start.sigma.size:
                 sigma = np.minimum(sigma, a.calibrated_share * start.sigma)
         beta = 1.0 / a.background_time
@@ -126,7 +177,10 @@ class RecursiveCompensation:
     def compensation(self, run: int = 0, names: tuple[str, ...] = ()) -> Compensation:
         """Return what has been learnt so far."""
         variance = np.diagonal(self.covariance[run])[: self._count]
-        return Compensation(self.coefficients[run].copy(), names, sigma=np.sqrt(variance))
+        offset = float(self.state[run, self._count])
+        return Compensation(
+            self.coefficients[run].copy(), names, offset, sigma=np.sqrt(np.maximum(variance, 0.0))
+        )
 
     def _predict(self, dt: float) -> None:
         c, beta = self._count, 1.0 / self.assumed.background_time

@@ -73,6 +73,12 @@ class Readings:
         """Median time between readings, s."""
         return float(np.median(np.diff(self.time)))
 
+    def require(self, names: tuple[str, ...]) -> None:
+        """Raise InputError where a current was not recorded."""
+        missing = [name for name in names if name not in self.currents]
+        if missing:
+            raise InputError(f"{self.where}: has no column 'current_{missing[0]}'")
+
     def terms(self, names: tuple[str, ...] = (), lag: float = 0.0) -> Array:
         """Return the (N, 18 + 3 K) terms of the model.
 
@@ -88,9 +94,7 @@ class Readings:
         InputError
             A current was not recorded.
         """
-        missing = [name for name in names if name not in self.currents]
-        if missing:
-            raise InputError(f"{self.where}: has no column 'current_{missing[0]}'")
+        self.require(names)
         vector = self.vector if lag == 0.0 else shifted(self.time, self.vector, lag)
         flow = np.stack([self.currents[name] for name in names], axis=-1) if names else None
         return terms(vector, derivative(vector, self.time), self.total, flow)
