@@ -24,6 +24,18 @@ def test_growth(seconds) -> None:
     assert sigma[8] <= 0.5
 
 
+def test_samples_at_either_side_say_how_steady_the_vehicle_was() -> None:
+    nothing, unknown = np.zeros(3), UnknownMotion()
+    steady = unknown.seen(HELD, (nothing, nothing))
+    assert (steady.acceleration, steady.turn_rate, steady.tilt) == (0.0, 0.0, 0.0)
+    turning = unknown.seen(HELD, (np.array([0.0, 0.3, 0.0]), np.array([0.0, 0.0, 0.02])))
+    assert (turning.acceleration, turning.turn_rate) == (0.3, 0.02)
+    # after the time between manoeuvres a manoeuvre has come with 1 - 1/e, after long for sure
+    one, many = (unknown.seen(600.0 * n, (nothing, nothing)) for n in (1, 20))
+    assert one.acceleration**2 == pytest.approx(0.01 * (1.0 - np.exp(-1.0)))
+    assert many.turn_rate == pytest.approx(1e-3, rel=1e-6)
+
+
 def test_a_steady_vehicle_is_where_it_would_be() -> None:
     state = FLIGHT.start.copy()
     before = state.velocity.copy()
@@ -61,9 +73,14 @@ def test_a_gap_widens_the_filter_and_is_replayed_for_a_late_fix(gap) -> None:
         ends.append(it.state)
     assert np.abs(error_between(*ends)).max() < 1e-12
     sigma = np.sqrt(np.diag(ends[0].covariance[0]))
-    added = np.sqrt(np.diag(outage_covariance(float(gap), ROUTE.speed, UnknownMotion())))
+    imu = FLIGHT.imu
+    change = tuple(
+        part[0, 100 + gap] - part[0, 99] for part in (imu.specific_force, imu.angular_rate)
+    )
+    motion = UnknownMotion().seen(float(gap), change)
+    added = np.sqrt(np.diag(outage_covariance(float(gap), ROUTE.speed, motion)))
     assert sigma[0] >= added[0]
-    assert sigma[4] >= 0.8 * added[4]  # height and vertical force tell a little of it
+    assert sigma[4] >= 0.75 * added[4]  # height and vertical force tell a little of it
     k = 130 + gap
     north, east = error_to_truth(ends[0], k)
     assert np.hypot(north, east) < 3.0 * np.hypot(*sigma[:2])

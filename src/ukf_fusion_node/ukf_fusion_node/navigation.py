@@ -47,7 +47,9 @@ class Navigation:
         self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None
         self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
         self._motion = UnknownMotion(
-            node.settings.outage_acceleration, node.settings.outage_turn_rate
+            node.settings.outage_acceleration,
+            node.settings.outage_turn_rate,
+            node.settings.manoeuvre_interval,
         )
         self._checkpoint = Checkpoint(node)
         self._from_start = True
@@ -83,7 +85,7 @@ class Navigation:
         if self._placed is not None:
             self._set(first, self._placed)
         elif (saved := self._checkpoint.take(first)) is not None and self._fits(saved.content):
-            self._set(saved.time, saved.content)
+            self._set(saved.time, *saved.content)
         elif self._from_start:
             start = start_ns(self._settings, first)
             margin = from_seconds(min(0.5 * self.model.dt, 1.0))
@@ -115,20 +117,20 @@ class Navigation:
 
     def _fits(self, content: Any) -> bool:
         """Whether a checkpoint's content is a state of this filter."""
-        if isinstance(content, FilterState):
-            now = self._start.arrays()
-            try:
-                same = [a.shape == b.shape for a, b in zip(content.arrays(), now, strict=True)]
-                finite = all(np.isfinite(array).all() for array in content.arrays())
-                np.linalg.cholesky(content.covariance)
-            except (ValueError, np.linalg.LinAlgError):
-                return False
-            return all(same) and finite
-        return False
+        try:
+            state, (force, rate) = content
+            arrays, now = state.arrays(), self._start.arrays()
+            same = [a.shape == b.shape for a, b in zip(arrays, now, strict=True)]
+            same += [force.shape == (3,), rate.shape == (3,)]
+            finite = all(np.isfinite(array).all() for array in (*arrays, force, rate))
+            np.linalg.cholesky(state.covariance)
+        except (TypeError, AttributeError, ValueError, np.linalg.LinAlgError):
+            return False
+        return all(same) and finite
 
-    def _set(self, ns: int, state: FilterState) -> None:
+    def _set(self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None) -> None:
         self.navigator = BufferedNavigator(
-            self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion
+            self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion, sample
         )
         self.ns, self._placed = ns, None
         sigma = float(np.sqrt(np.trace(state.covariance[0, :2, :2])))
@@ -183,8 +185,9 @@ class Navigation:
         self.ns, self.rate = ns, rate
 
     def keep(self) -> None:
-        """Write a checkpoint of the newest state."""
-        self._checkpoint.save(self.ns, self.state)
+        """Write a checkpoint of the newest state and the sample that led to it."""
+        assert self.navigator is not None
+        self._checkpoint.save(self.ns, (self.state, self.navigator.sample))
 
     def _note_gap(self, interval: float) -> float:
         """Tell of missing samples; return the time that they leave uncovered, s."""

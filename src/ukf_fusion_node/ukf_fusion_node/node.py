@@ -154,6 +154,7 @@ class UkfFusionNode(GraphNode):
         self.answered += 1
         if self._navigation.navigator is not None:
             self._publish()
+            self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
         self._outputs.publish(self._navigation.ns, self._navigation.state, self._navigation.rate)

@@ -47,6 +47,9 @@ class UkfFusionSettings(NodeSettings):
     outage_turn_rate: float = Field(
         1e-3, ge=0.0, le=10.0, description="1-sigma of how it turns meanwhile, rad/s"
     )
+    manoeuvre_interval: float = Field(
+        600.0, gt=0.0, description="mean time between manoeuvres of the vehicle, s"
+    )
     start_position: Triple = Field(
         _FROM_SCENARIO, description="first latitude deg, longitude deg, height m; NaN = as drawn"
     )

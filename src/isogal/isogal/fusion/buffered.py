@@ -21,7 +21,7 @@ from isogal.fusion.navigator import (
     update_position,
     widen,
 )
-from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going
+from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 
@@ -56,6 +56,8 @@ class _Step:
     fixes: list[Update]
     missing: float = 0.0
     """s at the beginning of the interval without data."""
+    motion: UnknownMotion | None = None
+    """How the vehicle may have moved then."""
 
 
 class BufferedNavigator:
@@ -72,6 +74,9 @@ class BufferedNavigator:
         How old a fix may be, s.
     motion : UnknownMotion, optional
         How the vehicle may move where samples are missing.
+    sample : (3,) and (3,) arrays, optional
+        Specific force and angular rate of the sample that ended at `time`; None = of a vehicle
+        that moves steadily.
     """
 
     def __init__(
@@ -81,21 +86,27 @@ class BufferedNavigator:
         time: float = 0.0,
         horizon: float = 1200.0,
         motion: UnknownMotion | None = None,
+        sample: tuple[Array, Array] | None = None,
     ) -> None:
         if len(state) != 1:
             raise ValueError("BufferedNavigator navigates one run")
         self.model = model
         self.horizon = horizon
         self.motion = motion or UnknownMotion()
-        nothing = np.zeros(3)
+        before = steady_sample(state) if sample is None else sample
         self._steps: deque[_Step] = deque(
-            [_Step(time, nothing, nothing, float(state.position[0, 2]), state.copy(), [])]
+            [_Step(time, *before, float(state.position[0, 2]), state.copy(), [])]
         )
 
     @property
     def time(self) -> float:
         """Stamp of the newest state, s."""
         return self._steps[-1].time
+
+    @property
+    def sample(self) -> tuple[Array, Array]:
+        """Specific force and angular rate of the newest sample; do not change them."""
+        return self._steps[-1].force, self._steps[-1].rate
 
     @property
     def state(self) -> FilterState:
@@ -146,6 +157,9 @@ class BufferedNavigator:
             [],
             missing,
         )
+        if missing > 0.0:
+            force, rate = self.sample
+            new.motion = self.motion.seen(missing, (new.force - force, new.rate - rate))
         self._apply(new, self.time)
         self._steps.append(new)
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
@@ -252,7 +266,7 @@ class BufferedNavigator:
             if step.missing > HELD:
                 keep_going(step.state, self.model, step.missing, step.height)
                 interval -= step.missing
-            grow(step.state, 0, step.missing, self.motion)
+            grow(step.state, 0, step.missing, step.motion or self.motion)
         model = (
             self.model
             if abs(interval - self.model.dt) < 1e-6

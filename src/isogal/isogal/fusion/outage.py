@@ -4,7 +4,15 @@ Nothing was measured of how the vehicle moved meanwhile. It is taken to have kep
 attitude, and its unknown motion as a constant acceleration and a constant turn: with a 1-sigma
 acceleration a over a time T the velocity is wrong by a T and the position by a T² / 2, wholly
 correlated, and the attitude by the turn rate times T. A vehicle of speed v that turned round has
-changed its velocity by 2 v at most, so the sigma of the velocity does not grow beyond v."""
+changed its velocity by 2 v at most, so the sigma of the velocity does not grow beyond v.
+
+The samples at either side say whether the vehicle was moving steadily then. A manoeuvre that goes
+on beyond the gap shows as a change of the specific force or of the angular rate, and that change
+is the 1-sigma of the unknown motion. A manoeuvre inside the gap is not seen; of a gap as short as
+`HELD` none is expected, in a longer one with the probability 1 - exp(-T / time between manoeuvres)
+of a Poisson process, so that the variance of the motion is that share of a manoeuvre's. A level
+vehicle whose specific force is the same afterwards has the same tilt, unless it accelerates by
+just as much: its tilt grows no further than the change of the force divided by gravity."""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,6 +39,8 @@ LARGEST_TILT, LARGEST_HEADING = 0.02, 0.5
 still holds."""
 TILT_SHARE = 0.1
 """Of the turn rate, about horizontal axes."""
+GRAVITY = 9.8
+"""m/s², of the specific force that a tilt changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +51,22 @@ class UnknownMotion:
     """m/s²."""
     turn_rate: float = 1e-3
     """rad/s, about the vertical."""
+    between: float = 600.0
+    """s, mean time between manoeuvres."""
+    tilt: float = LARGEST_TILT
+    """rad, largest change of tilt."""
+
+    def seen(self, seconds: float, change: tuple[Array, Array]) -> "UnknownMotion":
+        """Return what is still unknown of a gap, given the change of the specific force and of the
+        angular rate, (3,) each, from the sample before it to the one after it."""
+        force, rate = (float(np.linalg.norm(part)) for part in change)
+        share = math.sqrt(-math.expm1(-seconds / self.between)) if seconds > HELD else 0.0
+        return replace(
+            self,
+            acceleration=math.hypot(share * self.acceleration, force),
+            turn_rate=math.hypot(share * self.turn_rate, rate),
+            tilt=min(self.tilt, force / GRAVITY),
+        )
 
 
 def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:
@@ -49,7 +75,7 @@ def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Ar
     free = motion.acceleration * seconds
     velocity = free / math.hypot(1.0, free / max(speed, SLOWEST))
     heading = min(motion.turn_rate * seconds, LARGEST_HEADING)
-    tilt = min(TILT_SHARE * motion.turn_rate * seconds, LARGEST_TILT)
+    tilt = min(TILT_SHARE * motion.turn_rate * seconds, motion.tilt)
     root = np.zeros((9, 6))
     for axis in range(3):
         root[axis, axis] = 0.5 * velocity * seconds
