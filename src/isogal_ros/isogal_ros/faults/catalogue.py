@@ -217,6 +217,6 @@ QUICK = (
 """Those of a quick campaign."""
 
 
-def topic_of(fault: Fault, reduced: Topic) -> Topic:
-    """Return the topic that a fault changes."""
-    return topics.IMU if fault.sensor == "imu" else reduced
+def topic_of(fault: Fault, raw: Topic) -> Topic:
+    """Return the topic that a fault changes; `raw` is that of the instrument."""
+    return topics.IMU if fault.sensor == "imu" else raw

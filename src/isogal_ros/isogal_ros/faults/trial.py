@@ -19,7 +19,7 @@ from isogal_ros.messages.stamps import peek_ns, to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
 
-STALL = 1.0
+STALL = 0.5
 """s of wall time that a step of a trial may take: a fault may leave it without an answer."""
 
 EARLIER = 15 * SECOND
@@ -37,19 +37,19 @@ class Tampering:
     begin : float
         s.
     rng : Generator
-    reduced : Topic
+    raw : Topic
         Of the readings.
     """
 
     patience = STALL
 
     def __init__(
-        self, fault: Fault | None, begin: float, rng: np.random.Generator, reduced: Topic
+        self, fault: Fault | None, begin: float, rng: np.random.Generator, raw: Topic
     ) -> None:
         self.fault = fault
         self.begin = round(begin * SECOND)
         self.end = self.begin if fault is None else self.begin + round(fault.lasts * SECOND)
-        self._topic = None if fault is None else topic_of(fault, reduced)
+        self._topic = None if fault is None else topic_of(fault, raw)
         self._moment = Moment(0.0, rng, {})
 
     def __call__(self, topic: Topic, data: bytes) -> list[bytes]:
@@ -111,7 +111,7 @@ def run_trial(reader: BagReader, fault: Fault | None, seed: int, trial: int) -> 
     rng = generator(seed, trial, f"fault: {name}")
     duration = scenario.route.duration or 0.0
     begin = float(np.floor(rng.uniform(0.25, 0.45) * duration))
-    tampering = Tampering(fault, begin, rng, adapter_of(scenario).reduced)
+    tampering = Tampering(fault, begin, rng, adapter_of(scenario).raw)
     crash, track, told = None, _Track(), None
     try:
         result = replay(reader, Interrupt(), lambda progress: None, tamper=tampering)

@@ -84,6 +84,8 @@ class _Recorded:
     collector: Collector
     aids: dict[topics.Topic, dict[int, bytes]]
     """Readings of height and velocity sensors by stamp."""
+    raw: dict[int, bytes]
+    """Readings of the instrument as it gave them by stamp."""
 
 
 def replay(
@@ -100,7 +102,8 @@ def replay(
     scenario : Scenario, optional
         None = the bag's own.
     tamper : Tamper, optional
-        Changes messages on their way.
+        Changes messages on their way. The navigator is then not where it was when the bag was
+        recorded, so that the instrument's raw readings, if the bag has them, are reduced anew.
 
     Raises
     ------
@@ -145,16 +148,20 @@ def replay(
 def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
+    raw: dict[int, bytes] = {}
+    adapter = adapter_of(scenario)
     aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
-    for topic, data in wanted_messages(reader, (topics.IMU, *AIDS, *collector.topics())):
+    wanted = (topics.IMU, adapter.raw, *AIDS, *collector.topics())
+    for topic, data in wanted_messages(reader, wanted):
         if topic is topics.IMU:
             imu[peek_ns(data)] = data
+        elif topic is adapter.raw:
+            raw[peek_ns(data)] = data
         elif topic in aids:
             aids[topic][peek_ns(data)] = data
         else:
             collector.take(topic, data)
-    reduced = adapter_of(scenario).reduced.name
-    needed = ((topics.IMU.name, imu), (reduced, collector.readings))
+    needed = ((topics.IMU.name, imu), (adapter.reduced.name, collector.readings))
     missing = [name for name, store in needed if not store]
     if missing:
         there = ", ".join(sorted(reader.types)) or "nothing"
@@ -163,7 +170,7 @@ def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
             f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
             f" has {there}{cut}"
         )
-    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector, aids)
+    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector, aids, raw)
 
 
 def _run(
@@ -177,16 +184,21 @@ def _run(
     executor = make_executor(context)
     nodes: dict[str, Any] = {}
     # the feeder hears everything, as a recorder does
-    own = {"run": recorded.run, "recorders": 1, "peers": list(NODES)}
+    reduces = tamper is not None and bool(recorded.raw)
+    names = (*NODES, topics.GRAVIMETER) if reduces else NODES
+    own = {"run": recorded.run, "recorders": 1, "peers": list(names)}
+    special = {
+        topics.UKF_FUSION: {"start_time": math.nan},
+        topics.GRAVIMETER: {"simulate": False, "recorders": 0},
+    }
     try:
-        for name in NODES:
+        for name in names:
             kind = node_class(name)
-            begin = {"start_time": math.nan} if name == topics.UKF_FUSION else {}
-            values = node_values(recorded.scenario, own | begin, kind.sections)
+            values = node_values(recorded.scenario, own | special.get(name, {}), kind.sections)
             nodes[name] = kind(name, values=values, context=context)
         values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
-        feeder.advertise_aids([topic for topic in AIDS if recorded.aids[topic]])
+        feeder.advertise_sensors([topic for topic in AIDS if recorded.aids[topic]], reduces)
         for node in nodes.values():
             executor.add_node(node)
         answered = _LockStep(recorded, nodes, executor, tamper).run(interrupt, report)
@@ -207,7 +219,6 @@ class _Feeder(GraphNode):
         self.collector = Collector(self.scenario)
         self.heard = 0
         self._clock_out, self._imu = self.advertise(topics.CLOCK), self.advertise(topics.IMU)
-        self._readings = self.advertise(adapter_of(self.scenario).reduced, (topics.PMHT_MM,))
         for topic in ANSWERS:
             self.listen(topic, self._keep(topic), raw=True)
 
@@ -222,9 +233,12 @@ class _Feeder(GraphNode):
         """Count the answers."""
         return self.heard
 
-    def advertise_aids(self, used: Collection[topics.Topic]) -> None:
-        """Make publishers of the sensors that were recorded."""
-        self._aids = {topic: self.advertise(topic) for topic in used}
+    def advertise_sensors(self, aids: Collection[topics.Topic], raw: bool) -> None:
+        """Make publishers of the aids that were recorded and of raw or reduced readings."""
+        self._aids = {topic: self.advertise(topic) for topic in aids}
+        of = adapter_of(self.scenario)
+        topic, consumer = (of.raw, topics.GRAVIMETER) if raw else (of.reduced, topics.PMHT_MM)
+        self._readings = self.advertise(topic, (consumer,))
 
     def aid(self, topic: topics.Topic, data: bytes) -> None:
         """Publish a reading of a height or velocity sensor."""
@@ -238,7 +252,7 @@ class _Feeder(GraphNode):
         self._imu.publish(data)
 
     def reading(self, data: bytes) -> None:
-        """Publish a reduced reading."""
+        """Publish a reading."""
         self._readings.publish(data)
 
 
@@ -253,8 +267,11 @@ class _LockStep:
         tamper: Tamper | None = None,
     ) -> None:
         self._tamper = tamper
-        self._reduced = adapter_of(recorded.scenario).reduced
-        self._imu, self._readings = recorded.imu, recorded.collector.readings
+        adapter = adapter_of(recorded.scenario)
+        self._sensor = nodes.get(topics.GRAVIMETER)
+        self._topic = adapter.reduced if self._sensor is None else adapter.raw
+        self._imu = recorded.imu
+        self._readings = recorded.collector.readings if self._sensor is None else recorded.raw
         self._aids = [
             (topic, deque(sorted(readings.items()))) for topic, readings in recorded.aids.items()
         ]
@@ -295,7 +312,7 @@ class _LockStep:
         self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
 
     def _play_reading(self, stamp: int, now: int) -> None:
-        for data in self._changed(self._reduced, self._readings[stamp]):
+        for data in self._changed(self._topic, self._readings[stamp]):
             self._feeder.reading(data)
             self._given += 1
         self._played += 1
@@ -313,7 +330,8 @@ class _LockStep:
 
     def _settled(self) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        done = self._matcher.taken >= self._given and not self._matcher.scans.waiting
+        given = self._given - (0 if self._sensor is None else self._sensor.unused)
+        done = self._matcher.taken >= given and not self._matcher.scans.waiting
         return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
