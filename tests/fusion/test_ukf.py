@@ -28,6 +28,16 @@ def test_sigma_points_equal_filterpy(parameters):
     np.testing.assert_allclose(points[:, 16:31].T / SIGMA, expected[16:] / SIGMA, atol=1e-9)
 
 
+@pytest.mark.parametrize("states", [15, 17, 28])
+@pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1e-3, 2.0, -12.0)])
+def test_weights_equal_filterpy(parameters, states):
+    scaled = MerweScaledSigmaPoints(states, *parameters)
+    spread = scaled.sigma_points(np.zeros(states), np.eye(states))[1, 0]
+    expected = (spread, scaled.Wc[0], scaled.Wc[1])
+    assert sigma_points.merwe_weights(*parameters, states) == pytest.approx(expected, rel=1e-14)
+    np.testing.assert_array_equal(scaled.Wm[1:], scaled.Wc[1:])
+
+
 @pytest.mark.parametrize("broken", [0, 7, 14])
 def test_factorise_reports_what_is_not_positive_definite(broken):
     covariance = random_covariance(SIGMA)

@@ -69,7 +69,7 @@ def map_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def settings(map_file: Path) -> Callable[..., list[str]]:
-    """Overrides of a ten-minute scenario over that map with ten fixes, and more overrides. The
+    """Overrides of a six-minute scenario over that map with six fixes, and more overrides. The
     map is made up: nothing is felt of it, which would cost its Fourier transform in each process
     that the simulator runs in."""
 
@@ -78,7 +78,7 @@ def settings(map_file: Path) -> Callable[..., list[str]]:
         return [
             f"route.start=[{latitude - 0.1}, {longitude - 0.1}]",
             f"route.end=[{latitude + 0.2}, {longitude + 0.2}]",
-            "route.duration=600.0",
+            "route.duration=360.0",
             "gravimeter.quantity=disturbance",
             "gravity.field=normal",
             f"map.source={map_file}",
@@ -114,7 +114,7 @@ def terrain(shared_data: Path) -> Scenario:
 
 @pytest.fixture(scope="session")
 def gradient(scenario: Callable[..., Scenario]) -> Scenario:
-    """Ten minutes with a gradiometer over the small map."""
+    """Six minutes with a gradiometer over the small map."""
     return scenario(*GRADIENT)
 
 

@@ -76,7 +76,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert list(out.glob("*.png"))
     summary = json.loads((out / "summary.json").read_text())
     assert summary["runs"] == 1
-    assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 10
+    assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 6
     assert summary["time"]["fix_ms_median"] > 0
     assert 0 < summary["position_error"]["mean"] < 1000
     for name in CLASSES:

@@ -33,11 +33,15 @@ def launch(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def params(scenario, tmp_path) -> str:
-    """A parameter file of two minutes."""
-    path = tmp_path / "params.yaml"
-    path.write_text(parameter_file(scenario("route.duration=190.0"), {}))
-    return str(path)
+def params(scenario, tmp_path):
+    """Writes a parameter file of a route of so many seconds."""
+
+    def write(seconds: float) -> str:
+        path = tmp_path / "params.yaml"
+        path.write_text(parameter_file(scenario(f"route.duration={seconds}"), {}))
+        return str(path)
+
+    return write
 
 
 def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> None:
@@ -90,7 +94,7 @@ def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, word
 
 @pytest.mark.slow
 def test_it_ends_when_the_vehicle_has_arrived(launch, params, tmp_path) -> None:
-    made = launch(params=params, rate="0.0", bag=str(tmp_path / "bag"))
+    made = launch(params=params(70.0), rate="0.0", bag=str(tmp_path / "bag"))
     made.run()
     assert made.reason == "the simulated vehicle has arrived"
     assert set(made.codes.values()) == {0}, made.output()
@@ -104,7 +108,7 @@ def test_it_ends_when_the_vehicle_has_arrived(launch, params, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_a_node_that_is_killed_ends_all(launch, params, tmp_path) -> None:
-    made = launch(params=params, rate="5.0", bag=str(tmp_path / "bag"))
+    made = launch(params=params(70.0), rate="5.0", bag=str(tmp_path / "bag"))
     made.run(when="begun", kill=[topics.PMHT_MM])
     assert made.reason == "pmht_mm_node has ended with code -9"
     codes = made.codes
@@ -114,7 +118,7 @@ def test_a_node_that_is_killed_ends_all(launch, params, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_with_respawn_killed_nodes_go_on(launch, params, tmp_path) -> None:
-    made = launch(params=params, rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
+    made = launch(params=params(190.0), rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
     names = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
     made.run(when="fix with", kill=names)
     assert made.reason == "the simulated vehicle has arrived", made.output()
