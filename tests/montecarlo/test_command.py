@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from helpers.command_line import answer, refusal
 from helpers.studies import wavy_map
-from isogal.cli.main import main
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
 ISOGAL = Path(sys.executable).with_name("isogal")
@@ -60,19 +59,6 @@ def call(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.fixture
-def call_here(monkeypatch, capfd) -> Callable[..., tuple[int, str, str]]:
-    """Calls the command in this process, which need not load it; exit status and output."""
-
-    def go(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["isogal", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code or 0, *capfd.readouterr()
-
-    return go
-
-
 @pytest.fixture(scope="module")
 def finished(arguments: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("whole")
@@ -94,14 +80,12 @@ def test_what_it_writes(finished: Path) -> None:
 
 
 def test_again_with_json_computes_nothing_and_says_the_same(
-    arguments: list[str], finished: Path, call_here: Callable[..., tuple[int, str, str]]
+    arguments: list[str], finished: Path
 ) -> None:
     before = json.loads((finished / "results.json").read_text())
     files = sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
     words = ("--runs", "3", "--workers", "1", "--out", str(finished), "--json")
-    code, out, err = call_here(*arguments, *words)
-    assert code == 0, err
-    printed = json.loads(out)
+    printed = json.loads(answer(*arguments, *words))
     assert {**printed, "time": None} == {**before, "time": None}
     assert files == sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
 
@@ -151,14 +135,7 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
     ],
 )
 def test_bad_input_is_one_line(
-    arguments: list[str],
-    tmp_path: Path,
-    call_here: Callable[..., tuple[int, str, str]],
-    words: list[str],
-    message: str,
+    arguments: list[str], tmp_path: Path, words: list[str], message: str
 ) -> None:
-    code, _, err = call_here(*arguments, "--out", str(tmp_path / "out"), *words)
-    assert code == 2
-    assert len(err.strip().splitlines()) == 1
-    assert message in err
+    assert message in refusal(*arguments, "--out", tmp_path / "out", *words)
     assert not (tmp_path / "out").exists()

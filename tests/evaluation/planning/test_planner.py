@@ -33,7 +33,9 @@ def rough_in_the_north(north, east):
 
 FIELD = field_map_of(rough_in_the_north, half=45e3, step=500.0)
 START, GOAL = place(0.0, -30e3), place(0.0, 30e3)
-SETTINGS = validate_scenario({"gravimeter": {"quantity": "disturbance"}})
+SETTINGS = validate_scenario(
+    {"gravimeter": {"quantity": "disturbance"}, "gravity": {"field": "normal"}}
+)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,9 @@ def test_it_goes_where_the_field_is_rough(planned):
 
 def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_path):
     write_route(planned.route, tmp_path / "route.yaml")
-    scenario = load_scenario(tmp_path / "route.yaml", ["gravimeter.quantity=disturbance"])
+    scenario = load_scenario(
+        tmp_path / "route.yaml", ["gravimeter.quantity=disturbance", "gravity.field=normal"]
+    )
     bound = posterior_cramer_rao(scenario, build_trajectory(scenario), FIELD)
     assert bound.rms[-1] == pytest.approx(planned.route.error, rel=1e-3)
 

@@ -15,6 +15,7 @@ def test_the_tail_of_a_wide_posterior_is_not_forgotten():
         gravimeter={"quantity": "disturbance", "sigma": 1e-6},
         map_error={"sigma": 8e-5},
         matcher={"map_sigma": 8e-5},
+        gravity={"field": "normal"},
         map={"continuation": "none"},  # of the map on which that run went astray
     )
     run = simulate(scenario, [95], map_for_scenario(scenario, build_trajectory(scenario)))

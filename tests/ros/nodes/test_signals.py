@@ -40,6 +40,7 @@ def test_a_listener_that_died_without_goodbye_holds_nobody_up(tmp_path) -> None:
         "ins_sim_node",
         "lock_step:=false",
         "rate:=20.0",
+        "gravity.field:=normal",
         "peers:=[ins_sim_node, ukf_fusion_node]",
         log=logs["ins_sim_node"],
     )
