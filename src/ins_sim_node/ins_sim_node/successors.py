@@ -48,6 +48,7 @@ class Successors:
             elif self._changed:
                 self._changed = False
                 self._answers.note_peers()
+                self._node.health.concern("waiting", None)
                 self._node.get_logger().info("all nodes answer again")
             return
         if waited > STALL and (self._changed or self._answers.peers_changed()):
@@ -61,9 +62,8 @@ class Successors:
     def _let_go(self) -> None:
         step = self._answers.lock_step
         if not self._changed:
-            self._node.get_logger().warning(
-                f"a node has left or was started again: {step.missing()}"
-            )
+            text = f"a node has left or was started again: {step.missing()}"
+            self._node.health.concern("waiting", text)
         self._changed = True
         self._forgotten += 1
         self._node.health.figures["steps not waited for"] = self._forgotten

@@ -36,7 +36,7 @@ def placed(state: FilterState, message: Any, frame: LocalFrame, speed: float) ->
     covariance = np.asarray(message.pose.covariance).reshape(6, 6)
     if not (np.isfinite(point).all() and np.abs(point).max() < LARGEST_DISTANCE):
         raise BadMessageError("position is not finite, or too far away")
-    if not np.isfinite(turn).all() or abs(turn @ turn - 1.0) > 1e-3:
+    if not (np.abs(turn) < 2.0).all() or abs(turn @ turn - 1.0) > 1e-3:  # NaN is not below
         raise BadMessageError("orientation is not a unit quaternion")
     require_covariance(covariance)
     if min(covariance[0, 0], covariance[1, 1]) <= 0.0:

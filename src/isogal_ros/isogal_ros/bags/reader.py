@@ -23,6 +23,7 @@ class Recorded:
     data: bytes
     """Serialised."""
     log_ns: int
+    publish_ns: int = 0
 
 
 @dataclass
@@ -77,7 +78,9 @@ class BagReader:
                         channels[item.id] = item.topic
                         self.types[item.topic] = schemas.get(item.schema_id, "")
                     elif isinstance(item, Message):
-                        yield Recorded(channels[item.channel_id], item.data, item.log_time)
+                        yield Recorded(
+                            channels[item.channel_id], item.data, item.log_time, item.publish_time
+                        )
 
     def _read_texts(self) -> None:
         """Read what stands ahead of the messages."""

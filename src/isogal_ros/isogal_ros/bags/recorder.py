@@ -70,7 +70,7 @@ class RecorderNode(GraphNode):
         has_header = hasattr(topic.type, "header")
 
         def write(data: bytes) -> None:
-            if not self.active:
+            if not self.active or self.finished:
                 return
             if is_clock or has_header:
                 self._now = max(self._now, peek_ns(data))
@@ -79,7 +79,7 @@ class RecorderNode(GraphNode):
                     self._add(name, topic)
                 self.writer.write(name, data, self._now, time.time_ns())
             except OSError as error:
-                self.fail(f"{self.writer.path}: cannot be written: {error.strerror or error}")
+                self._failed_to_write(error)
 
         subscription = self.create_subscription(
             topic.type, topic.name, write, topics.LOSSLESS, raw=True
@@ -95,9 +95,16 @@ class RecorderNode(GraphNode):
         type_hash = str(offers[0].topic_type_hash) if offers else ""
         self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
 
+    def _failed_to_write(self, error: OSError) -> None:
+        """End; what is in the file stays."""
+        self.fail(f"{self.writer.path}: cannot be written: {error.strerror or error}")
+
     def _beat(self) -> None:
-        if self.active:
-            self._tell()
+        if self.active and not self.finished:
+            try:
+                self._tell()
+            except OSError as error:
+                self._failed_to_write(error)
         super()._beat()
 
     def _tell(self) -> None:
@@ -122,7 +129,10 @@ class RecorderNode(GraphNode):
             self.get_logger().info(f"{self.writer.messages} messages recorded")
         super().close(timeout)
         if self.configured:
-            self.writer.close()
+            try:
+                self.writer.close()
+            except OSError as error:
+                self.exit_code, self.failure = 1, f"{self.writer.path}: not finished: {error}"
 
 
 def _with_history(profile: QoSProfile) -> QoSProfile:

@@ -4,6 +4,7 @@
 The file is written in small chunks straight to the disk, and the scenario goes first: where the
 recorder is killed, the file can be read up to the last whole chunk (`isogal_ros.bags.reader`)."""
 
+import errno
 import os
 import time
 from dataclasses import dataclass, field
@@ -91,7 +92,8 @@ class BagWriter:
         return topic in self._contents.topics
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
-        """Write one serialised message."""
+        """Write one serialised message; raises OSError where the disk is full. The file can then
+        be read up to there, and nothing more can be written."""
         entry = self._contents.topics[topic]
         self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
         self._contents.count(entry, log_ns)
@@ -103,7 +105,11 @@ class BagWriter:
             self._write_out()
 
     def close(self) -> None:
-        """Finish the file and its metadata."""
+        """Finish the file and its metadata; of a file that could not be written to leave what is
+        there."""
+        if self._stream.broken:
+            self._stream.file.close()
+            return
         text = yaml_text(self._contents.information())
         self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
         self._writer.finish()
@@ -153,12 +159,20 @@ class _Stream:
 
     def __init__(self, path: Path) -> None:
         self.file = path.open("wb", buffering=0)
+        self.broken = False
+        """Whether a write has failed: what follows would not belong to what is there."""
 
     def write(self, data: bytes) -> int:
         """Write all of it."""
+        if self.broken:
+            raise OSError(errno.EIO, "an earlier write has failed")
         rest = memoryview(data)
-        while rest:
-            rest = rest[self.file.write(rest) :]
+        try:
+            while rest:
+                rest = rest[self.file.write(rest) :]
+        except OSError:
+            self.broken = True
+            raise
         return len(data)
 
     def tell(self) -> int:

@@ -12,6 +12,8 @@ from isogal.files import write_atomic
 from isogal.scenario import Scenario
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
+from isogal_ros.faults.process_faults import PROCESS_FAULTS, ProcessFault
+from isogal_ros.faults.process_trial import run_process_trial
 from isogal_ros.faults.trial import run_trial
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
@@ -24,7 +26,12 @@ RECOVERED = 1.3
 """Of the error of the same run without fault, in the last third."""
 ALLOWANCE = 30.0
 """m of error that is no harm where there is hardly any without fault."""
+FIGURES = (
+    "told_after_s", "error_during_m", "error_after_m", "error_without_m", "lost", "restart_s",
+)  # fmt: skip
+"""Columns of the page."""
 Say = Callable[[str], None]
+AnyFault = Fault | ProcessFault
 
 
 def quick_scenario(scenario: Scenario) -> Scenario:
@@ -45,7 +52,8 @@ def run_campaign(
     GraphError
         The run without fault failed.
     """
-    faults = [fault for fault in FAULTS if not quick or fault.name in QUICK]
+    every: tuple[AnyFault, ...] = (*FAULTS, *PROCESS_FAULTS)
+    faults = [fault for fault in every if not quick or fault.name in QUICK]
     done = _read(out / OUTCOMES)
     for trial in range(trials):
         bag = out / f"recording-{trial}"
@@ -55,7 +63,11 @@ def run_campaign(
         for name, fault in _wanted(faults, trial, done):
             if interrupt:
                 return _table(out, done, faults, trials)
-            outcome = run_trial(BagReader(bag), fault, scenario.seed, trial).document()
+            if isinstance(fault, ProcessFault):
+                result = run_process_trial(scenario, out / "running", bag, fault, trial)
+            else:
+                result = run_trial(BagReader(bag), fault, scenario.seed, trial)
+            outcome = result.document()
             done[name, trial] = outcome
             with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(outcome) + "\n")
@@ -64,8 +76,8 @@ def run_campaign(
 
 
 def _wanted(
-    faults: list[Fault], trial: int, done: dict[tuple[str, int], Any]
-) -> Iterator[tuple[str, Fault | None]]:
+    faults: list[AnyFault], trial: int, done: dict[tuple[str, int], Any]
+) -> Iterator[tuple[str, AnyFault | None]]:
     if ("none", trial) not in done:
         yield "none", None
     for fault in faults:
@@ -86,7 +98,7 @@ def _read(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
 
 
 def _table(
-    out: Path, done: dict[tuple[str, int], dict[str, Any]], faults: list[Fault], trials: int
+    out: Path, done: dict[tuple[str, int], dict[str, Any]], faults: list[AnyFault], trials: int
 ) -> dict[str, Any]:
     rows = []
     for fault in faults:
@@ -107,7 +119,7 @@ def _table(
     return document
 
 
-def _row(fault: Fault, pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any]:
+def _row(fault: AnyFault, pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any]:
     outcomes = [outcome for outcome, _ in pairs]
     told = [o["told_after"] for o in outcomes if o["told_after"] is not None]
     after = np.array([o["error_after"] or np.nan for o in outcomes], float)
@@ -131,6 +143,8 @@ def _row(fault: Fault, pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> di
         "error_during_m": float(np.max([o["error_during"] or 0.0 for o in outcomes])),
         "error_after_m": None if np.isnan(rms) else rms,
         "error_without_m": None if np.isnan(rms_without) else rms_without,
+        "lost": max(o.get("lost", 0) for o in outcomes),
+        "restart_s": max((o.get("restart") or 0.0 for o in outcomes), default=0.0) or None,
         "crashes": crashes,
         "not_finite": not_finite,
         "passed": not (crashes or not_finite or silent) and (recovered or honest),
@@ -142,16 +156,14 @@ def _page(document: dict[str, Any]) -> str:
         "# Faults",
         "",
         "Errors in m: the largest during the fault; RMS over the last third of the run, with the"
-        " fault and without.",
+        " fault and without. Of faults of processes also the most messages lost and the longest"
+        " time, s, that a node said nothing.",
         "",
-        "| fault | trials | told | after, s | during | after | without | passed |",
-        "|---|---|---|---|---|---|---|---|",
+        "| fault | trials | told | after, s | during | after | without | lost | silent | passed |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in document["faults"]:
-        numbers = (
-            "–" if row[name] is None else f"{row[name]:.0f}"
-            for name in ("told_after_s", "error_during_m", "error_after_m", "error_without_m")
-        )
+        numbers = ("–" if row[name] is None else f"{row[name]:.0f}" for name in FIGURES)
         passed = "yes" if row["passed"] else "**no**"
         told = f"{row['told']} of {row['trials']}"
         lines.append(

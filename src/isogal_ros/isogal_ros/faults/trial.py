@@ -86,6 +86,10 @@ class Outcome:
     """m, RMS 1-sigma that the navigator gives itself then."""
     samples: int
     """States published."""
+    restart: float | None = None
+    """s of wall time that a faulty process said nothing."""
+    lost: int = 0
+    """Messages of a stamp that the run without fault has: truth, state, reading, fix."""
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON can say it."""
@@ -112,23 +116,40 @@ def run_trial(reader: BagReader, fault: Fault | None, seed: int, trial: int) -> 
     duration = scenario.route.duration or 0.0
     begin = float(np.floor(rng.uniform(0.25, 0.45) * duration))
     tampering = Tampering(fault, begin, rng, adapter_of(scenario).raw)
-    crash, track, told = None, _Track(), None
+    crash, collector, told = None, None, None
     try:
         result = replay(reader, Interrupt(), lambda progress: None, tamper=tampering)
-        track = _track(result.outputs)
-        told = next(
-            (
-                (ns, text)
-                for ns, text in result.outputs.warnings
-                if ns >= tampering.begin - EARLIER
-            ),
-            None,
-        )
+        collector = result.outputs
+        told = first_warning(collector, tampering.begin)
     except Exception as error:
         crash = f"{type(error).__name__}: {error}"
-    end = to_seconds(tampering.end)
-    during = track.error[(track.time >= begin) & (track.time <= end + 1.0)]
-    last = track.time > 2.0 / 3.0 * duration
+    span = begin, to_seconds(tampering.end) + 1.0
+    return outcome_of(name, trial, span, crash, told, collector)
+
+
+def first_warning(collector: Collector, begin_ns: int) -> tuple[int, str] | None:
+    """Return stamp and words of the first diagnostics at WARN or ERROR from a time (ns) on."""
+    later = (item for item in collector.warnings if item[0] >= begin_ns - EARLIER)
+    return next(later, None)
+
+
+def outcome_of(
+    name: str,
+    trial: int,
+    span: tuple[float, float],
+    crash: str | None,
+    told: tuple[int, str] | None,
+    collector: Collector | None,
+    restart: float | None = None,
+    lost: int = 0,
+) -> Outcome:
+    """Return the outcome of a run (None = there is none) with a fault from one time (s) to
+    another that was told at a stamp with some words."""
+    track = _Track() if collector is None else _track(collector)
+    begin, end = span
+    during = track.error[(track.time >= begin) & (track.time <= end)]
+    end_ns = 0 if collector is None else max(collector.truth, default=0)
+    last = track.time > 2.0 / 3.0 * to_seconds(end_ns)
     return Outcome(
         name,
         trial,
@@ -141,6 +162,8 @@ def run_trial(reader: BagReader, fault: Fault | None, seed: int, trial: int) -> 
         _rms(track.error[last]),
         _rms(track.sigma[last]),
         len(track.time),
+        restart,
+        lost,
     )
 
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -167,8 +168,17 @@ class _Watcher(Node):
                 self.figures = figures_of(item)
 
 
+Meddle = Callable[[Processes, float], None]
+"""Called again and again with the processes and the simulated time, s."""
+
+
 def run_processes(
-    plan: Plan, folder: Path, interrupt: Interrupt, report: Report, announce: Any = None
+    plan: Plan,
+    folder: Path,
+    interrupt: Interrupt,
+    report: Report,
+    announce: Any = None,
+    meddle: Meddle | None = None,
 ) -> Outcome:
     """Run the graph as processes until the route's end, or until interrupted.
 
@@ -178,6 +188,8 @@ def run_processes(
         For parameters and logs.
     announce : callable, optional
         Called with the domain before the processes start.
+    meddle : callable, optional
+        Does faults to the processes.
 
     Raises
     ------
@@ -192,7 +204,7 @@ def run_processes(
             announce(domain)
         processes = Processes(plan, folder, domain)
         try:
-            wall = _watch(processes, domain, interrupt, report)
+            wall = _watch(processes, domain, interrupt, report, meddle)
         finally:
             processes.stop(interrupt)
             if any(code < 0 for code in processes.ended().values()):
@@ -203,7 +215,13 @@ def run_processes(
     return Outcome(bool(interrupt), wall)
 
 
-def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Report) -> float:
+def _watch(
+    processes: Processes,
+    domain: int,
+    interrupt: Interrupt,
+    report: Report,
+    meddle: Meddle | None,
+) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
     with local_context(domain) as context:
         watcher, executor = _Watcher(context), make_executor(context)
@@ -220,6 +238,8 @@ def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Repo
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     if timer.due():
                         report(progress)
+                if meddle is not None:
+                    meddle(processes, -1.0 if progress is None else progress.simulated)
                 if processes.arrived():
                     break
             return now - first if first is not None else 0.0

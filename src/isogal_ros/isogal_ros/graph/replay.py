@@ -187,7 +187,7 @@ def _run(
     reduces = tamper is not None and bool(recorded.raw)
     names = (*NODES, topics.GRAVIMETER) if reduces else NODES
     own = {"run": recorded.run, "recorders": 1, "peers": list(names)}
-    special = {
+    special: dict[str, dict[str, Any]] = {
         topics.UKF_FUSION: {"start_time": math.nan},
         topics.GRAVIMETER: {"simulate": False, "recorders": 0},
     }

@@ -1,0 +1,98 @@
+"""One trial of a fault of processes: a graph whose nodes are started again where they die."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario
+from isogal.seeds import generator
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader, topic_of
+from isogal_ros.faults.process_faults import Meddler, ProcessFault
+from isogal_ros.faults.trial import Outcome, first_warning, outcome_of
+from isogal_ros.graph.plan import GraphError, Plan
+from isogal_ros.graph.processes import run_processes
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.nodes.signals import Interrupt
+
+SECOND = 1e9
+
+
+def run_process_trial(
+    scenario: Scenario, folder: Path, reference: Path, fault: ProcessFault, trial: int
+) -> Outcome:
+    """Run a graph with a fault at a time that is drawn from seed, trial and fault.
+
+    Parameters
+    ----------
+    folder : Path
+        For recording, logs and checkpoints; emptied first, and deleted unless something failed.
+    reference : Path
+        Recording of the same run without fault: messages that it has and the trial has not are
+        lost.
+    trial : int
+        Index of the run.
+    """
+    rng = generator(scenario.seed, trial, f"fault: {fault.name}")
+    begin = float(np.floor(rng.uniform(0.25, 0.45) * (scenario.route.duration or 0.0)))
+    shutil.rmtree(folder, ignore_errors=True)
+    checkpoint = folder / "checkpoint"
+    checkpoint.mkdir(parents=True)
+    plan = Plan(scenario, folder / "bag", run=trial, checkpoint=checkpoint)
+    interrupt = Interrupt()
+    meddler = Meddler(fault, begin, interrupt)
+    crash, collector = None, Collector(scenario)
+    try:
+        run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=meddler)
+        collector.take_bag(BagReader(folder / "bag"))
+    except (GraphError, InputError) as error:
+        crash = f"{type(error).__name__}: {error}"
+    if meddler.hung:
+        crash = "the run did not arrive"
+    told = first_warning(collector, from_seconds(begin))
+    before = Collector(scenario)
+    before.take_bag(BagReader(reference))
+    outcome = outcome_of(
+        fault.name,
+        trial,
+        (begin, begin + 10.0),
+        crash,
+        told,
+        collector,
+        restart=None if crash else _silence(folder / "bag", fault, meddler.begun_ns),
+        lost=_lost(before, collector),
+    )
+    if crash is None:
+        shutil.rmtree(folder)
+    return outcome
+
+
+def _lost(reference: Collector, collector: Collector) -> int:
+    """Return how many messages of a stamp one has and the other has not."""
+    pairs = (
+        (reference.truth, collector.truth),
+        (reference.last_nav, collector.last_nav),
+        (reference.readings, collector.readings),
+        (reference.fixes, collector.fixes),
+    )
+    return sum(len(old.keys() - new.keys()) for old, new in pairs)
+
+
+def _silence(bag: Path, fault: ProcessFault, begun_ns: int) -> float:
+    """Return for how long (s of wall time) a faulty node said nothing in its diagnostics, at most,
+    from shortly before the fault on."""
+    heard: dict[str, list[int]] = {name: [] for name in fault.nodes}
+    for message in BagReader(bag).messages():
+        is_early = message.publish_ns < begun_ns - 2 * SECOND
+        if is_early or not topic_of(message.topic, topics.DIAGNOSTICS.name):
+            continue
+        for item in deserialize_message(message.data, topics.DIAGNOSTICS.type).status:
+            name = item.name.rpartition("/")[2]
+            if name in heard:
+                heard[name].append(message.publish_ns)
+    gaps = [np.diff(stamps).max(initial=0) for stamps in heard.values()]
+    return float(max(gaps, default=0)) / SECOND
