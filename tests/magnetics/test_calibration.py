@@ -53,6 +53,16 @@ def test_switched_currents_a_poor_vector_sensor_and_a_diurnal():
     np.testing.assert_allclose(found.coefficients[18:], [8.0, -5.0, 6.0], atol=0.3)  # in its axes
 
 
+def test_a_current_that_never_flows_does_no_harm():
+    readings, _ = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
+    idle = {"strobe": np.zeros(len(readings))}
+    readings = Readings(readings.time, readings.total, readings.vector, "flight", idle)
+    found = calibrate(readings, np.full(len(readings), INTENSITY), NO_LAG)
+    np.testing.assert_array_equal(found.compensation.coefficients[18:], 0.0)
+    assert np.isfinite(found.condition)
+    assert found.rms_after == pytest.approx(clean().rms_after, rel=0.1)
+
+
 def test_the_lag_of_the_vector_magnetometer_is_found():
     around = Circumstances(lag=0.2, noise=0.02)
     readings, _ = fly(calibration_flight(rate=5.0), aircraft(), around)

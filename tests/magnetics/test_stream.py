@@ -50,13 +50,13 @@ def test_without_a_vector_there_is_no_reading():
 
 def test_a_silent_vector_magnetometer_holds_nothing_up():
     stream = stream_of()
-    stream.scalar(0.0, 5e4, "a")
+    for k in range(MOST_WAITING):
+        stream.scalar(10.0 * k, 5e4, k)
     assert list(stream.ready()) == []
-    stream.scalar(2.5, 5e4, "b")
-    assert [item for _, item in stream.ready()] == ["a"]
-    for k in range(MOST_WAITING + 5):
-        stream.scalar(2.5 + 1e-3 * k, 5e4, k)
-    assert len(list(stream.ready())) == 6
+    stream.scalar(100.0, 5e4, "last")
+    (value, item), *others = stream.ready()
+    assert (item, others) == (0, [])
+    assert math.isnan(value)
     stream.vector(1.0, np.zeros(3))
     stream.vector(0.5, np.ones(3))  # late: left out
     assert len(stream._vectors) == 1

@@ -112,7 +112,8 @@ def calibrate(
         rest = level - columns @ coefficients
         found = replace(found, offset=float(np.median(rest[readings.usable & np.isfinite(rest)])))
     after = np.where(holds, y - a @ coefficients, np.nan)
-    scaled = a[holds] / np.sqrt((a[holds] ** 2).sum(axis=0))
+    norm = np.sqrt((a[holds] ** 2).sum(axis=0))
+    scaled = a[holds][:, norm > 0.0] / norm[norm > 0.0]  # a current may never have flowed
     return Calibration(
         found,
         readings.time,

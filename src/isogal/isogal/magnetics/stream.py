@@ -12,8 +12,9 @@ from isogal.magnetics.compensation import Compensation
 
 LONGEST_GAP = 2.0
 """s between readings of the vector magnetometer over which it is not interpolated."""
-MOST_WAITING = 100
-"""Readings of the scalar magnetometer that wait; the oldest goes on without the vector."""
+MOST_WAITING = 5
+"""Readings of the scalar magnetometer that wait; if there are more, the oldest is none. The two
+instruments are not on the same topic, so one may be far ahead of the other in a replay."""
 _KEPT = 1000
 """Readings of the vector magnetometer that are kept."""
 
@@ -50,14 +51,10 @@ class CompensatedStream:
             time, total, item = self._waiting[0]
             late = time + self._compensation.lag
             due = bool(self._vectors) and self._vectors[-1][0] >= late
-            if not due and len(self._waiting) <= MOST_WAITING and not self._given_up(late):
+            if not due and len(self._waiting) <= MOST_WAITING:
                 return
             self._waiting.popleft()
             yield total - self._own_field(late, total), item
-
-    def _given_up(self, time: float) -> bool:
-        """Whether later scalar readings show that the vector magnetometer is silent."""
-        return self._waiting[-1][0] + self._compensation.lag > time + LONGEST_GAP
 
     def _own_field(self, time: float, total: float) -> float:
         """Return what the vehicle adds at a time of the vector magnetometer, nT."""

@@ -30,7 +30,7 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
         "improvement": found.rms_before / max(found.rms_after, 1e-9),
         "own_field_peak_to_peak": float(np.nanmax(own) - np.nanmin(own)),
         "moved_deg": [float(np.degrees(one)) for one in found.swing],
-        "condition": found.condition,
+        "condition": found.condition if np.isfinite(found.condition) else None,
         "lag": compensation.lag,
         "offset": compensation.offset,
         "currents": list(compensation.currents),
