@@ -14,7 +14,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import bias_and_drift, discretise
+from isogal.evaluation.bound import bias_and_drift
+from isogal.evaluation.bound_recursion import discretise
 from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import (
     ageing,

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity
-from isogal.evaluation.bound import discretise
+from isogal.evaluation.bound_recursion import discretise
 from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import initial_covariance, noise_density
 from isogal.evaluation.planning.lattice import Lattice

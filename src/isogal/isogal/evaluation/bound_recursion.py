@@ -1,0 +1,157 @@
+"""The recursion of the bound (`bound`): what it takes, and its compiled loops."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.compiled import kernel
+from isogal.evaluation.aids_model import AidsModel
+from isogal.evaluation.gravimeter_states import SlowStates, fill_slow
+from isogal.evaluation.ins_error_model import Segments, fill_auxiliary
+from isogal.fusion.auxiliary import Auxiliary
+from isogal.inertial.error_model import STATES, fill_dynamics
+
+
+class Readings(NamedTuple):
+    """S scans of C channels with independent noise."""
+
+    sensitivity: Array
+    """(S, C, 4) d(reading)/d(navigator's error), map included; NaN = the reading tells nothing."""
+    slope: Array
+    """(S,) d(reading)/d(height), map's unit per m."""
+    noise: Array
+    """(C,) variances of the channels' noise."""
+    used: Booleans
+    """(S,) whether the navigator gets, after a scan, what all readings so far say."""
+    slow: SlowStates
+    """Of the sensor."""
+    map_share: Array
+    """(S,) the map's error in a reading, in units of its 1-sigma."""
+
+
+class Ageing(NamedTuple):
+    """What becomes of auxiliary states and of the map's error over S stretches."""
+
+    states: Auxiliary
+    correlation: Array
+    """(S, M)."""
+    half_noise: Array
+    """(S, M)."""
+    map_correlation: Array
+    """(S,)."""
+
+
+class BoundModel(NamedTuple):
+    """The linear model. States: the navigator's errors (`isogal.inertial.error_model`), auxiliary
+    ones, the map's error in each channel, the sensor's slow errors, its bias and drift."""
+
+    start: Array
+    """(n, n) covariance at the start."""
+    segments: Segments
+    density: Array
+    """(6,) of the white noise of the inertial sensors."""
+    aged: Ageing
+    aids: AidsModel
+    readings: Readings
+
+
+@kernel
+def riccati(  # type: ignore[no-untyped-def]
+    start, segments, density, aged, aids, readings
+):
+    """Run the recursion; return the (scans + 1, 2, 2) position covariances.
+
+    `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
+    a scan at which it gets what they say, and only propagated until the next such scan."""
+    geometry, force, rotation, rate, dt, per_scan = segments
+    sensitivity, _, noise, used, slow, map_share = readings
+    n, filtered = start.shape[0], slow.filter_time > 0.0
+    first = n - 2 - slow.variance.shape[0]  # of the slow states
+    m = first - noise.shape[0]
+    scans = geometry.shape[0] // per_scan
+    result = np.empty((scans + 1, 2, 2))
+    P = start.copy()
+    alone = start.copy()
+    result[0] = P[:2, :2]
+    F = np.zeros((m, m))
+    transition = np.zeros((n, n))
+    half_noise = np.zeros((n, n))
+    for k in range(geometry.shape[0]):
+        fill_dynamics(F, geometry[k], force[k], rotation[k])
+        fill_auxiliary(F, aged.states, force[k], rotation[k], rate[k])
+        discretise(transition, half_noise, F, rotation[k], density, dt)
+        for j in range(STATES, m):
+            transition[j, j] = aged.correlation[k, j - STATES]
+            half_noise[j, j] = aged.half_noise[k, j - STATES]
+        # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
+        c = aged.map_correlation[k]
+        for j in range(m, first):
+            transition[j, j] = c
+            half_noise[j, j] = start[m, m] * (1.0 - c**2) / (1.0 + c**2)
+        fill_slow(transition, half_noise, slow, m, dt)
+        # trapezoid: half the noise enters at either end
+        P = transition @ (P + half_noise) @ transition.T + half_noise
+        P = 0.5 * (P + P.T)
+        alone = transition @ (alone + half_noise) @ transition.T + half_noise
+        if (k + 1) % aids.every == 0:
+            for a in range(aids.velocity.shape[1]):
+                row = np.zeros(n)
+                row[:m] = aids.velocity[k, a]
+                update(P, row, aids.noise)
+                update(alone, row, aids.noise)
+        if (k + 1) % per_scan == 0:
+            scan = (k + 1) // per_scan - 1
+            for c in range(noise.shape[0]):
+                if not np.isnan(sensitivity[scan, c]).any():
+                    row = np.zeros(n)
+                    row[:4] = sensitivity[scan, c]
+                    row[STATES:m] = aids.by_height[scan]
+                    row[first : n - 2] = slow.share[scan]
+                    row[n - 3 if filtered else m + c] = map_share[scan]
+                    row[n - 2] = 1.0
+                    update(P, row, noise[c])
+            if used[scan]:
+                alone = P.copy()
+            result[scan + 1] = alone[:2, :2]
+    return result
+
+
+@kernel
+def discretise(transition, half_noise, F, rotation, density, dt):  # type: ignore[no-untyped-def]
+    """Write transition and half of the process noise of one stretch, of the navigator's errors and
+    the sensor's bias, in place."""
+    m = F.shape[0]
+    second = F @ F
+    for i in range(m):
+        for j in range(m):
+            transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]
+        transition[i, i] += 1.0
+    transition[-2, -2] = transition[-1, -1] = 1.0
+    transition[-2, -1] = dt
+    for i in range(3):
+        for j in range(3):
+            acceleration, rate = 0.0, 0.0
+            for a in range(3):
+                acceleration += rotation[i, a] * density[a] * rotation[j, a]
+                rate += rotation[i, a] * density[3 + a] * rotation[j, a]
+            if i < 2 and j < 2:
+                half_noise[2 + i, 2 + j] = 0.5 * dt * acceleration
+            half_noise[4 + i, 4 + j] = 0.5 * dt * rate
+
+
+@kernel
+def update(P, row, noise):  # type: ignore[no-untyped-def]
+    """Condition on one reading, in place; `row` (n,) holds its derivatives."""
+    n = P.shape[0]
+    column = np.zeros(n)
+    variance = noise
+    for j in range(n):
+        if row[j] != 0.0:
+            for i in range(n):
+                column[i] += P[i, j] * row[j]
+    for j in range(n):
+        variance += row[j] * column[j]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= column[i] * column[j] / variance
