@@ -10,12 +10,12 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fields.gravity import DISTURBANCE
 from isogal.fields.simulator import ReadingSimulator, between_scans
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.path import Path
-from isogal.matching.pmht.filtered import at_points
-from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.path import FilterPath, Path
+from isogal.matching.pmht.filtered import as_points, path_nodes
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.scenario import Gravimeter, MapError, Matcher, Scenario
+from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
@@ -95,7 +95,7 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     ]
     assert np.abs(horizontal_difference(batch.latitude, batch.longitude, *where)).max() < 2.0
     assert batch.end == (trajectory.latitude[600], trajectory.longitude[600])
-    points = at_points(batch, MAP, Mixture.gaussian(np.zeros(4), 1e-6 * batch.prior))
+    points = as_points(batch, MAP, np.zeros(4))
     residual = points.reading - points.offset - MAP.value(points.latitude, points.longitude)
     assert np.isfinite(residual).all()
     scale = np.abs(batch.reading - MAP.value(batch.latitude, batch.longitude)).max()
@@ -114,8 +114,7 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
 def test_the_likelihood_peaks_at_the_navigator_s_error():
     for keys in ({"delay": 20.0}, {"delay": 5.0, "filter_time": 20.0}):
         batch, _ = batch_of(scenario(**keys), error=(120.0, -70.0))
-        prior = Mixture.gaussian(np.zeros(4), batch.prior)
-        likelihood = BatchLikelihood.of(at_points(batch, MAP, prior), MAP, NoiseModel())
+        likelihood = BatchLikelihood.of(batch, MAP, NoiseModel())
         offsets = np.array([[0.0, 0.0], [30.0, 0.0], [-30.0, 0.0], [0.0, 30.0], [0.0, -30.0]])
         xi = np.concatenate([np.array([120.0, -70.0]) + offsets, np.zeros((5, 2))], axis=1)
         log = likelihood.log(xi)
@@ -123,14 +122,42 @@ def test_the_likelihood_peaks_at_the_navigator_s_error():
         assert log[0] > log[1:].max() + 3.0
 
 
-def test_where_the_place_is_uncertain_a_filtered_reading_is_noisier():
-    batch, _ = batch_of(scenario(filter_time=30.0))
-    near, far = (
-        at_points(batch, MAP, Mixture.gaussian(np.zeros(4), size * batch.prior)).sigma
-        for size in (1e-4, 25.0)
-    )
-    np.testing.assert_allclose(near, batch.sigma, rtol=0.1)
-    assert np.median(far) > 2.0 * np.median(near)
+def test_a_filtered_reading_is_the_mean_of_the_map_wherever_the_navigator_is():
+    """Also far from where it believes to be, where no straight line stands for the map."""
+    batch, _ = batch_of(scenario(filter_time=30.0), error=(400.0, -300.0))
+    likelihood = BatchLikelihood.of(batch, MAP, NoiseModel())
+    xi = np.array([400.0, -300.0, 0.0, 0.0])
+    residual, slope = likelihood.linearise(xi)
+    turning = np.abs(np.gradient(batch.velocity, axis=0)).max(axis=1) > 0.05
+    turning |= np.convolve(turning, np.ones(15), "full")[:40] > 0
+    assert np.abs(residual[~turning]).max() < 6e-7
+    steps = np.diag([1.0, 1.0, 0.01, 0.01])
+    moved = [likelihood.linearise(xi + s * one)[0] for one in steps for s in (0.5, -0.5)]
+    by_hand = np.stack([a - b for a, b in zip(moved[::2], moved[1::2], strict=True)], axis=1)
+    np.testing.assert_allclose(slope @ steps, by_hand, rtol=1e-3, atol=1e-11)
+
+
+@pytest.mark.parametrize("length", [4000.0, 660.0, 300.0])
+def test_the_map_s_error_is_correlated_as_after_the_filter(length):
+    """Against the integral over both paths, on a straight line at 22 m/s."""
+    speed, filter_time = 22.0, 30.0
+    ages, weight = Lag(0.0, filter_time).ages()
+    time = 10.0 * np.arange(30)
+    away = speed * (filter_time - ages)[:, None] * [1.0, 0.0]
+    path = FilterPath(filter_time, np.tile(away, (30, 1, 1)), weight)
+    north = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1], *ORIGIN)[0] / 1e-5
+    where = ORIGIN[0] + speed * time / north, np.full(30, ORIGIN[1])
+    ones = np.ones(30)
+    got = residual_covariance(*where, 0.0 * ones, ones, length, 0.0, filter_path=path)
+    past = np.arange(0.25, 400.0, 0.5)
+    share = np.exp(-past / filter_time)
+    between = past[:, None] - past
+    expected = [
+        (np.outer(share, share) * np.exp(-speed * np.abs(lag + between) / length)).sum()
+        for lag in time
+    ]
+    np.testing.assert_allclose(got[0], np.array(expected) / share.sum() ** 2, atol=2e-3)
+    assert np.linalg.eigvalsh(got).min() > 0.0
 
 
 def test_without_filter_and_delay_nothing_changes():
@@ -138,7 +165,8 @@ def test_without_filter_and_delay_nothing_changes():
     assert batch.end_place is None
     assert batch.filter_path is None
     assert batch.reading_covariance is None
-    assert at_points(batch, MAP, Mixture.gaussian(np.zeros(4), batch.prior)) is batch
+    assert as_points(batch, MAP, np.zeros(4)) is batch
+    assert (path_nodes(batch, np.arange(40)) == [[0.0, 0.0, 1.0]]).all()
 
 
 def test_of_some_rows():

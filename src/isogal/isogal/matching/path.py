@@ -68,6 +68,12 @@ class FilterPath:
     weight: Array
     """(K,), sum 1."""
 
+    @property
+    def memory(self) -> float:
+        """Speed times time constant, m; mean over the rows."""
+        first, second = np.polynomial.laguerre.laggauss(len(self.weight))[0][:2]
+        return float(np.hypot(*(self.away[:, 1] - self.away[:, 0]).T).mean() / (second - first))
+
     def part(self, rows: Integers) -> "FilterPath":
         """Return that of some of the rows, by their indices."""
         return replace(self, away=self.away[rows])

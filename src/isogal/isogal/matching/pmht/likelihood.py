@@ -4,6 +4,7 @@ With xi the navigator's error at the batch end, the residual of scan t is
 
     r_t(xi) = reading_t - offset_t - reading_jacobian_t xi - map(p_t - transition_t xi)
 
+(of a filtered reading a weighted mean of the map over the path behind p_t)
 and r = e - G d with
 
     e ~ N(0, R)   R = diag(sigma_t² + q²/12) + sigma_map² exp(-|x_i - x_j| / L) + sigma_bias²:
@@ -38,6 +39,7 @@ from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
     linearise,
@@ -78,6 +80,8 @@ class BatchLikelihood:
     """(T, 2, 4)."""
     jacobian: Array
     """(T, 4)."""
+    nodes: Array
+    """(T, K, 3) what a reading is a mean over (`filtered.path_nodes`)."""
     nuisance_position: Array
     """(T, 2, M)."""
     nuisance_reading: Array
@@ -121,15 +125,13 @@ class BatchLikelihood:
         own_sigma = map_sigmas(
             field_map, channel, latitude, longitude, batch.transition[rows], *place
         )
-        map_sigma = np.maximum(noise.map_sigma, own_sigma)
         rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
         sensor = batch.sigma[rows] ** 2
-        white = sensor + rounding
         covariance = residual_covariance(
             latitude,
             longitude,
-            white,
-            map_sigma,
+            sensor + rounding,
+            np.maximum(noise.map_sigma, own_sigma),
             correlation_lengths(field_map, channel, noise, latitude, longitude),
             noise.bias_sigma,
             channel if len(maps) > 1 else None,
@@ -146,6 +148,7 @@ class BatchLikelihood:
             level=batch.reading[rows] - batch.offset[rows],
             transition=np.ascontiguousarray(batch.transition[rows]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
+            nodes=path_nodes(batch, rows),
             nuisance_position=batch.nuisance_position[rows],
             nuisance_reading=batch.nuisance_reading[rows],
             covariance=covariance,
@@ -168,6 +171,7 @@ class BatchLikelihood:
             self.level,
             self.transition,
             self.jacobian,
+            self.nodes,
         )
 
     def log(self, xi: Array) -> Array:
@@ -222,6 +226,7 @@ class BatchLikelihood:
             self.channel,
             self.latitude - position[:, 0] * self.radian[:, 0],
             self.longitude - position[:, 1] * self.radian[:, 1],
+            self.nodes,
         )
         gradient = np.nan_to_num(np.stack([by_lat, by_lon], axis=-1) * self.radian)
         return np.einsum("ti,tij->tj", gradient, self.nuisance_position) - self.nuisance_reading

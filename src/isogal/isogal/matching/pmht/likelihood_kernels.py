@@ -27,14 +27,29 @@ class Readings(NamedTuple):
     """(T, 2, 4) position error per unit of xi."""
     jacobian: Array
     """(T, 4) d(reading)/d(xi) by the reduction."""
+    nodes: Array
+    """(T, K, 3) what the reading is a mean over (`filtered.path_nodes`)."""
 
 
 @kernel
-def slopes(grid, channel, latitude, longitude):  # type: ignore[no-untyped-def]
+def sensed(grid, lat, lon, nodes, channel):  # type: ignore[no-untyped-def]
+    """Return the mean of the map's value over the nodes (K, 3) of a place, and its derivatives by
+    latitude and longitude."""
+    value, by_lat, by_lon = 0.0, 0.0, 0.0
+    for k in range(nodes.shape[0]):
+        v, a, b = value_and_gradient(grid, lat + nodes[k, 0], lon + nodes[k, 1], channel)
+        value += nodes[k, 2] * v
+        by_lat += nodes[k, 2] * a
+        by_lon += nodes[k, 2] * b
+    return value, by_lat, by_lon
+
+
+@kernel
+def slopes(grid, channel, latitude, longitude, nodes):  # type: ignore[no-untyped-def]
     """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
     by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
     for t in range(latitude.shape[0]):
-        _, by_lat[t], by_lon[t] = value_and_gradient(grid, latitude[t], longitude[t], channel[t])
+        _, by_lat[t], by_lon[t] = sensed(grid, latitude[t], longitude[t], nodes[t], channel[t])
     return by_lat, by_lon
 
 
@@ -45,8 +60,9 @@ def log_likelihood(  # type: ignore[no-untyped-def]
     """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
     -inf off the map. `factor`, `projection` and `first_new` as in `likelihood.BatchLikelihood`.
     """
-    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    channel, latitude, longitude, radian, level, transition, jacobian, nodes = readings
     samples, rows = xi.shape[0], latitude.shape[0]
+    points = nodes.shape[1] == 1
     out = np.empty(samples)
     whitened = np.empty(rows)
     inverse = np.empty(rows)
@@ -66,7 +82,10 @@ def log_likelihood(  # type: ignore[no-untyped-def]
             north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
             east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
             lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-            value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            if points:
+                value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            else:
+                value, _, _ = sensed(grid, lat, lon, nodes[t], channel[t])
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
             if not diagonal:
                 for u in range(t):
@@ -87,8 +106,9 @@ def log_likelihood(  # type: ignore[no-untyped-def]
 @kernel
 def whitened(grid, readings, factor, first_new, xi):  # type: ignore[no-untyped-def]
     """Return (S, n) the whitened residuals of the n new readings at errors xi (S, 4)."""
-    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    channel, latitude, longitude, radian, level, transition, jacobian, nodes = readings
     samples, rows = xi.shape[0], latitude.shape[0]
+    points = nodes.shape[1] == 1
     out = np.empty((samples, rows - first_new))
     white = np.empty(rows)
     for s in range(samples):
@@ -98,7 +118,10 @@ def whitened(grid, readings, factor, first_new, xi):  # type: ignore[no-untyped-
             north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
             east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
             lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-            value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            if points:
+                value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
+            else:
+                value, _, _ = sensed(grid, lat, lon, nodes[t], channel[t])
             r = level[t] - value - (j[0] * a + j[1] * b + j[2] * c + j[3] * d)
             for u in range(t):
                 r -= factor[t, u] * white[u]
@@ -111,7 +134,7 @@ def whitened(grid, readings, factor, first_new, xi):  # type: ignore[no-untyped-
 @kernel
 def linearise(grid, readings, xi):  # type: ignore[no-untyped-def]
     """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
-    channel, latitude, longitude, radian, level, transition, jacobian = readings
+    channel, latitude, longitude, radian, level, transition, jacobian, nodes = readings
     rows = latitude.shape[0]
     residual = np.empty(rows)
     slope = np.empty((rows, 4))
@@ -124,7 +147,7 @@ def linearise(grid, readings, xi):  # type: ignore[no-untyped-def]
             east += transition[t, 1, i] * xi[i]
             known -= jacobian[t, i] * xi[i]
         lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-        value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
+        value, by_lat, by_lon = sensed(grid, lat, lon, nodes[t], channel[t])
         residual[t] = known - value
         for i in range(4):
             slope[t, i] = (

@@ -50,7 +50,7 @@ def residual_covariance(
         distance = symmetric(distance)
         shape = _correlation(distance, correlation_length)
         if filter_path is not None:
-            shape = _mean_over(filter_path, latitude, longitude, correlation_length)
+            shape = _mean_over(filter_path, distance, correlation_length)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
 
@@ -68,21 +68,21 @@ def _correlation(distance: Array, length: float | Array) -> Array:
     return np.asarray(np.exp(-distance / length))
 
 
-def _mean_over(
-    path: FilterPath, latitude: Array, longitude: Array, correlation_length: float | Array
-) -> Array:
-    """Return (T, T) the mean of the correlation between the paths of two rows."""
-    counts = path.weight > 1e-3  # of the rest no covariance changes by a per cent
-    weight = path.weight[counts] / path.weight[counts].sum()
-    apart = horizontal_difference(latitude, longitude, latitude[-1], longitude[-1])
-    nodes = apart[:, None] + path.away[:, counts]
-    flat = nodes.reshape(-1, 2)
-    distance = np.hypot(*np.moveaxis(flat[:, None] - flat, -1, 0))
-    length = correlation_length
-    if not isinstance(length, float):
-        length = np.repeat(length, len(weight), axis=0)
-    shape = _correlation(distance, length).reshape(*nodes.shape[:2], *nodes.shape[:2])
-    return symmetric(np.einsum("ikjl,k,l->ij", shape, weight, weight))
+def _mean_over(path: FilterPath, distance: Array, length: float | Array) -> Array:
+    """Return (T, T) the correlation of the map's error after the instrument's filter, at distances
+    (m) between rows: of a Gauss-Markov process after a first-order low-pass filter, whose memory
+    is s = speed times time constant,
+
+        L (L exp(-d / L) - s exp(-d / s)) / (L² - s²) .
+
+    Positive definite in the plane, as the spectrum of l exp(-d / l) grows with l. A length that
+    differs from place to place counts with its mean.
+    """
+    mean, memory = float(np.sqrt(np.mean(np.square(length)))), max(path.memory, 1e-3)
+    if abs(mean - memory) < 1e-3 * mean:
+        memory = 0.999 * mean
+    both = mean * np.exp(-distance / mean) - memory * np.exp(-distance / memory)
+    return np.asarray(mean * both / (mean**2 - memory**2))
 
 
 def correlation_lengths(

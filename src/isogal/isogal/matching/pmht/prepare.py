@@ -8,7 +8,6 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.filtered import at_points
 from isogal.matching.pmht.map_error import MapErrorEstimate, field_scale
 from isogal.matching.pmht.memory import Memory, prior_of
 from isogal.matching.pmht.noise_model import NoiseModel, uneven
@@ -32,7 +31,6 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
     """Return the state of a batch whose prior, noise model, bias and likelihood are known."""
     batch = without(batch, memory.outlier_times if memory else frozenset())
     prior = prior_of(batch, memory)
-    batch = at_points(batch, channels_of(field_map)[0], prior)
     estimate = _bias(batch, field_map, memory, settings)
     bias = None if estimate is None else estimate.at_end(batch)
     batch = batch if bias is None else bias.added_to(batch)

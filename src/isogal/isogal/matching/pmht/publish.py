@@ -18,6 +18,7 @@ from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.clustering import pieces
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.contours import contour_candidates
+from isogal.matching.pmht.filtered import as_points
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.hypotheses import Update
 from isogal.matching.pmht.memory import Memory, VarianceFactor
@@ -93,7 +94,7 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
         latitude=float(batch.end[0] - error[0] / north),
         longitude=float(batch.end[1] - error[1] / east),
         covariance=error_covariance,
-        candidates=contour_candidates(each, first, mean, covariance),
+        candidates=contour_candidates(as_points(each, first, mean), first, mean, covariance),
         diagnostics=figures,
         information=information,
         # late readings say where the vehicle was, not where it is at their stamps
