@@ -237,9 +237,14 @@ def table(results: dict[str, dict[str, Any]], base: str) -> str:
 
 def write_page(page: Path, text: str) -> None:
     """Put the table between its marks."""
+    write_between(page, MARKS, text)
+
+
+def write_between(page: Path, marks: tuple[str, str], text: str) -> None:
+    """Put a text between two marks of a page."""
     before = page.read_text(encoding="utf-8")
-    pattern = re.escape(MARKS[0]) + ".*?" + re.escape(MARKS[1])
-    after = re.sub(pattern, lambda _: f"{MARKS[0]}\n{text}\n{MARKS[1]}", before, flags=re.DOTALL)
+    pattern = re.escape(marks[0]) + ".*?" + re.escape(marks[1])
+    after = re.sub(pattern, lambda _: f"{marks[0]}\n{text}\n{marks[1]}", before, flags=re.DOTALL)
     write_atomic(page, after)
 
 

@@ -1,0 +1,188 @@
+"""What an estimator with every effect of a told row of `mismatch.py` as a state makes of the same
+runs.
+
+    python benchmarks/mismatch_linear.py --data DIR --out DIR [--runs 100] [--rows TEXT ...]
+        [--page docs/mismatch.md]
+
+`--out` is the folder of `mismatch.py`, whose runs are taken from there. The estimator is the
+Kalman filter whose covariance is the bound (docs/mathematics.md, section 11.1), given every
+reading at once, with the errors of the very readings and inertial data of those runs. It is
+linearised at the truth, which nobody knows. Where it does no better than its bound, or is no more
+consistent, in these runs, neither can a matcher. Rows with aids of height or velocity, or readings
+of several channels, are left out."""
+
+import os
+
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from mismatch import changed, coarse_map, map_share, parts_of, scenario_of, write_between
+from mismatch_rows import MGAL_3, ROWS, Row
+
+from isogal.arrays import Array
+from isogal.evaluation.bound import bound_model, posterior_cramer_rao
+from isogal.evaluation.bound_recursion import BoundModel, discretise
+from isogal.evaluation.gravimeter_states import fill_slow
+from isogal.evaluation.ins_error_model import fill_auxiliary
+from isogal.evaluation.judgement import SETTLED_AFTER
+from isogal.evaluation.records import Runs
+from isogal.fields.measured import measured_field
+from isogal.fields.scenario_map import map_for_scenario, true_map
+from isogal.fields.simulator import ReadingSimulator, scan_index, true_readings
+from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.scenario import Scenario
+from isogal.sensors.lag import Lag
+from isogal.sensors.platform import mean_error
+from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+MARKS = "<!-- table of benchmarks/mismatch_linear.py -->", "<!-- end of the linear table -->"
+HEAD = (
+    "| what differs, told | runs | bound (m) | linear (m) | its NEES | `pmht` (m) |"
+    " `pmht` / linear |\n|---|---|---|---|---|---|---|"
+)
+
+
+def kalman(model: BoundModel, difference: Array) -> tuple[Array, Array]:
+    """Return the estimates (R, S + 1, 2) of the north and east error of R navigators, and their
+    covariance (S + 1, 2, 2), from the differences (R, S) of reading and map; NaN = no reading,
+    in all runs alike."""
+    readings, segments = model.readings, model.segments
+    n = len(model.start)
+    first = n - 2 - len(readings.slow.variance)
+    m = first - 1
+    filtered = readings.slow.filter_time > 0.0
+    P, x = model.start.copy(), np.zeros((len(difference), n))
+    F, transition, half = np.zeros((m, m)), np.zeros((n, n)), np.zeros((n, n))
+    scans = difference.shape[1]
+    estimate, covariance = np.zeros((len(x), scans + 1, 2)), np.zeros((scans + 1, 2, 2))
+    covariance[0] = P[:2, :2]
+    for k, (geometry, force, rotation, rate) in enumerate(zip(*segments[:4], strict=True)):
+        fill_dynamics(F, geometry, force, rotation)
+        fill_auxiliary(F, model.aged.states, force, rotation, rate)
+        discretise(transition, half, F, rotation, model.density, segments.dt)
+        own = np.arange(STATES, m)
+        transition[own, own] = model.aged.correlation[k]
+        half[own, own] = model.aged.half_noise[k]
+        c = model.aged.map_correlation[k]
+        transition[m, m] = c
+        half[m, m] = model.start[m, m] * (1.0 - c**2) / (1.0 + c**2)
+        fill_slow(transition, half, readings.slow, m, segments.dt)
+        P = transition @ (P + half) @ transition.T + half
+        x = x @ transition.T
+        if (k + 1) % segments.per_scan:
+            continue
+        scan = (k + 1) // segments.per_scan - 1
+        seen = readings.sensitivity[scan, 0]
+        if np.isfinite(seen).all() and np.isfinite(difference[:, scan]).all():
+            row = np.zeros(n)
+            row[:4], row[first : n - 2] = seen, readings.slow.share[scan]
+            row[n - 3 if filtered else m] = readings.map_share[scan]
+            row[n - 2] = 1.0
+            gain = P @ row / (readings.noise[0] + row @ P @ row)
+            x += np.outer(difference[:, scan] - x @ row, gain)
+            P -= np.outer(gain, row @ P)
+        estimate[:, scan + 1], covariance[scan + 1] = x[:, :2], P[:2, :2]
+    return estimate, covariance
+
+
+def differences(
+    scenario: Scenario, trajectory: Trajectory, record: Runs, model: BoundModel
+) -> Array:
+    """Return (R, S) what each reading is beside the map at the place of the unaided INS, linear
+    about the truth: by that INS's error, and the reading's own."""
+    field_map = map_for_scenario(scenario, trajectory)
+    world, field = scenario.world, measured_field(scenario)
+    source, index = true_map(scenario, trajectory, field_map), scan_index(scenario, trajectory)
+    felt = ReadingSimulator(world, trajectory, source, range(len(record))).felt
+    lag = Lag.of(world.gravimeter)
+    if lag.mean > 0.0:
+        every = np.arange(len(trajectory) + 1)
+        perfect = true_readings(world, trajectory, source, every)
+        perfect = lag.report(trajectory.time, perfect, trajectory.time[index])
+    else:
+        perfect = true_readings(world, trajectory, source)
+    place = trajectory.latitude[index], trajectory.longitude[index]
+    error = field.sign * (felt - perfect) - mean_error(world.gravimeter)
+    error += source.value(*place) - field_map.value(*place)
+    position = record.unaided_error
+    velocity = np.gradient(position, record.time, axis=1)
+    state = np.concatenate([position, velocity], axis=2)[:, 1:]
+    return np.einsum("si,rsi->rs", model.readings.sensitivity[:, 0], state) + error
+
+
+def line_of(row: Row, options: argparse.Namespace) -> str | None:
+    """Return the line of a told row; None where it is left out or has not been run."""
+    maps = coarse_map(options.data, options.out)
+    scenario = scenario_of(row, True, MGAL_3, maps)
+    parts = [path for _, path in parts_of(scenario, options.runs, options.out / "parts")]
+    aided = scenario.height.measured or scenario.velocity.kind != "none"
+    several = measured_field(scenario).channels is not None
+    if aided or several or not all(path.exists() for path in parts):
+        return None
+    record = Runs.concatenate([Runs.load(path) for path in parts])
+    trajectory = build_trajectory(scenario)
+    field_map = map_for_scenario(scenario, trajectory)
+    world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario.world
+    share = map_share(world, field_map, record)
+    model = bound_model(world, trajectory, field_map, map_share=share)
+    error, covariance = one_by_one(world, differences(scenario, trajectory, record, model), model)
+    error = record.unaided_error - error
+    late = record.elapsed > SETTLED_AFTER
+    nees = np.einsum(
+        "rki,rkij,rkj->rk", error[:, late], np.linalg.inv(covariance[:, late]), error[:, late]
+    )
+    bound = posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
+    of_run = (error[:, late] ** 2).sum(axis=2).mean(axis=1)
+    of_pmht = (record.horizontal_error[:, late] ** 2).mean(axis=1)
+    linear, pmht, limit = (np.sqrt(one.mean()) for one in (of_run, of_pmht, bound[late] ** 2))
+    count = len(record)
+    without = [
+        np.sqrt(np.delete(of_pmht, i).mean() / np.delete(of_run, i).mean()) for i in range(count)
+    ]
+    spread = np.sqrt((count - 1) * np.var(without))  # jackknife
+    return (
+        f"| {row.name} | {count} | {limit:.1f} | {linear:.1f} | {nees.mean() / 2.0:.2f} |"
+        f" {pmht:.1f} | {pmht / linear:.3f} ± {spread:.3f} |"
+    )
+
+
+def one_by_one(world: Scenario, difference: Array, model: BoundModel) -> tuple[Array, Array]:
+    """Return `kalman`'s estimates and covariances (R, S + 1, 2, 2), run by run where each misses
+    other readings, of which the model's noise is a mean."""
+    share = world.gravimeter.missing_fraction
+    if share == 0.0:
+        estimate, covariance = kalman(model, difference)
+        return estimate, np.broadcast_to(covariance, (len(difference), *covariance.shape))
+    given = model.readings._replace(noise=model.readings.noise * (1.0 - share))
+    runs = [kalman(model._replace(readings=given), one[None]) for one in difference]
+    return np.concatenate([one for one, _ in runs]), np.stack([one for _, one in runs])
+
+
+def main() -> None:
+    """Compute and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
+    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="of mismatch.py")
+    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--page", type=Path, help="page whose table is replaced")
+    options = parser.parse_args()
+    lines = [HEAD]
+    for row in ROWS:
+        chosen = not options.rows or any(text in row.name for text in options.rows)
+        if row.tellable and chosen and (line := line_of(row, options)):
+            lines.append(line)
+            print(line, flush=True)
+    if options.page:
+        write_between(options.page, MARKS, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
