@@ -15,6 +15,7 @@ from ins_sim_node.outputs import Outputs
 from ins_sim_node.pace import Pace
 from ins_sim_node.peers import Peers
 from ins_sim_node.settings import InsSimSettings
+from ins_sim_node.start import Start
 from ins_sim_node.successors import Successors, Survival
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
@@ -22,9 +23,6 @@ from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.spin import run_node
-
-UNLOCKED_START = 2.0
-"""s of wall time that a simulation without lock-step leaves others to come up."""
 
 
 class InsSimNode(GraphNode):
@@ -52,12 +50,13 @@ class InsSimNode(GraphNode):
         self._moved = self.begun
         self._pace_ended = False
         self._outputs = Outputs(self, self.vehicle)
-        self._peers = Peers(self, self.settings.peers)
+        peers = Peers(self, self.settings.peers)
+        self._start = Start(self, peers)
         self._answers: LockStep | None = None
         self._successors: Successors | None = None
         if self.settings.lock_step:
-            self._diagnostics = self.listen(topics.DIAGNOSTICS, self._peers.hear)
-            answers = Answers(self, self._outputs, self._answered)
+            self._diagnostics = self.listen(topics.DIAGNOSTICS, peers.hear)
+            answers = Answers(self, self._outputs, self.resume)
             self._answers = answers.lock_step
             self._successors = Successors(self, answers)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -83,36 +82,16 @@ class InsSimNode(GraphNode):
             return
         waited = time.monotonic() - self._moved
         if not self.running:
-            self._watch_start(waited)
+            if self._start.may_begin(waited):
+                self._begin()
         elif self._successors is not None and not self.finished:
             self._successors.watch(waited)
 
     def _say_arrived(self) -> None:
-        if self._pace_ended:
-            return
-        self._pace_ended = True
-        self._survival.forget()
-        figures = self._outputs.progress(
-            from_seconds(self.vehicle.trajectory.time[-1]), time.monotonic() - self.begun
-        )
-        self.get_logger().info(
-            f"arrived after {figures['simulated']:.0f} s at {figures['speed']:.0f} x real time;"
-            f" position error {figures['position error']:.0f} m"
-        )
-
-    def _watch_start(self, waited: float) -> None:
-        if self._answers is not None:
-            ready = self.ready and not self._peers.missing
-        else:
-            ready = self.ready or waited > UNLOCKED_START
-        if ready:
-            self._begin()
-        elif waited > self.settings.start_timeout:
-            reasons = [f"{name} is not ready" for name in sorted(self._peers.missing)]
-            reasons += [f"listeners of {text}" for text in self.missing_listeners()]
-            self.fail(
-                f"cannot begin after {self.settings.start_timeout:g} s: {'; '.join(reasons)}"
-            )
+        if not self._pace_ended:
+            self._pace_ended = True
+            self._survival.forget()
+            self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
 
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
@@ -125,12 +104,8 @@ class InsSimNode(GraphNode):
         self.advance()
         self._set_pace()
 
-    def _answered(self) -> None:
-        if self.rate == 0.0:
-            self.advance()
-
     def resume(self) -> None:
-        """Go on after a step that is not waited for any longer."""
+        """Go on after a step that is answered, or not waited for any longer."""
         if self.rate == 0.0:
             self.advance()
 

@@ -90,3 +90,11 @@ class Outputs:
             "speed": simulated / elapsed if elapsed > 0.0 else 0.0,
             "position error": self._error,
         }
+
+    def arrived(self, elapsed: float) -> str:
+        """Say how the run went, `elapsed` s of wall time after the first step."""
+        figures = self.progress(from_seconds(self._vehicle.trajectory.time[-1]), elapsed)
+        return (
+            f"arrived after {figures['simulated']:.0f} s at {figures['speed']:.0f} x real time;"
+            f" position error {figures['position error']:.0f} m"
+        )

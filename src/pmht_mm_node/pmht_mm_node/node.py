@@ -18,18 +18,14 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import status
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import run_node
 from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
+from pmht_mm_node.report import Report
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.survival import Survival
-from pmht_mm_node.verdict import Verdict, line
 from pmht_mm_node.warm_up import warm_up
-
-LOG_EVERY = 5.0
-"""s of wall time between lines about fixes."""
 
 
 class PmhtMmNode(GraphNode):
@@ -51,8 +47,7 @@ class PmhtMmNode(GraphNode):
         """Load the map and make publishers and subscriptions."""
         self.taken = 0
         """Readings received, whatever became of them."""
-        self._fixes = self._declined = 0
-        self._verdict = Verdict()
+        self._report = Report(self)
         field = measured_field(self.scenario)
         self._channels = field.channels is not None
         self._matcher, self._memory = build_matcher(self.scenario.matcher, self._channels), None
@@ -135,10 +130,7 @@ class PmhtMmNode(GraphNode):
         begun = time.perf_counter()
         fix = self._fix_of(batch)
         seconds = time.perf_counter() - begun
-        self._fixes += fix.published
-        self._declined += not fix.published
-        self.health.figures |= {"fixes published": self._fixes, "fixes declined": self._declined}
-        self._say(nav.ns, fix, seconds)
+        self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
 
     def _fix_of(self, batch: Batch) -> Fix:
@@ -152,28 +144,6 @@ class PmhtMmNode(GraphNode):
             self.get_logger().error(reason)
             fix, self._memory = declined(batch, reason), None
         return fix
-
-    def _say(self, ns: int, fix: Fix, seconds: float) -> None:
-        """Publish what became of a batch, with the matcher's own figures."""
-        self._verdict.take(fix)
-        if self._verdict.found:
-            self.get_logger().warning("the navigator was lost and has been told where it is")
-        self.health.state(self._verdict.level, self._verdict.text)
-        self.get_logger().info(line(ns, fix), throttle_duration_sec=LOG_EVERY)
-        figures = {
-            "stamp": f"{to_seconds(ns):.9f}",
-            "published": fix.published,
-            "seconds": seconds,
-            **fix.diagnostics,
-        }
-        self.health.publish(
-            status(
-                f"{self.health.name}: batch",
-                self._verdict.level,
-                fix.reason or "fix published",
-                figures,
-            )
-        )
 
 
 def main(args: Sequence[str] | None = None) -> None:

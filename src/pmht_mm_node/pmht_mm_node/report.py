@@ -1,0 +1,48 @@
+"""What the node says of its batches: log, diagnostics, figures."""
+
+from isogal.matching.interfaces import Fix
+from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import status
+from pmht_mm_node.verdict import Verdict, line
+
+LOG_EVERY = 5.0
+"""s of wall time between lines about fixes."""
+
+
+class Report:
+    """Counts fixes and tells what became of each batch.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Whose health and log.
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._health, self._logger = node.health, node.get_logger()
+        self._verdict = Verdict()
+        self._fixes = self._declined = 0
+
+    def say(self, ns: int, fix: Fix, seconds: float) -> None:
+        """Tell of a batch that ended at a stamp and took some seconds, with the matcher's own
+        figures."""
+        self._fixes += fix.published
+        self._declined += not fix.published
+        self._health.figures |= {
+            "fixes published": self._fixes,
+            "fixes declined": self._declined,
+        }
+        self._verdict.take(fix)
+        if self._verdict.found:
+            self._logger.warning("the navigator was lost and has been told where it is")
+        self._health.state(self._verdict.level, self._verdict.text)
+        self._logger.info(line(ns, fix), throttle_duration_sec=LOG_EVERY)
+        figures = {
+            "stamp": f"{to_seconds(ns):.9f}",
+            "published": fix.published,
+            "seconds": seconds,
+            **fix.diagnostics,
+        }
+        name, words = f"{self._health.name}: batch", fix.reason or "fix published"
+        self._health.publish(status(name, self._verdict.level, words, figures))
