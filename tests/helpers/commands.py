@@ -33,11 +33,9 @@ def isogal(
     )
 
 
-def wait_for(
-    condition: Callable[[], object], what: str, every: float = 0.05, patience: float = PATIENCE
-) -> None:
+def wait_for(condition: Callable[[], object], what: str, every: float = 0.05) -> None:
     """Wait until a condition holds, which is asked for every so many seconds."""
-    end = time.monotonic() + patience
+    end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end, f"waited in vain for {what}"
         time.sleep(every)

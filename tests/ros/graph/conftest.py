@@ -1,14 +1,14 @@
 """A run as a user starts it, with one process for each node."""
 
 import subprocess
+import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from helpers.commands import isogal, sets, wait_for
+from helpers.commands import isogal, sets
 from isogal_ros.graph.shared_memory import abandoned_memory, shared_memory
 
 
@@ -30,6 +30,7 @@ def finished(
     out = tmp_path_factory.mktemp("processes")
     before = shared_memory()
     result = isogal("run", *sets(settings()), "--out", out)
-    with suppress(AssertionError):  # what others have killed meanwhile they delete
-        wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5, 20.0)
-    return Finished(result, out, abandoned_memory(before))
+    end = time.monotonic() + 60.0
+    while (left := abandoned_memory(before)) and time.monotonic() < end:
+        time.sleep(1.0)  # what other tests have killed meanwhile they delete
+    return Finished(result, out, left)
