@@ -22,7 +22,7 @@ class Assumed:
     """Factor on the 1-sigmas of coefficients that a calibration flight told."""
     walk: float = 0.0
     """By which a coefficient changes, nT per root second."""
-    noise: float = 1.0
+    noise: float = 2.0
     """1-sigma of a reading, nT: of the instruments, and of what the model leaves out."""
     background_sigma: float = 50.0
     """1-sigma of what the field differs from what is taken off it, nT: the anomaly, or the error
