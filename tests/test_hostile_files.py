@@ -1,0 +1,33 @@
+"""Files from strangers are read or refused in one line; `benchmarks/hostile_files.py` has more."""
+
+from pathlib import Path
+
+import pytest
+
+from helpers.hostile import READERS, mutated, valid_files
+from isogal.errors import InputError
+from isogal.seeds import generator
+
+EACH = 20
+
+
+@pytest.fixture(scope="module")
+def valid(tmp_path_factory, small_map) -> dict[str, bytes]:
+    return valid_files(tmp_path_factory.mktemp("valid"), small_map)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_changed_file_is_read_or_refused(name, valid, tmp_path) -> None:
+    if name not in valid:
+        pytest.skip("needs ROS 2 (rclpy)")
+    path = Path(tmp_path / name)
+    path.write_bytes(valid[name])
+    READERS[name](path)
+    for k in range(EACH):
+        path.write_bytes(mutated(valid[name], generator(5, k, f"hostile file: {name}")))
+        try:
+            READERS[name](path)
+        except InputError as error:
+            assert len(str(error)) < 2000
+            assert str(path) in str(error)
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
