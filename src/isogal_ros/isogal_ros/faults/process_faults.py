@@ -61,9 +61,12 @@ class Meddler:
 
     def __init__(self, fault: ProcessFault, begin: float, interrupt: Interrupt) -> None:
         self._fault, self._begin, self._interrupt = fault, begin, interrupt
-        self._limit = time.monotonic() + PATIENCE
+        self.limit = time.monotonic() + PATIENCE
+        """Wall time (monotonic, s) after which a run hangs."""
         self._since: float | None = None
-        self._stopped = self._over = False
+        self._stopped = False
+        self.over = False
+        """Whether the fault has been done."""
         self.begun_ns = 0
         """Wall time of the fault, ns; 0 = it did not come to it."""
         self.hung = False
@@ -72,19 +75,19 @@ class Meddler:
     def __call__(self, processes: Processes, simulated: float) -> None:
         """Do what is due when the run is at a simulated time (s)."""
         now = time.monotonic()
-        if now > self._limit and not self._interrupt:
+        if now > self.limit and not self._interrupt:
             self.hung = True
             self._interrupt(signal.SIGINT)
-        if self._over or simulated < self._begin:
+        if self.over or simulated < self._begin:
             return
         if self._since is None:
             self._since, self.begun_ns = now, time.time_ns()
         if self._fault.kind == "kill":
             self._send(processes, signal.SIGKILL)
-            self._over = True
+            self.over = True
         elif now - self._since >= self._fault.lasts:
             self._send(processes, signal.SIGCONT)
-            self._over = True
+            self.over = True
         elif self._fault.kind == "slow" or not self._stopped:
             self._stopped = not self._stopped
             self._send(processes, signal.SIGSTOP if self._stopped else signal.SIGCONT)

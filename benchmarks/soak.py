@@ -1,0 +1,125 @@
+"""A long run with faults: does a node's memory grow, do its files stay open?
+
+    .venv/bin/python benchmarks/soak.py [--hours 24] [--faults 4] [--set KEY=VALUE ...]
+
+Runs the graph as processes to and fro over an area for many simulated hours, and stops or slows a
+node that is drawn, `--faults` times an hour. Says for each process how much more memory it has in
+the last tenth of the time than after the first fifth, and how many more open files."""
+
+import argparse
+import json
+import shutil
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from isogal.scenario import Scenario, load_scenario
+from isogal.seeds import generator
+from isogal_ros.faults.process_faults import PROCESS_FAULTS, Meddler
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.processes import Processes, run_processes
+from isogal_ros.nodes.signals import interrupts
+
+LIMIT_MB, LIMIT_FILES = 5.0, 0
+EVERY = 1.0
+"""s of wall time between looks at the processes."""
+ENDS = ([-37.8, 145.0], [-37.2, 146.2])
+"""Between which the vehicle goes to and fro, deg: 124 km."""
+LEG = 5600.0
+"""s that it takes at `SPEED`."""
+SPEED = 22.0
+
+
+class Soak:
+    """Looks at the processes, and does faults to them (`run_processes`)."""
+
+    def __init__(self, scenario: Scenario, per_hour: float, interrupt: Any) -> None:
+        duration = scenario.route.duration or 0.0
+        rng = generator(scenario.seed, 0, "soak")
+        mild = [fault for fault in PROCESS_FAULTS if fault.kind != "kill"]
+        times = np.sort(rng.uniform(600.0, duration, int(per_hour * duration / 3600.0)))
+        self._meddlers = [
+            Meddler(mild[int(rng.integers(len(mild)))], float(t), interrupt) for t in times
+        ]
+        for meddler in self._meddlers:
+            meddler.limit = float("inf")
+        self._looked = 0.0
+        self.seen: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
+        """Simulated time, MB, open files by node."""
+
+    def __call__(self, processes: Processes, simulated: float) -> None:
+        """Do what is due when the run is at a simulated time (s)."""
+        while self._meddlers and self._meddlers[0].over:
+            del self._meddlers[0]
+        if self._meddlers:
+            self._meddlers[0](processes, simulated)
+        if time.monotonic() - self._looked < EVERY or simulated < 0.0:
+            return
+        self._looked = time.monotonic()
+        for name, process in processes.running.items():
+            try:
+                one = psutil.Process(process.pid)
+                memory = one.memory_full_info().uss / 1e6
+                self.seen[name].append((simulated, memory, one.num_fds()))
+            except psutil.Error:
+                continue
+
+    def growth(self) -> list[dict[str, Any]]:
+        """Return what has grown."""
+        rows = []
+        for name, looks in self.seen.items():
+            at, memory, files = np.array(looks).T
+            early = (at > 0.2 * at[-1]) & (at < 0.3 * at[-1])
+            late = at > 0.9 * at[-1]
+            rows.append(
+                {
+                    "node": name,
+                    "memory_mb": float(np.median(memory[late])),
+                    "grown_mb": float(np.median(memory[late]) - np.median(memory[early])),
+                    "files": int(np.median(files[late])),
+                    "grown_files": int(np.median(files[late]) - np.median(files[early])),
+                }
+            )
+        return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--hours", type=float, default=24.0, help="to simulate")
+    parser.add_argument("--faults", type=float, default=4.0, help="per simulated hour")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    options = parser.parse_args()
+    duration = options.hours * 3600.0
+    legs = int(duration / LEG) + 3
+    points = [[*ENDS[k % 2], SPEED] for k in range(legs)]
+    scenario = load_scenario(
+        None, [f"route.waypoints={points}", f"route.duration={duration}", *options.set]
+    )
+    folder = Path(tempfile.mkdtemp())
+    try:
+        with interrupts() as interrupt:
+            soak = Soak(scenario, options.faults, interrupt)
+            plan = Plan(scenario, folder / "bag")
+            run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=soak)
+    finally:
+        shutil.rmtree(folder)
+    rows = soak.growth()
+    print(json.dumps(rows, indent=2))
+    failed = [
+        row["node"]
+        for row in rows
+        if row["grown_mb"] > LIMIT_MB or row["grown_files"] > LIMIT_FILES
+    ]
+    print(f"failed: {', '.join(failed) or 'none'}")
+    raise SystemExit(bool(failed))
+
+
+if __name__ == "__main__":
+    main()
