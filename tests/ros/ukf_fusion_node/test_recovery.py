@@ -96,7 +96,7 @@ def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
     ("change", "first", "words"),
     [
         ({"run": 1}, 61, "another run or another scenario"),
-        ({"checkpoint_age": 100.0}, 400, "too old"),
+        ({"checkpoint_age": 100.0}, 300, "too old"),
         ({}, 30, "of a later time"),
     ],
 )
