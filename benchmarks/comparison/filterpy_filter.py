@@ -16,7 +16,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
-from isogal.inertial.strapdown import step
+from isogal.inertial.strapdown import MEANS, step
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
@@ -51,7 +51,7 @@ class FilterpyNavigator:
     def move(self, x: Array, dt: float) -> Array:
         f, w = self.force - x[9:12], self.rate - x[12:15]
         start = (*x[:3],), (*x[3:6],), from_rotation_vector(*x[6:9])
-        position, velocity, attitude = step(*start, (*f,), (*w,), dt)
+        position, velocity, attitude = step(*start, (*f,), (*w,), (0.0, 0.0, 0.0), dt, MEANS)
         return np.concatenate([position, velocity, to_rotation_vector(*attitude), x[9:]])
 
     def advance(self, force: Array, rate: Array, height: float) -> None:
@@ -100,10 +100,14 @@ def measure_filters(scenario: Scenario) -> dict[str, float]:
 
 @njit(nogil=True, error_model="numpy")
 def _sigma_points_through_strapdown(count, nominal, force, rate, dt):
-    points = np.full((sigma_points.N, sigma_points.LANES), 1e-9)
+    points = np.full((sigma_points.CORE, sigma_points.LANES), 1e-9)
+    pushes = np.zeros((9, sigma_points.LANES))
+    normal = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     ends = np.empty((10, sigma_points.LANES))
     for _ in range(count):
-        sigma_points.propagate_points(nominal, force, rate, dt, points, ends)
+        sigma_points.propagate_points(
+            nominal, force, rate, normal, dt, MEANS, points, pushes, ends
+        )
     return ends
 
 

@@ -5,7 +5,8 @@ summary            figures of merit of a set of runs: results.json, summary.json
 judgement          is a run worse than without aiding, or not what it claims?
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
-gravimeter_states  states of the bound for the slow errors of a gravimeter
+bound_recursion    its linear model and its compiled recursion
+gravimeter_states  states of the bound for the slow errors of a gravimeter; its white noise
 navigability       how good can it be over an area, by heading?
 planning           which route lets the navigator arrive with the least error?
 aids_model         sensors of height and velocity in the bound
