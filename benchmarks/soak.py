@@ -42,7 +42,7 @@ class Soak:
         duration = scenario.route.duration or 0.0
         rng = generator(scenario.seed, 0, "soak")
         mild = [fault for fault in PROCESS_FAULTS if fault.kind != "kill"]
-        times = np.sort(rng.uniform(600.0, duration, int(per_hour * duration / 3600.0)))
+        times = np.sort(rng.uniform(600.0, 0.98 * duration, int(per_hour * duration / 3600.0)))
         self._meddlers = [
             Meddler(mild[int(rng.integers(len(mild)))], float(t), interrupt) for t in times
         ]

@@ -18,6 +18,7 @@ from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
+from isogal_ros.nodes import nav_buffer, nav_queue
 from isogal_ros.nodes.nav_buffer import NavBuffer
 
 S = 10**9
@@ -171,3 +172,30 @@ def test_old_states_are_dropped() -> None:
     with pytest.raises(BadMessageError, match="older than all that are kept"):
         buffer.feed(3 * S, *PLACE)
     assert buffer.buffer.at(1000 * S) is not None
+
+
+def test_a_flood_is_not_kept(monkeypatch) -> None:
+    monkeypatch.setattr(nav_buffer, "REPEATED", 8)
+    buffer = Buffer()
+    with pytest.raises(BadMessageError, match=r"more than 8 messages of 5\.000 s"):
+        for k in range(20):
+            buffer.feed(5 * S, PLACE[0] + 1e-6 * k, PLACE[1])
+    for k in range(6, 20):
+        buffer.feed(k * S, *PLACE)
+        buffer.feed(k * S, PLACE[0] + 1e-6, PLACE[1])
+    assert [jump.ns for jump in buffer.buffer.jumps] == [k * S for k in range(12, 20)]
+
+
+def test_readings_do_not_wait_for_ever(monkeypatch) -> None:
+    """The navigator says nothing: they are handed on without it, and that is counted."""
+    monkeypatch.setattr(nav_queue, "LONGEST", 8)
+    drops, handed = [], []
+    listener = SimpleNamespace(get_publisher_count=lambda: 0)
+    health = SimpleNamespace(drop=lambda *a: drops.append(a), tick=lambda ns: None)
+    node = SimpleNamespace(listen=lambda *a, **k: listener, health=health)
+    queue = nav_queue.NavQueue(node, SCENARIO, lambda *item: handed.append(item))
+    for k in range(20):
+        queue.put(k * S, k)
+    assert handed == [(k * S, k, None) for k in range(12)]
+    assert len(queue.waiting) == 8
+    assert len(drops) == 12

@@ -136,6 +136,7 @@ class Processes:
             alive = [self.running[name] for name in names if self.running[name].poll() is None]
             for process in alive:
                 process.send_signal(number)
+                process.send_signal(signal.SIGCONT)  # one that is stopped would not hear it
             deadline = time.monotonic() + PATIENCE
             # another interrupt ends the wait
             while alive and time.monotonic() < deadline and interrupt.count == asked:

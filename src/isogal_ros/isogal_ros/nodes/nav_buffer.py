@@ -18,6 +18,9 @@ from isogal_ros.nodes.nav_sample import NavSample, difference, moved, read_nav
 
 KEPT = 1024
 """Stamps kept: at 1 Hz a reading may come 17 minutes late."""
+REPEATED = 1024
+"""Messages of one topic kept of one stamp: in retrodiction one for each fix of a batch. Also the
+number of jumps kept where nobody takes them out."""
 ROUNDING = 1e-7
 """m; what degrees and back may leave where nothing moved."""
 
@@ -124,7 +127,10 @@ class NavBuffer:
     def _take(self, data: bytes, is_fix: bool) -> None:
         ns = peek_ns(data)
         stamp = self._stamp(ns)
-        (stamp.fix if is_fix else stamp.odom).append(data)
+        kept = stamp.fix if is_fix else stamp.odom
+        if len(kept) >= REPEATED:
+            raise BadMessageError(f"more than {REPEATED} messages of {to_seconds(ns):.3f} s")
+        kept.append(data)
         while stamp.pairs < min(len(stamp.fix), len(stamp.odom)):
             stamp.pairs += 1
             if stamp.pairs > 1:
@@ -148,7 +154,7 @@ class NavBuffer:
         after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
         change = difference(after, before)
         if np.abs(change[:2]).max() > ROUNDING:
-            self.jumps.append(Jump(ns, change))
+            self.jumps = [*self.jumps[1 - REPEATED :], Jump(ns, change)]
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:
         fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)

@@ -10,9 +10,13 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_buffer import NavBuffer
 from isogal_ros.nodes.nav_sample import NavSample
 
+LONGEST = 1024
+"""Items that wait at most."""
+
 
 class NavQueue:
-    """Hands each item on, in the order they came, once the navigator's state is there.
+    """Hands each item on, in the order they came, once the navigator's state is there. Where too
+    many wait, the oldest is handed on without.
 
     Parameters
     ----------
@@ -47,8 +51,10 @@ class NavQueue:
             ns, item = self.waiting[0]
             try:
                 nav = self.nav.at(ns)
-                if nav is None:
+                if nav is None and len(self.waiting) <= LONGEST:
                     return
+                if nav is None:
+                    raise BadMessageError(f"more than {LONGEST} readings wait for the navigator")
             except BadMessageError as error:
                 self._health.drop(topics.NAV_ODOM.name, str(error))
                 nav = None
