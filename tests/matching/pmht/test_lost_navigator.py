@@ -16,6 +16,7 @@ from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor, _seen_from
+from isogal.matching.pmht.past_batches import posterior_of, without_fixes
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Matcher, Scenario
@@ -97,8 +98,8 @@ class Scripted:
 
     name, context = "pmht", 15
 
-    def __init__(self, sure):
-        self.sure, self.seen_lost = sure, []
+    def __init__(self, sure, jump=None):
+        self.sure, self.seen_lost, self.jump = sure, [], JUMP if jump is None else jump
 
     def match(self, batch, field_map, memory):
         prior, lost = joint_prior(batch), batch.prior[0, 0] > 1e6
@@ -108,7 +109,7 @@ class Scripted:
             self.seen_lost.append(batch)
             if count < self.sure:
                 return declined(batch, "searching"), after
-        mean = FOUND if lost else -JUMP
+        mean = FOUND if lost else -self.jump
         precision = np.linalg.inv(prior)
         information = Information(vector=4.0 * precision @ mean, matrix=3.0 * precision)
         return (
@@ -120,7 +121,7 @@ class Scripted:
 
     def insight(self, memory):
         """Doubts what was told of the map from the first batch on."""
-        return Insight(0.0 if memory is None else memory[1], 100.0, None)
+        return Insight(0.0 if memory is None else memory[1], 100.0, None, None)
 
 
 JUMP, FOUND = np.array([40.0, -30.0, 0, 0, 0, 0, 0]), np.array([3000.0, -2000.0, 0, 0, 0, 0, 0])
@@ -203,3 +204,31 @@ def test_a_navigator_that_is_right_stays_where_it_is(field_map, assumed):
     assert error[-600:].max() < 500.0
     searched = any("search_readings" in fix.diagnostics for fix, _ in seen)
     assert searched == (assumed == 1.5e-5)
+
+
+@pytest.mark.parametrize("stride", [30, 5])
+def test_what_is_remembered_is_the_track_without_fixes(stride):
+    """Also of batches that overlap, each of which moved the navigator."""
+    north, east = metres_per_radian(ORIGIN[0], 0.0)
+    jump = np.array([20.0, -15.0, 0.02, 0.01, 0.0, 0.0, 0.0])
+    matcher, memory = LostNavigatorMonitor(Scripted(99, jump)), None
+    aided = BatchBuilder(Matcher(batch_length=30, stride=stride), GravityReduction(), context=15)
+    jumps, prior, alone = np.zeros(7), random_covariance(SIGMA, 0), []
+    for t in range(120):
+        alone.append((ORIGIN[0] + 120.0 * t / north, ORIGIN[1] + 180.0 * t / east))
+        jumps[:2] += 10.0 * jumps[2:4]
+        place = alone[-1][0] + jumps[0] / north, alone[-1][1] + jumps[1] / east
+        flown = np.array([12.0, 18.0]) + jumps[2:4]
+        aided.add_scan(10.0 * t, *place, flown, 0.0, 1e-5)
+        if aided.ready:
+            fix, memory = matcher.match(aided.build(prior), None, memory)
+            mean = posterior_of(prior, fix.information)[0]
+            jumps = jumps - mean
+            aided.correct(10.0 * t, -mean)
+    seen = without_fixes(memory.history)
+    track = np.concatenate([np.stack([one.latitude, one.longitude], axis=1) for one in seen])
+    apart = (track - np.array(alone)[-len(track) :]) * [north, east]
+    assert len(track) == 120
+    assert np.abs(jumps[:2]).max() > 80.0
+    # the test moves the navigator in straight lines, the library as the Earth turns
+    np.testing.assert_allclose(apart, 0.0, atol=0.05 * np.abs(jumps[:2]).max())

@@ -14,6 +14,7 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Fix
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.map_error import MapErrorPrior
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +26,8 @@ class Insight:
     map_error_doubt: float | None
     """Log Bayes factor of a map error above what was told against one that is not; None = none
     was told."""
+    map_error_prior: MapErrorPrior | None
+    """What was believed of the map's error before any reading; None = it is not in question."""
     hypotheses: Mixture | None
     """About the navigator's error at the end of the last batch; None = the navigator's own
     prior."""

@@ -34,5 +34,7 @@ What the stages use:
 What watches the matcher from outside (`isogal.matching.monitoring`):
 
     lost_navigator         finds a navigator that is lost without knowing it
+    elsewhere              do the readings fit much better somewhere else?
+    past_batches           what is remembered for that
     robust                 fixes of recorded tracks that do not rest on the noise model alone
 """

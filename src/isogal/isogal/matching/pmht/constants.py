@@ -168,6 +168,32 @@ class Constants:
     that are not lost stayed below 2.5. Measured."""
     renewed_doubt_factor: float = 10.0
     """By which it must have grown for the next search once the navigator's place was confirmed."""
+    look_log_evidence: float = 6.0
+    """Log Bayes factor of a quick look (`elsewhere`) that starts the search; that of navigators
+    that are not lost stayed below 1. Measured."""
+    first_look_readings: int = 120
+    """After which there is a first look: a third of an hour. With half as many a wrong place may
+    look better than the right one. Measured."""
+    look_every_readings: int = 60
+    """New ones from look to look."""
+    look_groups: int = 72
+    """Means of readings that a look takes: an hour's readings in groups of five."""
+    look_own_points: int = 64
+    """Of the navigator's own prior."""
+    look_reach_m: float = 24_000.0
+    """1.6 times the 1-sigma of a lost navigator, each way."""
+    look_cell_m: float = 500.0
+    """Cells of the look: features of maps are wider. Measured."""
+    look_best_cells: int = 30
+    """That are divided. Measured."""
+    look_fine_cell_m: float = 50.0
+    """Into such cells: a place is rarely known better by an hour's readings taken as a whole."""
+    look_one_place_m: float = 1500.0
+    """Places closer to the best one than this count as one."""
+    look_place_probability: float = 0.8
+    """Of that place, where a search begins there: it is to decide, and it may be wrong."""
+    look_bent_track_m: float = 500.0
+    """1-sigma by which the navigator's own fixes may have bent its track. Measured."""
     moved_log_evidence: float = 8.0
     """By which the other place must be ahead: as `elsewhere_log_evidence`."""
     same_place_probability: float = 0.95

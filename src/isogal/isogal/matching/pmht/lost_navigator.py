@@ -23,62 +23,28 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.batching import condition, unconditioned
 from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information
-from isogal.matching.matrices import positive_part, symmetric
-from isogal.matching.monitoring import Monitor
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
+from isogal.matching.matrices import positive_part
+from isogal.matching.monitoring import Insight, Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PastBatch:
-    """A batch that the navigator has dealt with."""
-
-    batch: Batch
-    """Its new readings alone, or where a search is to match, all those since the last such batch
-    as new ones and older ones."""
-    field_map: AnyMap
-    information: Information | None
-    """What the navigator was told; None = nothing."""
-    log_evidence: float
-    """Of its new readings."""
-    searched: bool
-    """Whether a search is to match it."""
-    new: int
-    """How many of its readings no earlier batch had used."""
-
-    @classmethod
-    def of(
-        cls, batch: Batch, field_map: AnyMap, fix: Fix, log_evidence: float, unsearched: int
-    ) -> "_PastBatch":
-        """Remember a batch; no search would have matched so many readings before it."""
-        information = fix.information if fix.published else None
-        count = unsearched + batch.new
-        channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
-        enough = CONSTANTS.search_readings * channels
-        searched = count >= enough or count + batch.new > len(batch)
-        searched = searched or batch.backward is None
-        kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
-        return cls(kept, field_map, information, log_evidence, searched, batch.new)
-
-    @property
-    def unsearched(self) -> int:
-        """How many readings up to its end no search would have matched."""
-        return 0 if self.searched else self.new
-
-    @property
-    def posterior(self) -> tuple[Array, Array]:
-        """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given it."""
-        return _posterior(joint_prior(self.batch), self.information)
+from isogal.matching.pmht.elsewhere import Look, look_elsewhere
+from isogal.matching.pmht.past_batches import (
+    PastBatch,
+    error_before,
+    posterior_of,
+    recent,
+    without_fixes,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
     """A search for the navigator under way."""
 
-    waiting: tuple[_PastBatch, ...]
+    waiting: tuple[PastBatch, ...]
     """Batches that it has not been given yet."""
-    last: _PastBatch | None = None
+    last: PastBatch | None = None
     """Batch that it was given last."""
     covariance: Array | None = None
     """(7, 7) at the end of that, of the navigator that took no fixes."""
@@ -90,6 +56,24 @@ class _Search:
     """Of the batches it was given, by the matcher that does not doubt the navigator."""
     readings: int = 0
     """That it was given to match."""
+    look: Look | None = None
+    """Where it began; None = everywhere."""
+
+    @property
+    def start(self) -> tuple[Array, Array]:
+        """Mean (7,) and covariance (7, 7) of how wrong the navigator may be at the start, beside
+        what it says of itself."""
+        mean, covariance = np.zeros(BATCH_STATES), LOST_COVARIANCE.copy()
+        if self.look is not None:
+            mean[:2], covariance[:2, :2] = self.look.place, self.look.covariance
+        return mean, covariance
+
+    def covers(self, look: Look) -> bool:
+        """Whether it began where a look says that the navigator is."""
+        if self.look is None:
+            return True
+        apart = float(np.hypot(*(look.place - self.look.place)))
+        return apart < CONSTANTS.look_one_place_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,12 +82,16 @@ class Watch:
 
     memory: Any = None
     """Of the matcher that it watches."""
-    history: tuple[_PastBatch, ...] = ()
+    history: tuple[PastBatch, ...] = ()
     search: _Search | None = None
     threshold: float = CONSTANTS.doubt_log_evidence
     """Doubt that starts the next search."""
     unsearched: int = 0
     """How many readings of the last batches no search would have matched."""
+    seen: int = 0
+    """Readings since the navigator's place was known."""
+    look_at: int = CONSTANTS.first_look_readings
+    """How many of them there are at the next look elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -119,15 +107,36 @@ class LostNavigatorMonitor(Monitor):
         if batch.attitude is None or fix.reset or doubt is None:
             return fix, Watch(after, threshold=watch.threshold)
         gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
-        past = _PastBatch.of(batch, field_map, fix, gained, watch.unsearched)
+        past = PastBatch.of(batch, field_map, fix, gained, watch.unsearched)
         unsearched = 0 if past.searched else watch.unsearched + batch.new
-        history, search = _recent((*watch.history, past)), watch.search
+        history, search = recent((*watch.history, past)), watch.search
+        seen, look_at = watch.seen + batch.new, watch.look_at
         if search is not None:
             search = replace(search, waiting=(*search.waiting, past))
         elif doubt > watch.threshold:
             search = _Search(waiting=history)
-        watch = Watch(after, history, search, watch.threshold, unsearched)
+        if seen >= look_at:
+            look_at = seen + CONSTANTS.look_every_readings
+            search = self._looked(search, history, insight)
+        watch = Watch(after, history, search, watch.threshold, unsearched, seen, look_at)
         return (fix, watch) if search is None else self._continue(search, fix, watch, doubt)
+
+    def _looked(
+        self, search: _Search | None, history: tuple[PastBatch, ...], insight: Insight
+    ) -> _Search | None:
+        """Return the search after a look at the last hour's readings: one where the look says that
+        the navigator is, unless it is under way there."""
+        look = self._look(history, insight)
+        if look is None or not look.says_lost or (search is not None and search.covers(look)):
+            return search
+        return _Search(waiting=history, look=look)
+
+    def _look(self, history: tuple[PastBatch, ...], insight: Insight) -> Look | None:
+        prior = insight.map_error_prior
+        if prior is None:
+            return None
+        aided = [past.batch.part(len(past.batch) - past.new) for past in history]
+        return look_elsewhere(aided, without_fixes(history), history[-1].field_map, prior)
 
     def _continue(
         self, search: _Search, fix: Fix, watch: Watch, doubt: float
@@ -152,11 +161,21 @@ class LostNavigatorMonitor(Monitor):
             ):
                 return fix, ended
             if found.published and not search.waiting:
-                ahead = self.matcher.insight(search.memory).log_evidence - search.log_evidence
-                if ahead < CONSTANTS.moved_log_evidence:
+                ahead = self._ahead(search, watch)
+                if ahead >= CONSTANTS.moved_log_evidence:
+                    return _reacquisition(found, current, search), Watch(search.memory)
+                if ahead < -CONSTANTS.moved_log_evidence:
                     return fix, ended
-                return _reacquisition(found, current, search), Watch(search.memory)
         return fix, replace(watch, search=search)
+
+    def _ahead(self, search: _Search, watch: Watch) -> float:
+        """Return the log evidence of the place found over the navigator's own, for the same
+        readings: by a look where one began the search, since each of the two matchers has learnt
+        a noise model, which one batch may have misled."""
+        if search.look is None:
+            return self.matcher.insight(search.memory).log_evidence - search.log_evidence
+        look = self._look(watch.history, self.matcher.insight(watch.memory))
+        return look.log_evidence if look is not None and search.covers(look) else 0.0
 
     def _next(self, search: _Search) -> tuple[_Search, Fix | None]:
         """Match the next batch, if it is one of those to be matched, as the navigator would have
@@ -165,9 +184,10 @@ class LostNavigatorMonitor(Monitor):
         past, last = search.waiting[0], search.last
         prior = joint_prior(past.batch)
         if last is None or search.covariance is None or search.shift is None:
-            covariance, shift = prior + LOST_COVARIANCE, np.zeros(BATCH_STATES)
+            shift, beside = search.start
+            covariance = prior + beside
         else:
-            forward = np.linalg.inv(_back(past.batch))
+            forward = past.forward
             shift = forward @ search.shift
             grown = prior - forward @ last.posterior[1] @ forward.T
             grown = positive_part(grown, np.sqrt(np.diag(prior)))
@@ -176,8 +196,9 @@ class LostNavigatorMonitor(Monitor):
         if past.searched:
             seen = _seen_from(past.batch, shift, covariance)
             fix, memory = self.matcher.match(seen, past.field_map, search.memory)
-            mean, covariance = _posterior(covariance, fix.information if fix.published else None)
-        following = _Search(
+            mean, covariance = posterior_of(covariance, fix.information if fix.published else None)
+        following = replace(
+            search,
             waiting=search.waiting[1:],
             last=past,
             covariance=covariance,
@@ -198,36 +219,6 @@ class LostNavigatorMonitor(Monitor):
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
-
-
-def _recent(history: tuple[_PastBatch, ...]) -> tuple[_PastBatch, ...]:
-    """Return the last batches: whole stretches that a search would match, of so many readings at
-    most."""
-    count, first = 0, len(history)
-    for k in range(len(history) - 1, -1, -1):
-        count += history[k].new
-        if count > CONSTANTS.remembered_readings:
-            break
-        if k == 0 or history[k - 1].searched:
-            first = k
-    return history[first:]
-
-
-def _with_new(batch: Batch, new: int) -> Batch:
-    """Return the batch with so many of its last readings new."""
-    channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
-    new = min(new, len(batch))
-    before = len(batch) - new - 1
-    if batch.backward is None or before < 0 or new == batch.new:
-        return (
-            batch
-            if new == batch.new
-            else replace(batch, new=new, back_transition=None, back_nuisance=None)
-        )
-    back, nuisance = condition(
-        batch.backward[None, before // channels * channels], joint_prior(batch)
-    )
-    return replace(batch, new=new, back_transition=back[0], back_nuisance=nuisance[0])
 
 
 def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:
@@ -267,7 +258,7 @@ def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
     north, east = metres_per_radian(batch.latitude)
     rows = np.concatenate([position, reading[:, None]], axis=1)
     by_xi, nuisance = condition(rows, covariance)
-    back, back_nuisance = condition(_back(batch)[None], covariance)
+    back, back_nuisance = condition(error_before(batch)[None], covariance)
     level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
     end = batch.end
     to_north, to_east = metres_per_radian(end[0])
@@ -286,20 +277,3 @@ def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
         back_nuisance=None if batch.back_nuisance is None else back_nuisance[0],
         attitude=(level[0], level_nuisance[0]),
     )
-
-
-def _back(batch: Batch) -> Array:
-    """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a
-    first batch has none.
-    """
-    if batch.back_transition is None or batch.back_nuisance is None:
-        return np.eye(BATCH_STATES)
-    return unconditioned(batch, batch.back_transition, batch.back_nuisance)
-
-
-def _posterior(prior: Array, information: Information | None) -> tuple[Array, Array]:
-    """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
-    if information is None:
-        return np.zeros(BATCH_STATES), prior
-    covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
-    return covariance @ information.vector, symmetric(covariance)

@@ -29,6 +29,18 @@ _SIGMA_STEPS, _LENGTH_STEPS = (np.linspace(-2.0, 2.0, steps) for steps in CONSTA
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MapErrorPrior:
+    """What was believed of the map's error before any reading."""
+
+    sigma: Array
+    """(S,) grid, map's unit."""
+    length: Array
+    """(L,) grid, m."""
+    log_weight: Array
+    """(S, L) log probability."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MapErrorEstimate:
     """Discrete posterior of the map error's sigma and correlation length."""
 
@@ -80,6 +92,13 @@ class MapErrorEstimate:
             prior,
             noise.map_sigma,
         )
+
+    @property
+    def coarse_prior(self) -> MapErrorPrior:
+        """The prior on every second point of the grids."""
+        log_weight = self.prior[::2, ::2]
+        log_weight = log_weight - np.logaddexp.reduce(log_weight, axis=None)
+        return MapErrorPrior(self.sigma[::2], self.length[::2], log_weight)
 
     @property
     def doubt(self) -> float:

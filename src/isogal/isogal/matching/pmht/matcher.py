@@ -89,6 +89,7 @@ class Pmht:
         return Insight(
             log_evidence=0.0 if memory is None else memory.log_evidence,
             map_error_doubt=None if memory_error is None else memory_error.doubt,
+            map_error_prior=None if memory_error is None else memory_error.coarse_prior,
             hypotheses=None if memory is None else memory.hypotheses,
         )
 

@@ -1,0 +1,129 @@
+"""What the monitor of lost navigators remembers of the past."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap
+from isogal.matching.batching import condition, unconditioned
+from isogal.matching.interfaces import Batch, Fix, Information
+from isogal.matching.matrices import symmetric
+from isogal.matching.pmht.attitude import joint_prior
+from isogal.matching.pmht.constants import CONSTANTS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PastBatch:
+    """A batch that the navigator has dealt with."""
+
+    batch: Batch
+    """Its new readings alone, or where a search is to match, all those since the last such batch
+    as new ones and older ones."""
+    field_map: AnyMap
+    information: Information | None
+    """What the navigator was told; None = nothing."""
+    log_evidence: float
+    """Of its new readings."""
+    searched: bool
+    """Whether a search is to match it."""
+    new: int
+    """How many of its readings no earlier batch had used."""
+    forward: Array
+    """(7, 7) the navigator's error at its end per unit of that at the end of the batch before."""
+
+    @classmethod
+    def of(
+        cls, batch: Batch, field_map: AnyMap, fix: Fix, log_evidence: float, unsearched: int
+    ) -> "PastBatch":
+        """Remember a batch; no search would have matched so many readings before it."""
+        information = fix.information if fix.published else None
+        count = unsearched + batch.new
+        channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+        enough = CONSTANTS.search_readings * channels
+        searched = count >= enough or count + batch.new > len(batch)
+        searched = searched or batch.backward is None
+        kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
+        forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
+        return cls(kept, field_map, information, log_evidence, searched, batch.new, forward)
+
+    @property
+    def unsearched(self) -> int:
+        """How many readings up to its end no search would have matched."""
+        return 0 if self.searched else self.new
+
+    @property
+    def posterior(self) -> tuple[Array, Array]:
+        """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given it."""
+        return posterior_of(joint_prior(self.batch), self.information)
+
+
+def recent(history: tuple[PastBatch, ...]) -> tuple[PastBatch, ...]:
+    """Return the last batches: whole stretches that a search would match, of so many readings at
+    most."""
+    count, first = 0, len(history)
+    for k in range(len(history) - 1, -1, -1):
+        count += history[k].new
+        if count > CONSTANTS.remembered_readings:
+            break
+        if k == 0 or history[k - 1].searched:
+            first = k
+    return history[first:]
+
+
+def without_fixes(history: tuple[PastBatch, ...]) -> list[Batch]:
+    """Return the new readings of batches as a navigator would have them that has taken none of
+    the fixes since the first."""
+    seen, shift = [], np.zeros(BATCH_STATES)
+    for k, past in enumerate(history):
+        shift = past.forward @ shift if k else shift
+        batch = past.batch.part(len(past.batch) - past.new)
+        moved = unconditioned(batch, batch.transition, batch.nuisance_position) @ shift
+        reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading) @ shift
+        north, east = metres_per_radian(batch.latitude)
+        seen.append(
+            replace(
+                batch,
+                latitude=batch.latitude - moved[:, 0] / north,
+                longitude=batch.longitude - moved[:, 1] / east,
+                reading=batch.reading - reading,
+            )
+        )
+        shift = shift - past.posterior[0]  # the fix takes its mean error away
+    return seen
+
+
+def _with_new(batch: Batch, new: int) -> Batch:
+    """Return the batch with so many of its last readings new."""
+    channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+    new = min(new, len(batch))
+    before = len(batch) - new - 1
+    if batch.backward is None or before < 0 or new == batch.new:
+        return (
+            batch
+            if new == batch.new
+            else replace(batch, new=new, back_transition=None, back_nuisance=None)
+        )
+    back, nuisance = condition(
+        batch.backward[None, before // channels * channels], joint_prior(batch)
+    )
+    return replace(batch, new=new, back_transition=back[0], back_nuisance=nuisance[0])
+
+
+def error_before(batch: Batch) -> Array:
+    """Return (7, 7) the error at the end of the batch before per unit of error at this one's; a
+    first batch has none.
+    """
+    if batch.back_transition is None or batch.back_nuisance is None:
+        return np.eye(BATCH_STATES)
+    return unconditioned(batch, batch.back_transition, batch.back_nuisance)
+
+
+def posterior_of(prior: Array, information: Information | None) -> tuple[Array, Array]:
+    """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
+    if information is None:
+        return np.zeros(BATCH_STATES), prior
+    covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
+    return covariance @ information.vector, symmetric(covariance)
