@@ -58,7 +58,7 @@ def one_node(scenario: Scenario, name: str, messages: int) -> dict[str, Any]:
         for turn in range(rounds):
             for topic in LISTENED[name]:
                 fed(made, topic, generator(turn, 0, f"random messages: {topic.name}"))
-            made.executor.spin_once(timeout_sec=0.0)
+                made.settle(0.01)
             if turn % 50 == 49 or turn == rounds - 1:
                 made.settle(0.1)
                 bad += not_finite(made)

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.publisher import Publisher
 
 from helpers.node_bench import Bench, bench
 from isogal.seeds import generator
@@ -81,3 +83,21 @@ def test_random_messages(scenario, name, listened) -> None:
             assert np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all()
         for odometry in made.heard["nav/odom"]:
             assert np.isfinite(odometry.pose.covariance).all()
+
+
+def test_a_listener_that_takes_nothing_does_not_end_a_node(scenario, monkeypatch) -> None:
+    """A full history of a lossless topic; the diagnostics are held up as well."""
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        for k in range(1, 4):
+            made.imu(k)
+        made.settle()
+        with monkeypatch.context() as patch:
+
+            def fail(publisher: Any, message: Any) -> None:
+                raise rclpy_implementation.RCLError("Failed to publish: cannot publish data")
+
+            patch.setattr(Publisher, "publish", fail)
+            made.node.advertise(topics.NAV_PATH).publish(topics.NAV_PATH.type())
+            made.node.advertise(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type())
+        assert set(made.node.health.dropped) == {topics.NAV_PATH.name, topics.DIAGNOSTICS.name}
+        made.wait(lambda: any("takes nothing" in text for _, text, _ in made.says()))

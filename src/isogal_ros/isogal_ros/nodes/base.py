@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 
 from isogal.scenario import Scenario, truth_of
@@ -158,8 +159,19 @@ class GraphNode(ManagedNode):
 
     def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the
-        topic."""
+        topic. What cannot be published, because a listener takes nothing, is counted."""
         publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
+        send = publisher.publish
+
+        def publish(message: Any) -> None:
+            try:
+                send(message)
+            except rclpy_implementation.RCLError as error:
+                if not self.context.ok():
+                    raise
+                self.health.drop(topic.name, f"not published, a listener takes nothing: {error}")
+
+        publisher.publish = publish
         wanted = topic.consumers if consumers is None else consumers
         listeners = [
             name for name in wanted if name in self.settings.peers and name != self.get_name()
