@@ -152,7 +152,7 @@ def test_edited_library_gives_other_numbers(tmp_path: Path) -> None:
     code = (
         "import isogal; from isogal.inertial.strapdown import step;print(isogal.__file__,"
         " step((0.5, 1.0, 100.0), (20.0, 5.0, 0.0), (0.6, 0.8, 0.0, 0.0), (0.1, 0.2, -9.8),"
-        " (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), 1.0))"
+        " (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), 1.0, 0.1))"
     )
     first = run(tmp_path, code)
     assert first.startswith(str(copy))
