@@ -42,13 +42,13 @@ WITH_APT = contourpy cycler fonttools kiwisolver pillow
 # for the pip-only needs in docker/; the resolver has a venv of its own.
 COMPILE = build/lock/bin/uv pip compile --quiet --no-emit-index-url \
   --no-emit-find-links --custom-compile-command "make lock"
-COMPILE_BOTH = $(COMPILE) --universal --python-version 3.11
+COMPILE_BOTH = $(COMPILE) --universal --python-version 3.11 --generate-hashes
 lock:
 	@test -x build/lock/bin/uv || \
 	  { $(or $(PYTHON),python3) -m venv build/lock && build/lock/bin/pip install --quiet uv; }
 	@$(COMPILE_BOTH) requirements.in -o requirements.lock
 	@$(COMPILE_BOTH) requirements-development.in -o requirements-development.lock
-	@$(COMPILE_BOTH) --generate-hashes requirements-installer.in -o requirements-installer.lock
+	@$(COMPILE_BOTH) requirements-installer.in -o requirements-installer.lock
 	@$(COMPILE) --python-version 3.12 --python-platform x86_64-manylinux_2_39 \
 	  --constraint docker/apt-versions.txt \
 	  $(addprefix --no-emit-package ,$(shell sed -n 's/==.*//p' docker/apt-versions.txt)) \
