@@ -1,15 +1,15 @@
 """A run as a user starts it, with one process for each node."""
 
 import subprocess
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from helpers.commands import isogal, sets
-from isogal_ros.graph.shared_memory import abandoned_memory, shared_memory
+from helpers.commands import PATIENCE, command, sets
+from helpers.own_memory import left_of, own_memory
+from isogal_ros.graph.shared_memory import shared_memory
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,10 @@ class Finished:
 
     result: subprocess.CompletedProcess
     out: Path
+    mapped: set[str]
+    """Shared memory files that its processes used."""
     abandoned: set[str]
-    """Shared memory files that nobody has open."""
+    """Those of them that are still there."""
 
 
 @pytest.fixture(scope="session")
@@ -29,8 +31,17 @@ def finished(
     """A whole run in processes."""
     out = tmp_path_factory.mktemp("processes")
     before = shared_memory()
-    result = isogal("run", *sets(settings()), "--out", out)
-    end = time.monotonic() + 60.0
-    while (left := abandoned_memory(before)) and time.monotonic() < end:
-        time.sleep(1.0)  # what other tests have killed meanwhile they delete
-    return Finished(result, out, left)
+    words = command("run", *sets(settings()), "--out", out)
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    own: set[str] = set()
+    for _ in range(round(PATIENCE)):
+        try:
+            said, complained = process.communicate(timeout=1.0)
+            break
+        except subprocess.TimeoutExpired:
+            own |= own_memory(process.pid)
+    else:
+        process.kill()
+        pytest.fail("the run does not end")
+    result = subprocess.CompletedProcess(words, process.returncode, said, complained)
+    return Finished(result, out, own, left_of(own, before))

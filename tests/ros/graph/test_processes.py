@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from helpers.commands import PATIENCE, command, sets, wait_for
+from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
 from isogal.cli.main import main
@@ -19,17 +20,14 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import CLASSES, GraphError
 from isogal_ros.graph.processes import run_processes
-from isogal_ros.graph.shared_memory import (
-    abandoned_memory,
-    shared_memory,
-    sweep_shared_memory,
-)
+from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
 from isogal_ros.nodes.signals import Interrupt
 
 
 @pytest.fixture
 def running(tmp_path, settings):
-    """`isogal run` in processes that has recorded something; ended afterwards whatever happens."""
+    """`isogal run` in processes that has recorded something, and the shared memory before it;
+    ended afterwards whatever happens."""
     before = shared_memory()
     options = sets(settings("route.duration=1900.0"))
     process = subprocess.Popen(
@@ -44,7 +42,7 @@ def running(tmp_path, settings):
     )
     assert process.poll() is None, process.communicate()
     nodes = nodes_of(process.pid)
-    yield process, nodes, tmp_path / "out"
+    yield process, nodes, tmp_path / "out", before
     kill(process, nodes)
     sweep_shared_memory(before)  # a test may have killed what sweeps
 
@@ -71,6 +69,7 @@ def test_a_run_in_processes_is_the_run_in_one(finished, recording) -> None:
 
 def test_what_a_run_leaves_behind(finished) -> None:
     result, out = finished.result, finished.out
+    assert finished.mapped
     assert not finished.abandoned
     assert {"summary.json", "report.html", "bag", "log"} <= {entry.name for entry in out.iterdir()}
     assert list(out.glob("*.png"))
@@ -110,18 +109,19 @@ def test_the_replay_command(finished, tmp_path, monkeypatch, capfd) -> None:
 
 def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     """After a whole run, so that no node is compiling, which takes memory."""
-    process, nodes, out = running
+    process, nodes, out, before = running
     assert set(nodes) == set(CLASSES)
     for name, node in nodes.items():
         assert node.memory_info().rss < 300e6, name
-    before = shared_memory()
+    own = own_memory(process.pid)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Interrupted" in err
     assert "Traceback" not in err
     assert not any(node.is_running() for node in nodes.values())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
+    assert own
+    assert not left_of(own, before)
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
@@ -130,8 +130,8 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
 
 
 def test_a_node_that_dies_ends_the_run(running) -> None:
-    process, nodes, out = running
-    before = shared_memory()
+    process, nodes, out, before = running
+    own = own_memory(process.pid)
     nodes[topics.UKF_FUSION].kill()
     _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
@@ -141,23 +141,26 @@ def test_a_node_that_dies_ends_the_run(running) -> None:
         .startswith("isogal: ukf_fusion_node ended (killed by SIGKILL)")
     )
     assert not any(node.is_running() for node in nodes.values())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
+    assert own
+    assert not left_of(own, before)
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
 
 
 def test_a_recorder_that_dies_leaves_a_bag_that_can_be_read(tmp_path) -> None:
-    before, bag = shared_memory(), tmp_path / "bag"
+    before, own, bag = shared_memory(), set(), tmp_path / "bag"
 
     def report(progress) -> None:
         if has_recorded(bag):
+            own.update(own_memory(os.getpid(), itself=False))
             nodes_of(os.getpid())[RECORDER].kill()
 
     with pytest.raises(GraphError, match=r"^isogal_recorder ended \(killed by SIGKILL\)"):
         run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
     assert not nodes_of(os.getpid())
-    wait_for(lambda: not abandoned_memory(before), "the end of the shared memory", 0.5)
+    assert own
+    assert not left_of(own, before)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is not None
