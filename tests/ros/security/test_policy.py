@@ -41,13 +41,13 @@ def wanted(names: dict[str, set[str]], node: str) -> tuple[set[str], ...]:
 
 def wait_for_graph(node, name: str, expected: tuple[set[str], ...]) -> tuple[set[str], ...]:
     """What the node publishes, hears and answers, when the graph's discovery, which runs beside
-    this thread, has had time to see it."""
+    this thread, has had time to see it, and to miss nodes of earlier tests."""
     asks = (
         node.get_publisher_names_and_types_by_node,
         node.get_subscriber_names_and_types_by_node,
         node.get_service_names_and_types_by_node,
     )
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while True:
         found = tuple({topic for topic, _ in ask(name, "/")} for ask in asks)
         if found == expected or time.monotonic() > end:

@@ -1,5 +1,6 @@
 """A ROS domain that no other graph on this machine uses."""
 
+import gc
 import os
 import socket
 from collections.abc import Iterator
@@ -96,3 +97,5 @@ def local_context(domain: int) -> Iterator[Context]:
         yield context
     finally:
         context.try_shutdown()
+        # nodes are in cycles of references: until they are collected, others see them in the domain
+        gc.collect()

@@ -1,7 +1,9 @@
 """Fast DDS's shared memory files: a killed process leaves its own behind."""
 
+import fcntl
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _FOLDER = Path("/dev/shm")
@@ -28,8 +30,25 @@ def abandoned_memory(before: set[str]) -> set[str]:
 def sweep_shared_memory(before: set[str]) -> None:
     """Delete those that came since and that no other process has open."""
     for name in abandoned_memory(before):
-        with suppress(OSError):  # another user's
+        with suppress(OSError), _locked(name):  # another user's, or taken up again
             (_FOLDER / name).unlink()
+
+
+@contextmanager
+def _locked(name: str) -> Iterator[None]:
+    """Hold the lock that Fast DDS takes on a file that it uses, so that nobody takes the file up
+    while it is deleted; raises OSError where somebody has it."""
+    base = name.removeprefix("sem.").removesuffix("_mutex").removesuffix("_el")
+    try:
+        descriptor = os.open(_FOLDER / f"{base}_el", os.O_RDONLY)
+    except FileNotFoundError:
+        yield
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _open_files() -> set[str]:
