@@ -97,5 +97,5 @@ def local_context(domain: int) -> Iterator[Context]:
         yield context
     finally:
         context.try_shutdown()
-        # nodes are in cycles of references: until they are collected, others see them in the domain
+        # nodes are in cycles of references, and until they are collected others see them
         gc.collect()
