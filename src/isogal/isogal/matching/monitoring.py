@@ -27,7 +27,7 @@ class Insight:
     """Log Bayes factor of a map error above what was told against one that is not; None = none
     was told."""
     map_error_prior: MapErrorPrior | None
-    """What was believed of the map's error before any reading; None = it is not in question."""
+    """What was believed of the map's error before any reading; None = somebody has told it."""
     hypotheses: Mixture | None
     """About the navigator's error at the end of the last batch; None = the navigator's own
     prior."""

@@ -89,7 +89,11 @@ class Pmht:
         return Insight(
             log_evidence=0.0 if memory is None else memory.log_evidence,
             map_error_doubt=None if memory_error is None else memory_error.doubt,
-            map_error_prior=None if memory_error is None else memory_error.coarse_prior,
+            map_error_prior=(
+                memory_error.coarse_prior
+                if memory_error is not None and self.settings.adaptive
+                else None
+            ),
             hypotheses=None if memory is None else memory.hypotheses,
         )
 
