@@ -4,11 +4,13 @@ the navigator somewhere else?
 A navigator that is 10 km off and does not know it meets residuals like those of a poor map, only
 larger and smoother: the matcher learns them as the map error, its fixes say next to nothing, and
 no single batch tells the difference. Many batches together do. So when the evidence is against
-the map error as told (`Insight.map_error_doubt`), a search begins: the same matcher is given the
-batches of the last hour and those to come as a navigator would have them that took none of the
-fixes since, whose covariance is that of a lost one at the start. Once the search is sure of a
-place, the evidence of both for the same readings decides: either the navigator is told where it
-is, or its place stands (docs/mathematics.md, section 8.7).
+the map error as told (`Insight.map_error_doubt`), or where nothing is told, when a look at the
+whole neighbourhood finds a place that fits far better (`elsewhere`), a search begins: the same
+matcher is given the batches of the last hour and those to come as a navigator would have them
+that took none of the fixes since, whose covariance is that of a lost one at the start. Once the
+search is sure of a place, the evidence of both for the same readings decides: either the
+navigator is told where it is, or its place stands, or the search goes on (docs/mathematics.md,
+section 8.7).
 """
 
 import math
@@ -135,7 +137,7 @@ class LostNavigatorMonitor(Monitor):
         prior = insight.map_error_prior
         if prior is None:
             return None
-        aided = [past.batch.part(len(past.batch) - past.new) for past in history]
+        aided = [past.new_readings for past in history]
         return look_elsewhere(aided, without_fixes(history), history[-1].field_map, prior)
 
     def _continue(

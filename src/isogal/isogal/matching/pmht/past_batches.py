@@ -50,6 +50,11 @@ class PastBatch:
         return cls(kept, field_map, information, log_evidence, searched, batch.new, forward)
 
     @property
+    def new_readings(self) -> Batch:
+        """Its readings that no earlier batch had used."""
+        return self.batch.part(len(self.batch) - self.new)
+
+    @property
     def unsearched(self) -> int:
         """How many readings up to its end no search would have matched."""
         return 0 if self.searched else self.new
@@ -79,7 +84,7 @@ def without_fixes(history: tuple[PastBatch, ...]) -> list[Batch]:
     seen, shift = [], np.zeros(BATCH_STATES)
     for k, past in enumerate(history):
         shift = past.forward @ shift if k else shift
-        batch = past.batch.part(len(past.batch) - past.new)
+        batch = past.new_readings
         moved = unconditioned(batch, batch.transition, batch.nuisance_position) @ shift
         reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading) @ shift
         north, east = metres_per_radian(batch.latitude)
