@@ -160,6 +160,7 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
         "north_east_error",
         "nees",
         "position_error",
+        "stanford",
         "measured",
         "feature_variability",
     }
@@ -178,12 +179,14 @@ def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_pat
     runs = make_runs(runs=3, fix_reason=reasons)
     page = Page(write(runs, tmp_path).read_text(encoding="utf-8"))
     assert page.text.count("flat (misfit … per degree)") == 1
+    assert page.text.count("consistent") == 4  # nothing is beyond the level in 6 h, nor has to be
     assert "3 runs" in page.text and "66 / 6" in page.text
     assert {p.stem for p in tmp_path.glob("*.png")} == {
         "track",
         "north_east_error",
         "nees",
         "position_error",
+        "stanford",
         "feature_variability",
     }
 

@@ -26,6 +26,7 @@ CONTRACT = {
     "nees_per_axis": {"mean", "interval"},
     "nees_all_scans": {"mean", "interval"},
     "judgement": {"share", "runs"},
+    "integrity": {"risk", "run_hours", "correlation_time", "level", "exceedances", "alert_limit"},
     "fixes": {"published", "declined"},
     "time": {"wall_s", "fix_ms_median"},
     "rms_over_time": {"time", "aided", "unaided", "bound"},

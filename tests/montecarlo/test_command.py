@@ -27,6 +27,7 @@ KEYS = [
         "nees_per_axis",
         "nees_all_scans",
         "judgement",
+        "integrity",
         "fixes",
         "time",
     ),

@@ -28,7 +28,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, Range
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray
 
 INS_SIM = "ins_sim_node"
 GRAVIMETER = "gravimeter_node"
@@ -91,13 +91,15 @@ NAV_COVARIANCE = Topic("nav/covariance", Float64MultiArray, (GRAVIMETER, PMHT_MM
 """Stamp (s, ns), then the 7 x 7 covariance, row by row, of the errors north, east (m), v_north,
 v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot carry."""
 NAV_PATH = Topic("nav/path", Path)
+PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
+"""m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
     MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
     FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
-    DIAGNOSTICS,
+    PROTECTION_LEVEL, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

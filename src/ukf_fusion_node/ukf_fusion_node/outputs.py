@@ -1,11 +1,13 @@
-"""Messages of the filter: nav/fix, nav/odom, nav/covariance, nav/path."""
+"""Messages of the filter: nav/fix, nav/odom, nav/protection_level, nav/covariance, nav/path."""
 
 from copy import deepcopy
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Float64
 
 from isogal.arrays import Array
+from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
@@ -25,6 +27,8 @@ class Outputs:
         self._fix, self._odom = node.advertise(topics.NAV_FIX), node.advertise(topics.NAV_ODOM)
         self._covariance = node.advertise(topics.NAV_COVARIANCE)
         self._path = node.advertise(topics.NAV_PATH)
+        self._level, self._m_level = node.advertise(topics.PROTECTION_LEVEL), Float64()
+        self._integrity = node.scenario.integrity
         self._m_fix, self._m_covariance = topics.NAV_FIX.type(), topics.NAV_COVARIANCE.type()
         self._m_odom = topics.NAV_ODOM.type(child_frame_id=BASE)
         self._m_path = topics.NAV_PATH.type()
@@ -40,6 +44,11 @@ class Outputs:
         # odometry first: a lock-step simulation goes on with it while the rest is made
         fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, covariance)
         self._odom.publish(self._m_odom)
+        promise = self._integrity
+        self._m_level.data = float(
+            protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
+        )
+        self._level.publish(self._m_level)
         fill_numbers(self._m_covariance, ns, state.batch_prior[0])
         self._covariance.publish(self._m_covariance)
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])

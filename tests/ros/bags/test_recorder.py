@@ -51,6 +51,7 @@ def test_every_topic_is_recorded(recording, scenario) -> None:
         counts["/nav/fix"]
         == counts["/nav/odom"]
         == counts["/nav/covariance"]
+        == counts["/nav/protection_level"]
         == steps + 1 + batches
     )
     assert counts["/nav/path"] == 7

@@ -9,6 +9,7 @@ from sensor_msgs.msg import NavSatStatus
 from helpers.node_bench import bench, stamps
 from isogal.earth.frames import horizontal_difference
 from isogal.fields.known_gravity import known_gravity
+from isogal.fusion.protection_level import protection_level
 from isogal.inertial.strapdown import propagate
 from isogal.matching.interfaces import Fix
 from isogal.sensors.imu import simulate_imu
@@ -42,6 +43,21 @@ def test_every_sample_is_answered(filter_bench) -> None:
         assert stamps(filter_bench, topic) == [0, 1, 2, 3, 4, 5]  # with the start
     assert len(filter_bench.heard["nav/covariance"]) == 6
     assert len(filter_bench.heard["nav/path"]) == 1
+
+
+def test_the_protection_level_is_that_of_the_odometrys_covariance(scenario) -> None:
+    settings = "integrity.risk=1e-3", "integrity.correlation_time=500"
+    with bench(topics.UKF_FUSION, scenario(*settings)) as made:
+        for k in range(1, 4):
+            made.imu(k)
+        made.wait(lambda: len(made.heard["nav/fix"]) == 4)
+        made.settle()
+        odometry, levels = made.heard["nav/odom"], made.heard["nav/protection_level"]
+    assert len(levels) == len(odometry) == 4
+    covariance = [np.reshape(one.pose.covariance, (6, 6))[:2, :2] for one in odometry]
+    expected = protection_level(covariance, 1e-3, 500.0)
+    np.testing.assert_allclose([level.data for level in levels], expected, rtol=1e-9)
+    assert np.all(expected > 3.0 * np.sqrt([one[0, 0] for one in covariance]))
 
 
 def test_it_navigates_as_the_library_does(scenario, filter_bench) -> None:

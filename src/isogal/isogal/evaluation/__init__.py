@@ -3,6 +3,7 @@
 records            what runs leave behind, as arrays; files of them
 summary            figures of merit of a set of runs: results.json, summary.json
 judgement          is a run worse than without aiding, or not what it claims?
+integrity          is the error within its protection level? exceedances, Poisson intervals
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
 bound_recursion    its linear model and its compiled recursion

@@ -15,6 +15,7 @@ from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.integrity_report import integrity_row, integrity_section
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import reading_sigma
@@ -60,6 +61,7 @@ def run_report(
     many = len(runs) > 1
     sections = [
         _accuracy(runs, bound_rms, many),
+        integrity_section(runs, scenario.integrity, summary["integrity"]),
         *_single(runs, scenario, channels_of(field_map)[0], many),
         _declined(runs) if many else _batches(runs),
         _scenario(scenario, field_map),
@@ -111,6 +113,7 @@ def _key_figures(summary: dict[str, Any]) -> Table:
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
         ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
         *_judgement(summary),
+        integrity_row(summary["integrity"]),
         ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
         ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
         ("Wall time (s)", number(time["wall_s"]), ""),

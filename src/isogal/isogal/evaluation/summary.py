@@ -9,6 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
+from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
@@ -51,7 +52,9 @@ def summarise(
         `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
         many independent values as they are worth; docs/mathematics.md, section 11.3),
         `nees_all_scans` (the same at every recorded state but the start), `judgement` (shares and
-        indices of runs that let their user down; `Judgement`), `fixes`, `time`, `rms_over_time`.
+        indices of runs that let their user down; `Judgement`), `integrity` (protection level and
+        how often it was exceeded; `isogal.evaluation.integrity`), `fixes`, `time`,
+        `rms_over_time`.
 
     Raises
     ------
@@ -78,6 +81,7 @@ def summarise(
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         **_consistency(runs, astray),
+        "integrity": integrity(runs, scenario.integrity),
         "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
         "rms_over_time": _rms_over_time(runs, bound_rms),

@@ -10,6 +10,7 @@ imu_states      auxiliary states of the inertial sensors
 aiding          readings of height and velocity sensors
 height_states   errors of a height sensor as states of the filter
 velocity_states errors of a velocity aid, and current or wind
+protection_level  radius that the horizontal error seldom exceeds
 outage          what is still known after a time without inertial data
 
 auxiliary       states beside the fifteen: what disturbs the dynamics slowly

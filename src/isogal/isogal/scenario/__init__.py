@@ -14,6 +14,7 @@ world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
 truth        where do the true values differ from those that are assumed?
 fusion       which keys describe the navigator's filter?
+integrity    which keys describe the protection level?
 model        which sections has a scenario?
 loading      how is a file read, and how are single keys overridden?
 messages     how does a validation error become one line?"""
@@ -29,6 +30,7 @@ from isogal.scenario.instruments import (
     Gravimeter,
     Magnetometer,
 )
+from isogal.scenario.integrity import Integrity
 from isogal.scenario.loading import changed_scenario, load_scenario, validate_scenario
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.messages import describe, known_keys
@@ -49,6 +51,7 @@ __all__ = [
     "Imu",
     "ImuErrors",
     "InitialError",
+    "Integrity",
     "Magnetometer",
     "Map",
     "MapError",

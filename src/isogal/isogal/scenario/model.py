@@ -11,6 +11,7 @@ from isogal.scenario.aids import Height, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
+from isogal.scenario.integrity import Integrity
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.section import Section
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
@@ -46,6 +47,7 @@ class Scenario(Section):
     gravity: Gravity = Gravity()
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
+    integrity: Integrity = Integrity()
     truth: dict[str, Any] = Field(
         default_factory=dict,
         description=(

@@ -33,6 +33,7 @@ ANSWERS = (
     topics.NAV_ODOM,
     topics.NAV_COVARIANCE,
     topics.NAV_PATH,
+    topics.PROTECTION_LEVEL,
     topics.FIX,
     topics.INFORMATION,
     topics.CANDIDATES,

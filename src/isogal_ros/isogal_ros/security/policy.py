@@ -45,7 +45,7 @@ def published(name: str, scenario: Scenario) -> set[Topic]:
             *_beside(adapter_of(scenario)),
         },
         topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.CANDIDATES),
-        topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH),
+        topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH, topics.PROTECTION_LEVEL),
         RECORDER: (),
     }  # fmt: skip
     return {*own[name], topics.DIAGNOSTICS}

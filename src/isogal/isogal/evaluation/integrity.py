@@ -1,0 +1,200 @@
+"""Does the error stay within its protection level? Exceedances, counted as events, and their rate
+(docs/mathematics.md, section 11.6; docs/integrity.md)."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.evaluation.records import Runs
+from isogal.fusion.protection_level import HOUR, axes, protection_level
+from isogal.scenario import Integrity
+
+RISKS = (1e-1, 1e-2, 1e-3)
+"""Per hour, at which exceedances are counted besides the scenario's own risk, of which there are
+too few to count."""
+CONFIDENCE = 0.95
+"""Of intervals of rates."""
+LAG = 100.0
+"""s at which the error's correlation time is measured: some fixes long, and short of the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """How often something happened."""
+
+    events: int
+    hours: float
+
+    @property
+    def per_hour(self) -> float:
+        """Events per hour."""
+        return self.events / self.hours
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval of the rate per hour at `CONFIDENCE`."""
+        low, high = poisson_interval(self.events)
+        return low / self.hours, high / self.hours
+
+    def verdict(self, allowed: float) -> str:
+        """Whether the events are "rarer" than an allowed rate per hour, "more often", or
+        "consistent" with it (the interval holds it)."""
+        low, high = self.interval
+        return "rarer" if high < allowed else "more often" if low > allowed else "consistent"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return count, rate and interval."""
+        return {"events": self.events, "rate": self.per_hour, "interval": list(self.interval)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Horizontal errors of R runs at K states, and what the navigator claims of them."""
+
+    time: Array
+    """(K,) s."""
+    error: Array
+    """(R, K) m; NaN = none, which no level holds."""
+    covariance: Array
+    """(R, K, 2, 2) m²."""
+
+    @staticmethod
+    def of(runs: Runs) -> "Solution":
+        """Return the aided navigator's."""
+        return Solution(runs.time, runs.horizontal_error, runs.covariance)
+
+    @property
+    def hours(self) -> float:
+        """Time of all runs together, h."""
+        return self.error.shape[0] * float(self.time[-1] - self.time[0]) / HOUR
+
+    def level(self, settings: Integrity, risk: float | None = None) -> Array:
+        """Return the protection level (R, K) m at a risk per hour, default the settings'."""
+        return protection_level(self.covariance, risk or settings.risk, settings.correlation_time)
+
+    def rate(self, outside: Booleans, settings: Integrity) -> Rate:
+        """Return how often something is outside (R, K)."""
+        count = excursions(outside, self.time, settings.correlation_time).sum()
+        return Rate(int(count), self.hours)
+
+
+def integrity(runs: Runs, settings: Integrity) -> dict[str, Any]:
+    """Return `integrity` of results.json.
+
+    Returns
+    -------
+    dict
+        `risk` (per hour), `run_hours`, `correlation_time` (s: `assumed`, and `measured` in these
+        runs), `level` (`median`, m, over states and runs; `median_sigmas`, in the navigator's
+        1-sigma along the major axis), `exceedances` (of the level at each of `RISKS` and at the
+        scenario's own risk: `risk`, `events`, `rate` per hour, its Poisson `interval`, `verdict`)
+        and `alert_limit` (None, or `limit`, m, `available`, share of states whose level is within
+        it, and `hazardous`: events, rate and interval of an error beyond it while the level is
+        within).
+    """
+    solution = Solution.of(runs)
+    level = solution.level(settings)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigmas = level / axes(runs.covariance)[0]
+    return {
+        "risk": settings.risk,
+        "run_hours": solution.hours,
+        "correlation_time": {
+            "assumed": settings.correlation_time,
+            "measured": correlation_time(runs.error, runs.covariance, runs.time),
+        },
+        "level": {"median": float(np.median(level)), "median_sigmas": float(np.median(sigmas))},
+        "exceedances": [exceedances(solution, settings, risk) for risk in (*RISKS, settings.risk)],
+        "alert_limit": _alerts(solution, settings, level),
+    }
+
+
+def exceedances(solution: Solution, settings: Integrity, risk: float) -> dict[str, Any]:
+    """Return how often the error exceeds the protection level at a risk per hour."""
+    outside = ~(solution.error <= solution.level(settings, risk))
+    rate = solution.rate(outside, settings)
+    return {"risk": risk, **rate.as_json(), "verdict": rate.verdict(risk)}
+
+
+def _alerts(solution: Solution, settings: Integrity, level: Array) -> dict[str, Any] | None:
+    limit = settings.alert_limit
+    if limit is None:
+        return None
+    available = level <= limit
+    hazardous = solution.rate(available & ~(solution.error <= limit), settings)
+    return {
+        "limit": limit,
+        "available": float(available.mean()),
+        "hazardous": hazardous.as_json(),
+    }
+
+
+def excursions(outside: ArrayLike, time: Array, apart: float) -> Integers:
+    """Count events: stretches of states outside, of which those that are at most `apart` seconds
+    apart are one.
+
+    Parameters
+    ----------
+    outside : (R, K) array of bool
+    time : (K,) array
+        s, increasing.
+    apart : float
+        s; states outside with no longer time between them belong to one event.
+
+    Returns
+    -------
+    (R,) array of int
+    """
+    outside = np.asarray(outside, dtype=np.bool_)
+    last = np.full(outside.shape, -np.inf)  # time of the newest state outside before each state
+    last[:, 1:] = np.maximum.accumulate(np.where(outside, time, -np.inf), axis=1)[:, :-1]
+    return cast(Integers, (outside & (time - last > apart)).sum(axis=1))
+
+
+def poisson_interval(events: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the interval of a Poisson variable's mean, given one count (Garwood 1936): its ends
+    are those means at which a count as high, or as low, has half of the probability left out."""
+    from scipy.special import gammaincinv  # scipy.stats would take seconds to import
+
+    if events < 0 or not 0.0 < confidence < 1.0:
+        raise ValueError(
+            f"needs events >= 0 and 0 < confidence < 1, not {events} and {confidence}"
+        )
+    tail = 0.5 * (1.0 - confidence)
+    low = float(gammaincinv(events, tail)) if events else 0.0
+    return low, float(gammaincinv(events + 1, 1.0 - tail))
+
+
+def correlation_time(error: Array, covariance: Array, time: Array) -> float:
+    """Return the time (s) T of the exponential exp(-lag / T) that the autocorrelation of the
+    error, in units of its claimed covariance, reaches at `LAG`; NaN where there is none.
+
+    Parameters
+    ----------
+    error : (R, K, 2) array
+        m.
+    covariance : (R, K, 2, 2) array
+        m².
+    time : (K,) array
+        s, at even steps.
+    """
+    steps = round(LAG / float(np.median(np.diff(time)))) if time.size > 1 else 0
+    if not 0 < steps < time.size:
+        return math.nan
+    north, across = covariance[..., 0, 0], covariance[..., 0, 1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = error[..., 0] / np.sqrt(north)
+        rest = np.sqrt(covariance[..., 1, 1] - across**2 / north)
+        second = (error[..., 1] - across / north * error[..., 0]) / rest
+    own = np.stack([first, second])
+    before, after = own[..., :-steps], own[..., steps:]
+    known = np.isfinite(before) & np.isfinite(after)
+    before, after = np.where(known, before, 0.0), np.where(known, after, 0.0)
+    scale = math.sqrt(float((before**2).sum() * (after**2).sum()))
+    correlation = float((before * after).sum()) / scale if scale > 0.0 else math.nan
+    lag = steps * float(np.median(np.diff(time)))
+    return -lag / math.log(correlation) if 0.0 < correlation < 1.0 else math.nan

@@ -1,0 +1,166 @@
+"""Horizontal protection level: the radius that the horizontal error of a navigation solution
+exceeds no more than so many times per hour (docs/mathematics.md, section 11.5; docs/integrity.md).
+
+The error is taken as bivariate t with the scatter matrix `INFLATION` P, P the filter's covariance:
+a Gaussian whose covariance is known no better than P is. Along the direction phi of the error in
+units of its own sigmas (Craig 1991),
+
+    rho(phi)² = h² / (INFLATION (a² cos² phi + b² sin² phi))
+
+with a and b the sigmas along the ellipse's axes, the probability to be outside of the radius h is
+the mean over phi of (1 + rho² / nu)^(-nu / 2). An error that forgets itself as exp(-t / T) leaves
+the circle of radius h f(h) / T times per unit of time, where f is the density of the horizontal
+error."""
+
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
+
+from isogal.arrays import Array
+
+INFLATION = 1.03
+"""Of the claimed covariance. In told rows it is 1.02 to 1.03 for the t distribution that fits
+e' P^-1 e at all scans best (docs/integrity.md)."""
+FREEDOM = 80.0
+"""Degrees of freedom nu of that distribution, 78 to 140 in the same rows."""
+HOUR = 3600.0
+
+_DIRECTIONS = 256
+"""Of the mean over a quarter of the circle."""
+_DEGREE = 24
+"""Of the polynomial in b / a."""
+_ROUNDING = 1e-9
+"""Negative eigenvalue, in shares of the other one, that rounding may leave."""
+
+
+def exceedance_probability(
+    covariance: ArrayLike,
+    radius: ArrayLike,
+    inflation: float = INFLATION,
+    freedom: float = FREEDOM,
+) -> Array:
+    """Return the probability that the horizontal error is longer than a radius.
+
+    Parameters
+    ----------
+    covariance : (..., 2, 2) array
+        m².
+    radius : (...) array
+        m, at least 0; broadcasts against the covariance.
+    inflation, freedom : float
+        Of the t distribution; infinite freedom is a Gaussian.
+    """
+    rho = _scaled(covariance, radius, inflation)
+    return cast(Array, np.exp(-_energy(rho, freedom)).mean(axis=-1))
+
+
+def exceedance_rate(
+    covariance: ArrayLike,
+    radius: ArrayLike,
+    correlation_time: float,
+    inflation: float = INFLATION,
+    freedom: float = FREEDOM,
+) -> Array:
+    """Return how many times per hour the horizontal error becomes longer than a radius, for radii
+    that it seldom reaches. Parameters as for `exceedance_probability`, and the time (s) after
+    which the error has forgotten all but 1/e of itself."""
+    rho = _scaled(covariance, radius, inflation)
+    return HOUR / correlation_time * _crossings(rho, freedom)
+
+
+def protection_level(covariance: ArrayLike, risk: float, correlation_time: float) -> Array:
+    """Return the radius that the horizontal error exceeds `risk` times per hour.
+
+    Parameters
+    ----------
+    covariance : (..., 2, 2) array
+        m², of the filter's horizontal position error.
+    risk : float
+        Times per hour.
+    correlation_time : float
+        s, of the error. risk x correlation_time is at most a tenth of an hour: what happens more
+        often is no rare event.
+
+    Returns
+    -------
+    (...) array
+        m; infinite where the covariance is not finite or not one (nothing is promised).
+
+    Raises
+    ------
+    ValueError
+        Where risk or correlation time are not positive, or too large.
+    """
+    per_time = risk * correlation_time / HOUR
+    if not 0.0 < per_time <= 0.1:
+        raise ValueError(
+            f"risk x correlation time must be above 0 and at most 0.1, is {per_time:g}"
+        )
+    major, minor = axes(covariance)
+    known = np.isfinite(major) & (minor >= 0.0)
+    safe = np.where(known, major, 1.0)
+    ratio = np.divide(minor, safe, out=np.zeros_like(safe), where=known & (safe > 0.0))
+    level = safe * chebyshev.chebval(2.0 * ratio - 1.0, _level_of_ratio(per_time))
+    return np.where(known, level, np.inf)
+
+
+def axes(covariance: ArrayLike) -> tuple[Array, Array]:
+    """Return the sigmas (m) along the major and the minor axis of covariances (..., 2, 2); NaN
+    where a covariance is not finite or has a negative eigenvalue."""
+    covariance = np.asarray(covariance, dtype=np.float64)
+    north, east = covariance[..., 0, 0], covariance[..., 1, 1]
+    across = 0.5 * (covariance[..., 0, 1] + covariance[..., 1, 0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        middle, half = 0.5 * (north + east), np.hypot(0.5 * (north - east), across)
+        major = middle + half
+        # the small eigenvalue from the determinant, which loses fewer digits
+        determinant = north * east - across**2
+        minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0.0)
+        valid = (major >= 0.0) & (minor >= -_ROUNDING * major) & (middle >= 0.0)
+    return (
+        np.sqrt(np.where(valid, major, np.nan)),
+        np.sqrt(np.where(valid, np.maximum(minor, 0.0), np.nan)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _level_of_ratio(per_time: float) -> Array:
+    """Return the polynomial (Chebyshev) of b / a that is the level in units of a, for so many
+    exceedances per correlation time."""
+    nodes = 0.5 * (1.0 + chebyshev.chebpts1(_DEGREE + 1))
+    covariance = np.zeros((nodes.size, 2, 2))
+    covariance[:, 0, 0], covariance[:, 1, 1] = 1.0, nodes**2
+    # beyond the largest rate; the level of the roundest ellipse of 1e-12 is below the other end
+    low, high = np.full(nodes.size, np.sqrt(2.0 * INFLATION)), np.full(nodes.size, 30.0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        over = _crossings(_scaled(covariance, middle, INFLATION), FREEDOM) > per_time
+        low, high = np.where(over, middle, low), np.where(over, high, middle)
+    return chebyshev.chebfit(2.0 * nodes - 1.0, 0.5 * (low + high), _DEGREE)
+
+
+def _scaled(covariance: ArrayLike, radius: ArrayLike, inflation: float) -> Array:
+    """Return rho² (..., directions) of the module's head; infinite where there is no spread."""
+    major, minor = axes(covariance)
+    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
+    spread = np.multiply.outer(major**2, np.cos(phi) ** 2)
+    spread += np.multiply.outer(minor**2, np.sin(phi) ** 2)
+    squared = np.asarray(radius, dtype=np.float64)[..., None] ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return cast(Array, squared / (inflation * spread))
+
+
+def _energy(rho: Array, freedom: float) -> Array:
+    """Return -log((1 + rho² / nu)^(-nu / 2)); rho is rho²."""
+    if np.isinf(freedom):
+        return 0.5 * rho
+    return 0.5 * freedom * np.log1p(rho / freedom)
+
+
+def _crossings(rho: Array, freedom: float) -> Array:
+    """Return h f(h), the exceedances per correlation time; rho is rho²."""
+    log_density = _energy(rho, freedom) + np.log1p(rho / freedom)
+    return cast(Array, (rho * np.exp(-log_density)).mean(axis=-1))

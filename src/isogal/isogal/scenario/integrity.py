@@ -1,0 +1,32 @@
+"""Section about what a navigation solution promises of its own error."""
+
+from pydantic import Field
+
+from isogal.scenario.section import Positive, Section
+
+ERROR_TIME = 1000.0
+"""s. Over a lag of 100 s the autocorrelation of the aided position error, in units of its claimed
+covariance, falls as exp(-lag / T) with T of 740 to 1400 s in the told rows of docs/integrity.md;
+of the raw error 1/e is reached after 600 to 750 s."""
+
+
+class Integrity(Section):
+    """The horizontal protection level: docs/integrity.md."""
+
+    risk: float = Field(
+        1e-5,
+        ge=1e-9,
+        le=0.1,
+        description="how often the error may exceed the protection level, times per hour",
+    )
+    correlation_time: float = Field(
+        ERROR_TIME,
+        ge=10.0,
+        le=3600.0,
+        description="of the position error, s: stretches above the level that are closer count"
+        " once, and a shorter time gives a higher level",
+    )
+    alert_limit: Positive | None = Field(
+        None,
+        description="protection level from which on the solution is of no use, m; null = none",
+    )

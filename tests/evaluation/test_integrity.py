@@ -1,0 +1,183 @@
+"""Exceedances of the protection level: how events are counted, and what is said of their rate."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from isogal.errors import InputError
+from isogal.evaluation.integrity import (
+    RISKS,
+    Rate,
+    Solution,
+    correlation_time,
+    excursions,
+    integrity,
+    poisson_interval,
+)
+from isogal.evaluation.summary import summarise
+from isogal.fusion.protection_level import protection_level
+from isogal.scenario import Integrity, Scenario, load_scenario
+
+TIME = np.arange(12) * 10.0
+
+
+@pytest.mark.parametrize(
+    ("series", "events"),
+    [
+        ("............", 0),
+        ("#...........", 1),
+        ("...........#", 1),
+        ("############", 1),
+        ("..###...##..", 1),  # 40 s between them
+        ("..#.....##..", 2),  # 60 s
+        ("#.....#.....", 2),
+        ("#....#....#.", 1),  # each 50 s after the one before
+        ("#.....#....#", 2),
+    ],
+)
+def test_events_are_stretches_that_are_well_apart(series, events):
+    outside = np.array([[c == "#" for c in series]])
+    assert excursions(outside, TIME, 50.0).tolist() == [events]
+
+
+def test_runs_are_counted_by_themselves_and_by_time_not_by_state():
+    outside = np.zeros((3, 4), dtype=bool)
+    outside[0, [0, 3]], outside[2, 1] = True, True
+    assert excursions(outside, np.array([0.0, 1.0, 2.0, 3.0]), 2.0).tolist() == [2, 0, 1]
+    assert excursions(outside, np.array([0.0, 1.0, 2.0, 2.0]), 2.0).tolist() == [1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("count", "low", "high"),
+    # 95 % of the table in Garwood (1936), as reprinted in Biometrika Tables, table 40
+    [(0, 0.0, 3.69), (1, 0.0253, 5.57), (2, 0.242, 7.22), (5, 1.62, 11.67), (10, 4.80, 18.39),
+     (30, 20.24, 42.83)],
+)  # fmt: skip
+def test_poisson_intervals_are_the_published_ones(count, low, high):
+    assert poisson_interval(count) == pytest.approx((low, high), abs=5e-3)
+
+
+@given(st.integers(0, 500), st.floats(0.5, 0.999))
+def test_the_ends_leave_out_half_each(count, confidence):
+    low, high = poisson_interval(count, confidence)
+    tail = (1.0 - confidence) / 2.0
+    assert stats.poisson.cdf(count, high) == pytest.approx(tail, rel=1e-6)
+    if count:
+        assert stats.poisson.sf(count - 1, low) == pytest.approx(tail, rel=1e-6)
+    else:
+        assert low == 0.0
+
+
+def test_an_impossible_interval_is_refused():
+    with pytest.raises(ValueError, match="events >= 0"):
+        poisson_interval(-1)
+
+
+@pytest.mark.parametrize(
+    ("events", "verdict"), [(0, "rarer"), (3, "rarer"), (10, "consistent"), (30, "more often")]
+)
+def test_verdicts(events, verdict):
+    assert Rate(events, 100.0).verdict(0.1) == verdict
+    assert Rate(events, 100.0).per_hour == events / 100.0
+
+
+def claimed(make_runs, factor: float = 1.0, **changes):
+    """Runs of 6 h whose error is `factor` times as large as the level at 0.1 per hour for half an
+    hour in the middle of the second run, and nil elsewhere."""
+    runs = make_runs(states=361, **changes)
+    error = np.zeros_like(runs.error)
+    level = protection_level(runs.covariance[0, 0], 0.1, 1000.0)
+    error[1, 100:130, 0] = factor * level
+    return replace(runs, error=error)
+
+
+def test_the_figures_by_hand(make_runs):
+    found = integrity(claimed(make_runs, 1.01), Integrity(risk=1e-4))
+    assert found["risk"] == 1e-4
+    assert found["run_hours"] == pytest.approx(18.0)
+    level = float(protection_level(50.0**2 * np.eye(2), 1e-4, 1000.0))
+    assert found["level"]["median"] == pytest.approx(level)
+    assert found["level"]["median_sigmas"] == pytest.approx(level / 50.0)
+    assert [it["risk"] for it in found["exceedances"]] == [*RISKS, 1e-4]
+    first, *others = found["exceedances"]
+    assert first["events"] == 1
+    assert first["rate"] == pytest.approx(1.0 / 18.0)
+    assert first["interval"] == pytest.approx([0.0253 / 18.0, 5.572 / 18.0], rel=1e-3)
+    assert first["verdict"] == "consistent"
+    assert [it["events"] for it in others] == [0, 0, 0]
+    assert found["alert_limit"] is None
+
+
+def test_within_the_level_nothing_happens(make_runs):
+    found = integrity(claimed(make_runs, 0.99), Integrity())
+    assert [it["events"] for it in found["exceedances"]] == [0, 0, 0, 0]
+
+
+def test_an_error_that_is_not_known_is_outside(make_runs):
+    runs = claimed(make_runs)
+    error = runs.error.copy()
+    error[0, -3:] = np.nan
+    found = integrity(replace(runs, error=error), Integrity())
+    assert [it["events"] for it in found["exceedances"][1:]] == [1, 1, 1]
+
+
+def test_hazardous_is_an_error_beyond_the_limit_while_the_level_is_within(make_runs):
+    runs = make_runs(runs=1, states=361)
+    covariance = runs.covariance.copy()
+    covariance[:, 200:] *= 100.0
+    error = np.zeros_like(runs.error)
+    error[0, [50, 300], 0] = 400.0, 1500.0
+    runs = replace(runs, error=error, covariance=covariance)
+    found = integrity(runs, Integrity(alert_limit=350.0))["alert_limit"]
+    assert found["limit"] == 350.0
+    assert found["available"] == pytest.approx(200 / 361)
+    assert found["hazardous"]["events"] == 1
+    solution = Solution.of(runs)
+    assert solution.level(Integrity())[0, 250] == pytest.approx(
+        10.0 * solution.level(Integrity())[0, 0]
+    )
+
+
+def test_the_correlation_time_is_measured(make_runs):
+    """Gauss-Markov errors of 600 s in a turned ellipse, 4000 h: within 5 %, six of its sigmas."""
+    states, step = 721, 20.0
+    random = np.random.default_rng(3)
+    keep = np.exp(-step / 600.0)
+    white = random.standard_normal((1000, states, 2))
+    white[:, 1:] *= np.sqrt(1.0 - keep**2)
+    for k in range(1, states):
+        white[:, k] += keep * white[:, k - 1]
+    factor = np.array([[30.0, 0.0], [-20.0, 10.0]])
+    covariance = np.broadcast_to(factor @ factor.T, (1000, states, 2, 2))
+    error, time = white @ factor.T, np.arange(states) * step
+    assert correlation_time(error, covariance, time) == pytest.approx(600.0, rel=0.05)
+    alternating = error * (-1.0) ** np.arange(states)[:, None]
+    assert math.isnan(correlation_time(alternating, covariance, time))
+    assert math.isnan(correlation_time(error[:, :3], covariance[:, :3], time[:3]))
+
+
+def test_the_summary_has_it_with_the_scenarios_settings(make_runs):
+    scenario = load_scenario(None, ["integrity.risk=1e-3", "integrity.alert_limit=500"])
+    runs = make_runs()
+    found = summarise(runs, scenario, np.ones(121))["integrity"]
+    assert set(found) == {
+        "risk", "run_hours", "correlation_time", "level", "exceedances", "alert_limit",
+    }  # fmt: skip
+    assert found["risk"] == 1e-3
+    for it in found["exceedances"]:
+        assert set(it) == {"risk", "events", "rate", "interval", "verdict"}
+    assert set(found["alert_limit"]) == {"limit", "available", "hazardous"}
+    assert summarise(runs, Scenario(), np.ones(121))["integrity"]["risk"] == 1e-5
+
+
+@pytest.mark.parametrize(
+    "setting", ["risk=0", "risk=0.2", "risk=1e-10", "correlation_time=5", "alert_limit=0"]
+)
+def test_settings_out_of_range_are_refused(setting):
+    with pytest.raises(InputError, match=setting.partition("=")[0]):
+        load_scenario(None, [f"integrity.{setting}"])
