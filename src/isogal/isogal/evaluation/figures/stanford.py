@@ -31,8 +31,8 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
     panel = figure.subplots()
     top = _largest(error, level, settings.alert_limit)
     edges = np.geomspace(SMALLEST * top, top, BINS + 1)
-    inside = (np.clip(values, edges[0], edges[-1]).ravel() for values in (error, level))
-    counts, _, _ = np.histogram2d(*inside, bins=[edges, edges])
+    across, up = (np.clip(values, edges[0], edges[-1]).ravel() for values in (error, level))
+    counts, _, _ = np.histogram2d(across, up, bins=[edges, edges])
     mesh = panel.pcolormesh(
         edges,
         edges,
