@@ -52,9 +52,8 @@ def summarise(
         `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
         many independent values as they are worth; docs/mathematics.md, section 11.3),
         `nees_all_scans` (the same at every recorded state but the start), `judgement` (shares and
-        indices of runs that let their user down; `Judgement`), `integrity` (protection level and
-        how often it was exceeded; `isogal.evaluation.integrity`), `fixes`, `time`,
-        `rms_over_time`.
+        indices of runs that let their user down; `Judgement`), `integrity` (how often the error
+        exceeds its protection level), `fixes`, `time`, `rms_over_time`.
 
     Raises
     ------
@@ -80,8 +79,7 @@ def summarise(
         },
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
-        **_consistency(runs, astray),
-        "integrity": integrity(runs, scenario.integrity),
+        **_consistency(runs, astray, scenario),
         "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
         "rms_over_time": _rms_over_time(runs, bound_rms),
@@ -89,12 +87,13 @@ def summarise(
     return cast(dict[str, Any], plain(result))
 
 
-def _consistency(runs: Runs, astray: Booleans) -> dict[str, Any]:
+def _consistency(runs: Runs, astray: Booleans, scenario: Scenario) -> dict[str, Any]:
     after_fixes, all_scans = mean_nees(posterior_nees(runs)), mean_nees(all_scans_nees(runs))
     return {
         "nees_per_axis": {"mean": after_fixes.mean, "interval": list(after_fixes.interval)},
         "nees_all_scans": {"mean": all_scans.mean, "interval": list(all_scans.interval)},
         "judgement": judge(runs, astray).as_json(),
+        "integrity": integrity(runs, scenario.integrity),
     }
 
 
