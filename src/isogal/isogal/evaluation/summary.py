@@ -51,9 +51,8 @@ def summarise(
         mean and RMS over time and runs, both also after the first hour), `unaided`, `bound`,
         `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
         many independent values as they are worth; docs/mathematics.md, section 11.3),
-        `nees_all_scans` (at every recorded state but the start), `judgement` (shares and indices
-        of runs that let their user down), `integrity` (how often the error exceeds its protection
-        level), `fixes`, `time`, `rms_over_time`.
+        `nees_all_scans` (at every recorded state but the start), `judgement` (of runs that let
+        their user down), `integrity` (protection level), `fixes`, `time`, `rms_over_time`.
 
     Raises
     ------
