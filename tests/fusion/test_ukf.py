@@ -11,7 +11,7 @@ from isogal.fusion.height_states import reading_of
 SIGMA = np.array(
     [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
 )
-SIZE = (0,) * len(SIGMA)
+SIZE = len(SIGMA)
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0)])

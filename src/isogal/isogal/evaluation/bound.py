@@ -137,7 +137,8 @@ def bound_model(
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
     slope = height_slope(scenario, trajectory, scans)
-    share = np.ones(len(scans)) if map_share is None else map_share
+    # an array of its own, of one layout: the recursion is compiled once
+    share = np.full(len(scans), 1.0 if map_share is None else map_share)
     return _model(scenario, trajectory, Readings(sensitivity, slope, noise, used, slow, share))
 
 

@@ -1,5 +1,9 @@
-"""The recursion of the bound (`bound`): what it takes, and its compiled loops."""
+"""The recursion of the bound (`bound`): what it takes, and its compiled loops.
 
+Loops over elements, not slices and matrix products, which take numba three times as long to
+compile."""
+
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -73,10 +77,12 @@ def riccati(  # type: ignore[no-untyped-def]
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
     alone = start.copy()
-    result[0] = P[:2, :2]
+    _keep(P, result[0])
     F = np.zeros((m, m))
     transition = np.zeros((n, n))
     half_noise = np.zeros((n, n))
+    work = np.empty((2, n, n))
+    row = np.zeros(n)
     for k in range(geometry.shape[0]):
         fill_dynamics(F, geometry[k], force[k], rotation[k])
         fill_auxiliary(F, aged.states, force[k], rotation[k], rate[k])
@@ -90,31 +96,80 @@ def riccati(  # type: ignore[no-untyped-def]
             transition[j, j] = c
             half_noise[j, j] = start[m, m] * (1.0 - c**2) / (1.0 + c**2)
         fill_slow(transition, half_noise, slow, m, dt)
-        # trapezoid: half the noise enters at either end
-        P = transition @ (P + half_noise) @ transition.T + half_noise
-        P = 0.5 * (P + P.T)
-        alone = transition @ (alone + half_noise) @ transition.T + half_noise
+        propagate(P, transition, half_noise, work)
+        propagate(alone, transition, half_noise, work)
         if (k + 1) % aids.every == 0:
             for a in range(aids.velocity.shape[1]):
-                row = np.zeros(n)
-                row[:m] = aids.velocity[k, a]
+                for i in range(n):
+                    row[i] = aids.velocity[k, a, i] if i < m else 0.0
                 update(P, row, aids.noise)
                 update(alone, row, aids.noise)
         if (k + 1) % per_scan == 0:
             scan = (k + 1) // per_scan - 1
             for c in range(noise.shape[0]):
-                if not np.isnan(sensitivity[scan, c]).any():
-                    row = np.zeros(n)
-                    row[:4] = sensitivity[scan, c]
-                    row[STATES:m] = aids.by_height[scan]
-                    row[first : n - 2] = slow.share[scan]
-                    row[n - 3 if filtered else m + c] = map_share[scan]
-                    row[n - 2] = 1.0
-                    update(P, row, noise[c])
+                told = 0.0
+                for i in range(n):
+                    row[i] = 0.0
+                for i in range(4):
+                    row[i] = sensitivity[scan, c, i]
+                    told += row[i]
+                if math.isnan(told):
+                    continue
+                for i in range(STATES, m):
+                    row[i] = aids.by_height[scan, i - STATES]
+                for i in range(first, n - 2):
+                    row[i] = slow.share[scan, i - first]
+                row[n - 3 if filtered else m + c] = map_share[scan]
+                row[n - 2] = 1.0
+                update(P, row, noise[c])
             if used[scan]:
-                alone = P.copy()
-            result[scan + 1] = alone[:2, :2]
+                for i in range(n):
+                    for j in range(n):
+                        alone[i, j] = P[i, j]
+            _keep(alone, result[scan + 1])
     return result
+
+
+@kernel
+def _keep(P, position):  # type: ignore[no-untyped-def]
+    """Write the position's covariance (2, 2)."""
+    for i in range(2):
+        for j in range(2):
+            position[i, j] = P[i, j]
+
+
+@kernel
+def propagate(P, transition, half_noise, work):  # type: ignore[no-untyped-def]
+    """Let a covariance change over one stretch, in place: the trapezoid rule, by which half of the
+    noise enters at either end. `work` (2, n, n); the transition's zeros cost nothing."""
+    n = P.shape[0]
+    turned, product = work[0], work[1]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] += half_noise[i, j]
+    _multiply(transition, P, product)
+    for i in range(n):
+        for j in range(n):
+            turned[i, j] = product[j, i]
+    _multiply(transition, turned, product)
+    for i in range(n):
+        for j in range(i + 1):
+            P[i, j] = 0.5 * (product[i, j] + product[j, i]) + half_noise[i, j]
+            P[j, i] = P[i, j]
+
+
+@kernel
+def _multiply(sparse, b, out):  # type: ignore[no-untyped-def]
+    """Write the product of two matrices, the first with many zeros."""
+    n = b.shape[1]
+    for i in range(sparse.shape[0]):
+        for j in range(n):
+            out[i, j] = 0.0
+        for k in range(sparse.shape[1]):
+            factor = sparse[i, k]
+            if factor != 0.0:
+                for j in range(n):
+                    out[i, j] += factor * b[k, j]
 
 
 @kernel
@@ -122,7 +177,8 @@ def discretise(transition, half_noise, F, rotation, density, dt):  # type: ignor
     """Write transition and half of the process noise of one stretch, of the navigator's errors and
     the sensor's bias, in place."""
     m = F.shape[0]
-    second = F @ F
+    second = np.empty((m, m))
+    _multiply(F, F, second)
     for i in range(m):
         for j in range(m):
             transition[i, j] = dt * F[i, j] + 0.5 * dt * dt * second[i, j]

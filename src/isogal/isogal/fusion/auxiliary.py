@@ -61,8 +61,6 @@ class AuxiliaryState:
 class Auxiliary(NamedTuple):
     """The auxiliary states as the kernels take them."""
 
-    size: tuple[int, ...]
-    """As many zeros as the filter has states: a length that is known when kernels are compiled."""
     enters: Integers
     """(M,) code of what each enters."""
     axis: Integers
@@ -83,7 +81,6 @@ def auxiliary_of(states: Sequence[AuxiliaryState]) -> Auxiliary:
     """Return the states as the kernels take them."""
     codes = [_CODES.index(state.enters) for state in states]
     return Auxiliary(
-        (0,) * (FILTER_STATES + len(states)),
         np.array(codes, dtype=np.int64),
         np.array([state.axis for state in states], dtype=np.int64),
         np.array(
@@ -120,7 +117,7 @@ def spread_input(auxiliary, force, rate, points, pushes):  # type: ignore[no-unt
     for axis in range(9):
         for i in range(lanes):
             pushes[axis, i] = 0.0
-    for j in range(len(auxiliary.size) - first):
+    for j in range(len(auxiliary.enters)):
         enters, axis = auxiliary.enters[j], auxiliary.axis[j]
         if enters == NONE:
             continue
@@ -144,7 +141,7 @@ def tail_points(  # type: ignore[no-untyped-def]
     Such a point moves no core state at the start; a constant acceleration and angular rate move
     velocity, position and attitude linearly, the latter tilting the specific force by half of its
     turn on the mean. `total` (9,) is work space."""
-    first, size = FILTER_STATES, len(auxiliary.size)
+    first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.enters)
     w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
     fn, fe, fd = rotate(w, x, y, z, force[0], force[1], force[2])
     for k in range(first, size):
@@ -175,7 +172,7 @@ def tail_points(  # type: ignore[no-untyped-def]
 def age(auxiliary, mean, velocity, dt, covariance):  # type: ignore[no-untyped-def]
     """Let the auxiliary states of an interval change to those of the next, in place: x' = a x + w
     with a = exp(-time / T - distance / L) and w such that the variance stays."""
-    first, size = FILTER_STATES, len(auxiliary.size)
+    first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.enters)
     if size == first:
         return
     distance = dt * math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])

@@ -10,7 +10,8 @@ arrays of known shape let the compiler see that rows do not overlap. Lane 15 is 
 to 14 are the points along the first columns of the covariance's factor, 16 to 30 those opposite;
 lane 31 is the centre once more. The columns of auxiliary states, where there are any, follow in
 `auxiliary.tail_points`, without lanes: N below is the number of all states, W that of columns in
-memory, and `size` has the length N, so that it is known when a kernel is compiled."""
+memory. Both are arguments, not constants: a kernel for each number of states would be a twentieth
+faster (a sixth without auxiliary states), and take five seconds each to compile."""
 
 import math
 from functools import cache
@@ -57,19 +58,19 @@ def merwe_weights(alpha: float, beta: float, kappa: float, states: int = CORE) -
 
 
 @kernel(**INLINE)
-def columns(size):  # type: ignore[no-untyped-def]
+def columns(n):  # type: ignore[no-untyped-def]
     """Return W, the number of states rounded up to whole vectors."""
-    return (len(size) + 3) // 4 * 4
+    return (n + 3) // 4 * 4
 
 
 @kernel(**INLINE)
-def factorise(size, matrix, work, pivots):  # type: ignore[no-untyped-def]
+def factorise(n, matrix, work, pivots):  # type: ignore[no-untyped-def]
     """Replace row k of `work` (N, W) by column k of the lower Cholesky factor; return False
     where `matrix` is not positive definite.
 
     Rows are eliminated from top to bottom, square roots come last: they would only lengthen the
     chain of dependent operations."""
-    n, width = len(size), columns(size)
+    width = columns(n)
     for i in range(n):
         for j in range(width):
             work[i, j] = matrix[i, j]
@@ -93,10 +94,10 @@ def factorise(size, matrix, work, pivots):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def spread_points(size, factor, spread, points):  # type: ignore[no-untyped-def]
+def spread_points(n, factor, spread, points):  # type: ignore[no-untyped-def]
     """Write the error states of the sigma points (N, 32): spread times a column of the factor, and
     its opposite."""
-    for i in range(len(size)):
+    for i in range(n):
         for j in range(HALF):
             points[i, j] = 0.0
         for j in range(min(i + 1, CORE)):
@@ -197,14 +198,14 @@ def errors_of(ends, points):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def moments(size, points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
+def moments(n, points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
     """Write mean (W,) and covariance (N, W) of the points, by halves of sums (`even`) and
     differences of opposite points (`odd`, whose rows 16 on `auxiliary.tail_points` has written).
 
     With p and m a point and its opposite, p p' + m m' = 2 (e e' + o o'), e = (p + m) / 2, o = (p -
     m) / 2. Biases and auxiliary states are constant over the interval, so their e is zero and
     their covariance stays; that of the others with them takes the odd part only."""
-    n, width = len(size), columns(size)
+    width = columns(n)
     for i in range(n):
         for j in range(HALF):
             odd[j, i] = 0.5 * (points[i, j] - points[i, HALF + j])

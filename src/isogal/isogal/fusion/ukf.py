@@ -77,28 +77,28 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def update_height(  # type: ignore[no-untyped-def]
-    size, nominal, covariance, height, sigma, reading, gain, error
+    n, nominal, covariance, height, sigma, reading, gain, error
 ):
     """Update one run with a known or measured height (m), in place; `gain` (W,) and `error` (W,)
     are work space."""
     up = nominal.position[2]
     innovation = up - height  # measured minus predicted, positive down
-    for i in range(columns(size)):
+    for i in range(columns(n)):
         gain[i] = covariance[2, i]
-    for j in range(len(size) - N):
+    for j in range(n - N):
         contents = reading.offset[j] + reading.share[j] * up
         innovation += contents * nominal.auxiliary[j]
-        for i in range(columns(size)):
+        for i in range(columns(n)):
             gain[i] -= contents * covariance[N + j, i]
     variance = gain[2]
-    for j in range(len(size) - N):
+    for j in range(n - N):
         variance -= (reading.offset[j] + reading.share[j] * up) * gain[N + j]
     inverse = 1.0 / (variance + sigma * sigma)
-    for i in range(columns(size)):
+    for i in range(columns(n)):
         error[i] = gain[i] * (innovation * inverse)
-    for a in range(len(size)):
+    for a in range(n):
         scaled = gain[a] * inverse
-        for b in range(columns(size)):
+        for b in range(columns(n)):
             covariance[a, b] -= scaled * gain[b]
     move(nominal, error)
 
@@ -151,8 +151,8 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     longer positive definite stops at that step."""
     runs, steps = force.shape[0], force.shape[1]
     dt, noise, height_sigma, weights, _, auxiliary, compensation, reading, coning = assumptions
-    size = auxiliary.size
-    n, width = len(size), columns(size)
+    n = covariance.shape[1]
+    width = columns(n)
     done = np.empty(runs, np.int64)
     P = np.zeros((n, width))
     factor = np.empty((n, width))
@@ -167,13 +167,15 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     for r in range(runs):
         state = of_run(nominal, r)
         x, v, q = state.position, state.velocity, state.attitude
-        P[:, :n] = covariance[r]
+        for i in range(n):
+            for j in range(n):
+                P[i, j] = covariance[r, i, j]
         done[r] = steps
         for k in range(steps):
-            if not factorise(size, P, factor, gain):
+            if not factorise(n, P, factor, gain):
                 done[r] = k
                 break
-            spread_points(size, factor, weights.spread, points)
+            spread_points(n, factor, weights.spread, points)
             f, w = force[r, k], rate[r, k]
             for i in range(9):
                 total[i] = 0.0
@@ -195,7 +197,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
             )
             tail_points(auxiliary, q, f, w, dt, factor, odd, total)
             errors_of(ends, points)
-            moments(size, points, even, odd, weights, mean, P)
+            moments(n, points, even, odd, weights, mean, P)
             age(auxiliary, state.auxiliary, v, dt, P)
             for i in range(3):
                 x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
@@ -204,7 +206,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
             add_noise(q, noise, dt, P)
             move(state, mean)
             if height_sigma > 0.0 and not math.isnan(height[r, k]):
-                update_height(size, state, P, height[r, k], height_sigma, reading, gain, mean)
+                update_height(n, state, P, height[r, k], height_sigma, reading, gain, mean)
         for i in range(n):
             for j in range(n):
                 covariance[r, i, j] = 0.5 * (P[i, j] + P[j, i])

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity
-from isogal.evaluation.bound_recursion import discretise
+from isogal.evaluation.bound_recursion import discretise, propagate
 from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import initial_covariance, noise_density
 from isogal.evaluation.planning.lattice import Lattice
@@ -121,7 +121,8 @@ def along_edge(  # type: ignore[no-untyped-def]
                 transition[i, j], half[i, j] = core[a, b], half_core[a, b]
     c = math.exp(-speed * dt / map_error[1])
     transition[m, m] = c
-    h, column = np.zeros(n), np.empty(n)
+    h, column, work = np.zeros(n), np.empty(n), np.empty((2, n, n))
+    P = P.copy()
     for k in range(count):
         lat = latitude + (k + 1) * dt * vn * inv_m
         lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
@@ -131,10 +132,11 @@ def along_edge(  # type: ignore[no-untyped-def]
         known = not math.isnan(by_lat)
         variance = sigma[i, j] ** 2 if known else P[m, m]
         half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
-        P = transition @ (P + half) @ transition.T + half
+        propagate(P, transition, half, work)
         if not known:
             continue
-        h[:] = 0.0
+        for a in range(n):
+            h[a] = 0.0
         for a in range(4):
             h[a] = jacobian[direction, a]
         h[0] -= by_lat * inv_m
@@ -150,4 +152,4 @@ def along_edge(  # type: ignore[no-untyped-def]
         for a in range(n):
             for b in range(n):
                 P[a, b] -= column[a] * column[b] / total
-    return 0.5 * (P + P.T)
+    return P

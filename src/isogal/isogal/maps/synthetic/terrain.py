@@ -122,10 +122,11 @@ def _octaves(
     coarse = [
         _axis(c, start, CELLS - start, _STRIDE) for c, start in zip(corner, low, strict=True)
     ]
+    rms_coarse, rms_fine = (np.ascontiguousarray(rms[:, which]) for which in (smooth, ~smooth))
     nodes = np.empty((rms.shape[0], coarse[0].size, coarse[1].size))
     out = np.empty((rms.shape[0], fine[0].size, fine[1].size))
-    sum_of_octaves(*coarse, spacing[smooth] / _EARTH, rms[:, smooth], seed, nodes)
-    sum_of_octaves(*fine, spacing[~smooth] / _EARTH, rms[:, ~smooth], seed + 500, out)
+    sum_of_octaves(*coarse, spacing[smooth] / _EARTH, rms_coarse, seed, nodes)
+    sum_of_octaves(*fine, spacing[~smooth] / _EARTH, rms_fine, seed + 500, out)
     latitude, longitude = (axis.reshape(-1) for axis in np.meshgrid(*fine, indexing="ij"))
     step = math.radians(STEP_DEG * _STRIDE)
     for index, part in enumerate(nodes):
