@@ -9,14 +9,14 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.computed_once import maps_once
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.node_bench import run_here
-from isogal.fields import scenario_map
-from isogal.fields.derived_maps import derived_maps
-from isogal.maps.channels import ChannelMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.graph.domain import DOMAIN, claim_domain
+
+__all__ = ["maps_once"]
 
 Recorded = tuple[Scenario, Path]
 """A scenario and the bag of its run."""
@@ -40,23 +40,6 @@ def domain() -> Iterator[int]:
             del os.environ[DOMAIN]
         else:
             os.environ[DOMAIN] = before
-
-
-@pytest.fixture(scope="session", autouse=True)
-def maps_computed_once() -> Iterator[None]:
-    """Maps that are computed from others (in a process of their own, which takes a second) are
-    computed once for each scenario."""
-    computed: dict[tuple[str, float], ChannelMap] = {}
-
-    def once(scenario: Scenario, margin: float) -> ChannelMap:
-        key = scenario.model_dump_json(exclude={"matcher", "seed"}), margin
-        if key not in computed:
-            computed[key] = derived_maps(scenario, margin)
-        return computed[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenario_map, "derived_maps", once)
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -306,8 +306,7 @@ def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
 @kernel
 def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
-    count = step.shape[0]
-    n = BATCH_STATES
+    count, n = step.shape[0], BATCH_STATES
     result = np.empty((count, n, n))
     following = np.eye(n)
     dynamics = np.zeros((STATES, STATES))
@@ -317,7 +316,8 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
         back = np.ascontiguousarray(-step[i] * dynamics[:n, :n])
         square = back @ back
         following = (np.eye(n) + back + square / 2.0 + square @ back / 6.0) @ following
-        result[i] = following
+        for a, b in np.ndindex(n, n):  # a slice would take seconds to compile
+            result[i, a, b] = following[a, b]
     return result
 
 

@@ -104,7 +104,8 @@ def _odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-
     )
     # columns: north, east, down in ECEF
     ned = np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
-    to_map = axes @ ned
+    to_map = np.empty((3, 3))
+    _multiply(axes, ned, to_map)
     w, x, y, z = state[6], state[7], state[8], state[9]
     # FLU to NED: the library's rotation with its second and third column turned round
     body = np.array(
@@ -114,16 +115,43 @@ def _odometry(state, covariance, axes, origin, pose, twist):  # type: ignore[no-
             [2 * (x * z - w * y), -2 * (y * z + w * x), -(1 - 2 * (x * x + y * y))],
         ]
     )
-    result = np.empty(10)
-    result[:3] = axes @ (ecef - origin)
-    result[3:7] = from_matrix(to_map @ body)
-    to_body = np.ascontiguousarray(body.T)
-    result[7:] = to_body @ state[3:6]
+    result, attitude, to_body = np.zeros(10), np.empty((3, 3)), np.empty((3, 3))
+    _multiply(to_map, body, attitude)
+    quaternion = from_matrix(attitude)
+    for i in range(4):
+        result[3 + i] = quaternion[i]
+    for i in range(3):
+        for j in range(3):
+            result[i] += axes[i, j] * (ecef[j] - origin[j])
+            result[7 + i] += body[j, i] * state[3 + j]
+            to_body[i, j] = body[j, i]
     if covariance.shape[0] > 0:
-        turn = np.ascontiguousarray(to_map.T)
-        pose[:3, :3] = to_map @ np.ascontiguousarray(covariance[:3, :3]) @ turn
-        pose[:3, 3:] = to_map @ np.ascontiguousarray(covariance[:3, 6:9]) @ turn
-        pose[3:, :3] = pose[:3, 3:].T
-        pose[3:, 3:] = to_map @ np.ascontiguousarray(covariance[6:9, 6:9]) @ turn
-        twist[:3, :3] = to_body @ np.ascontiguousarray(covariance[3:6, 3:6]) @ body
+        _turn(to_map, covariance, (0, 0), pose, (0, 0))
+        _turn(to_map, covariance, (0, 6), pose, (0, 3))
+        _turn(to_map, covariance, (6, 6), pose, (3, 3))
+        for i in range(3):
+            for j in range(3):
+                pose[3 + i, j] = pose[j, 3 + i]
+        _turn(to_body, covariance, (3, 3), twist, (0, 0))
     return result
+
+
+# Loops, not slices and `@`, which take numba three times as long to compile.
+@kernel
+def _multiply(a, b, out):  # type: ignore[no-untyped-def]
+    """Write the product of two matrices (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@kernel
+def _turn(axes, covariance, block, out, place):  # type: ignore[no-untyped-def]
+    """Write a (3, 3) block of a covariance in other axes, A C A'."""
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for a in range(3):
+                for b in range(3):
+                    total += axes[i, a] * covariance[block[0] + a, block[1] + b] * axes[j, b]
+            out[place[0] + i, place[1] + j] = total

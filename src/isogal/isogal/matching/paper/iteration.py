@@ -171,9 +171,11 @@ def maximise(
                 continue
             # eq. s3-01 with the R_i at first, eq. s32-1 with R-bar of the scan after that
             used = variance[t, :n].copy()
-            if iteration > 0:
-                used[:] = combined[t]
-            weight[t, :n] = association_weights(position[t, :n], centre[t], used)
+            for i in range(n if iteration > 0 else 0):
+                used[i] = combined[t]
+            association = association_weights(position[t, :n], centre[t], used)
+            for i in range(n):  # not by a slice, which takes seconds to compile
+                weight[t, i] = association[i]
             z[t, 0], z[t, 1], combined[t] = combine(
                 position[t, :n], weight[t, :n], variance[t, :n]
             )
