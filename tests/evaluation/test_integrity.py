@@ -155,10 +155,12 @@ def test_the_correlation_time_is_measured(make_runs):
     factor = np.array([[30.0, 0.0], [-20.0, 10.0]])
     covariance = np.broadcast_to(factor @ factor.T, (1000, states, 2, 2))
     error, time = white @ factor.T, np.arange(states) * step
-    assert correlation_time(error, covariance, time) == pytest.approx(600.0, rel=0.05)
+    solution = Solution(time, error, covariance)
+    assert correlation_time(solution) == pytest.approx(600.0, rel=0.05)
     alternating = error * (-1.0) ** np.arange(states)[:, None]
-    assert math.isnan(correlation_time(alternating, covariance, time))
-    assert math.isnan(correlation_time(error[:, :3], covariance[:, :3], time[:3]))
+    assert math.isnan(correlation_time(replace(solution, error=alternating)))
+    short = Solution(time[:3], error[:, :3], covariance[:, :3])
+    assert math.isnan(correlation_time(short))
 
 
 def test_the_summary_has_it_with_the_scenarios_settings(make_runs):

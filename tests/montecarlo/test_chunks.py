@@ -49,6 +49,8 @@ def test_long_fast_runs_are_computed_few_at_a_time() -> None:
 def test_key_says_what_the_numbers_depend_on(small_case: Case, field_map: FieldMap) -> None:
     same = Case("other name", small_scenario(), 400, field_map)
     assert same.key == small_case.key
+    promising = replace(small_case, scenario=small_scenario(integrity={"risk": 1e-3}))
+    assert promising.key == small_case.key
     changed = [
         replace(small_case, scenario=small_scenario(seed=1)),
         replace(

@@ -113,6 +113,7 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     from rich.table import Table
 
     from isogal.evaluation.html_report import number
+    from isogal.evaluation.integrity_report import integrity_row
     from isogal.evaluation.judgement import KINDS
 
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
@@ -132,6 +133,8 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     table.add_row("NEES per axis", number(nees["mean"]), "")
     table.add_row("  consistent within", " to ".join(number(end) for end in nees["interval"]), "")
     table.add_row("NEES per axis, all scans", number(summary["nees_all_scans"]["mean"]), "")
+    name, level, _ = integrity_row(summary["integrity"])
+    table.add_row(name[0].lower() + name[1:], level, "")
     for kind, which in summary["judgement"]["runs"].items():
         table.add_row(f"runs {KINDS[kind]}", str(len(which)), "")
     table.add_row("fixes, declined", f"{fixes['published']}, {fixes['declined']}", "")

@@ -58,14 +58,19 @@ class Solution:
     time: Array
     """(K,) s."""
     error: Array
-    """(R, K) m; NaN = none, which no level holds."""
+    """(R, K, 2) m; NaN = none, which no level holds."""
     covariance: Array
     """(R, K, 2, 2) m²."""
 
     @staticmethod
     def of(runs: Runs) -> "Solution":
         """Return the aided navigator's."""
-        return Solution(runs.time, runs.horizontal_error, runs.covariance)
+        return Solution(runs.time, runs.error, runs.covariance)
+
+    @property
+    def distance(self) -> Array:
+        """(R, K) m, length of the error."""
+        return cast(Array, np.hypot(self.error[..., 0], self.error[..., 1]))
 
     @property
     def hours(self) -> float:
@@ -75,6 +80,11 @@ class Solution:
     def level(self, settings: Integrity, risk: float | None = None) -> Array:
         """Return the protection level (R, K) m at a risk per hour, default the settings'."""
         return protection_level(self.covariance, risk or settings.risk, settings.correlation_time)
+
+    def sigmas(self, level: Array) -> Array:
+        """Return a level (R, K) m in units of the claimed 1-sigma along the major axis."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return cast(Array, level / axes(self.covariance)[0])
 
     def rate(self, outside: Booleans, settings: Integrity) -> Rate:
         """Return how often something is outside (R, K)."""
@@ -98,26 +108,30 @@ def integrity(runs: Runs, settings: Integrity) -> dict[str, Any]:
     """
     solution = Solution.of(runs)
     level = solution.level(settings)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sigmas = level / axes(runs.covariance)[0]
+    rates = {risk: exceedances(solution, settings, risk) for risk in (*RISKS, settings.risk)}
     return {
         "risk": settings.risk,
         "run_hours": solution.hours,
         "correlation_time": {
             "assumed": settings.correlation_time,
-            "measured": correlation_time(runs.error, runs.covariance, runs.time),
+            "measured": correlation_time(solution),
         },
-        "level": {"median": float(np.median(level)), "median_sigmas": float(np.median(sigmas))},
-        "exceedances": [exceedances(solution, settings, risk) for risk in (*RISKS, settings.risk)],
+        "level": {
+            "median": float(np.median(level)),
+            "median_sigmas": float(np.median(solution.sigmas(level))),
+        },
+        "exceedances": [
+            {"risk": risk, **rate.as_json(), "verdict": rate.verdict(risk)}
+            for risk, rate in rates.items()
+        ],
         "alert_limit": _alerts(solution, settings, level),
     }
 
 
-def exceedances(solution: Solution, settings: Integrity, risk: float) -> dict[str, Any]:
+def exceedances(solution: Solution, settings: Integrity, risk: float) -> Rate:
     """Return how often the error exceeds the protection level at a risk per hour."""
-    outside = ~(solution.error <= solution.level(settings, risk))
-    rate = solution.rate(outside, settings)
-    return {"risk": risk, **rate.as_json(), "verdict": rate.verdict(risk)}
+    outside = ~(solution.distance <= solution.level(settings, risk))
+    return solution.rate(outside, settings)
 
 
 def _alerts(solution: Solution, settings: Integrity, level: Array) -> dict[str, Any] | None:
@@ -125,7 +139,7 @@ def _alerts(solution: Solution, settings: Integrity, level: Array) -> dict[str, 
     if limit is None:
         return None
     available = level <= limit
-    hazardous = solution.rate(available & ~(solution.error <= limit), settings)
+    hazardous = solution.rate(available & ~(solution.distance <= limit), settings)
     return {
         "limit": limit,
         "available": float(available.mean()),
@@ -169,20 +183,13 @@ def poisson_interval(events: int, confidence: float = CONFIDENCE) -> tuple[float
     return low, float(gammaincinv(events + 1, 1.0 - tail))
 
 
-def correlation_time(error: Array, covariance: Array, time: Array) -> float:
+def correlation_time(solution: Solution) -> float:
     """Return the time (s) T of the exponential exp(-lag / T) that the autocorrelation of the
-    error, in units of its claimed covariance, reaches at `LAG`; NaN where there is none.
-
-    Parameters
-    ----------
-    error : (R, K, 2) array
-        m.
-    covariance : (R, K, 2, 2) array
-        m².
-    time : (K,) array
-        s, at even steps.
-    """
-    steps = round(LAG / float(np.median(np.diff(time)))) if time.size > 1 else 0
+    error, in units of its claimed covariance, reaches at `LAG`, for states at even steps; NaN
+    where there is none."""
+    time, error, covariance = solution.time, solution.error, solution.covariance
+    step = float(np.median(np.diff(time))) if time.size > 1 else math.inf
+    steps = round(LAG / step)
     if not 0 < steps < time.size:
         return math.nan
     north, across = covariance[..., 0, 0], covariance[..., 0, 1]
@@ -196,5 +203,4 @@ def correlation_time(error: Array, covariance: Array, time: Array) -> float:
     before, after = np.where(known, before, 0.0), np.where(known, after, 0.0)
     scale = math.sqrt(float((before**2).sum() * (after**2).sum()))
     correlation = float((before * after).sum()) / scale if scale > 0.0 else math.nan
-    lag = steps * float(np.median(np.diff(time)))
-    return -lag / math.log(correlation) if 0.0 < correlation < 1.0 else math.nan
+    return -steps * step / math.log(correlation) if 0.0 < correlation < 1.0 else math.nan

@@ -78,6 +78,9 @@ class Console:
                 f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f}),"
                 f" at all scans {summary['nees_all_scans']['mean']:.2f}"
             )
+        risk, level = summary["integrity"]["risk"], summary["integrity"]["level"]["median"]
+        if level is not None:
+            terminal.print(f"Protection level at {risk:g} per hour: {level:.0f} m (median)")
         faults = [KINDS[kind] for kind, runs in summary["judgement"]["runs"].items() if runs]
         if faults:
             terminal.print(f"This run: {', '.join(faults)}")

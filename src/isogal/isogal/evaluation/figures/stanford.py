@@ -26,7 +26,7 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
     from matplotlib.colors import LogNorm
 
     level = solution.level(settings)
-    error = np.where(np.isfinite(solution.error), solution.error, np.inf)
+    error = np.where(np.isfinite(solution.distance), solution.distance, np.inf)
     figure = style.new_figure(5.4)
     panel = figure.subplots()
     top = _largest(error, level, settings.alert_limit)
@@ -56,7 +56,7 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
 
 def _regions(panel: "Axes", solution: Solution, settings: Integrity, level: Array) -> None:
     """Name the regions where they are, and say above how many states are in them."""
-    error, limit = solution.error, settings.alert_limit
+    error, limit = solution.distance, settings.alert_limit
     misleading = ~(error <= level)
     places = {"misleading": ((0.97, 0.03), misleading)}
     if limit is not None:

@@ -1,0 +1,197 @@
+"""How often the error exceeds the protection level at 0.1, 0.01 and 0.001 per hour.
+
+    python benchmarks/integrity.py --data DIR [--out DIR] [--run-hours 20000] [--mismatch]
+        [--rows TEXT ...] [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--present]
+        [--workers 2] [--page docs/integrity.md]
+
+Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), in runs of 3.6 h;
+`--mismatch` adds its other rows, told and untold. Parts of ten runs are taken from its folder
+`--out` where they are there, else computed; what integrity needs of them is kept in
+`--out`/integrity and not computed again. `--present` computes nothing: it counts what is there.
+After a change of the library, begin with an empty folder."""
+
+import os
+
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
+
+import argparse
+import math
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mismatch
+import numpy as np
+from mismatch_rows import ROWS, Row
+
+from isogal.arrays import Array
+from isogal.evaluation.integrity import RISKS, Rate, Solution, correlation_time, exceedances
+from isogal.evaluation.records import Runs
+from isogal.files import atomic_path, write_atomic
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Integrity, Scenario
+
+MARKS = "<!-- table of benchmarks/integrity.py -->", "<!-- end of the table -->"
+HOURS = 3.6
+"""Of a run."""
+HEAD = (
+    "| what differs | | run-hours | correlation time (s) | median level (m) | in 1-sigmas | "
+    + " | ".join(f"events at {risk:g} per hour" for risk in RISKS)
+    + " |\n|---|---|---|---|---|---|---|---|---|"
+)
+
+
+@dataclass
+class Count:
+    """Figures of a row, part by part."""
+
+    settings: Integrity = field(default_factory=Integrity)
+    hours: float = 0.0
+    events: dict[float, int] = field(default_factory=lambda: dict.fromkeys(RISKS, 0))
+    levels: list[Array] = field(default_factory=list)
+    """m, at the settings' risk."""
+    sigmas: list[Array] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    """Correlation time of each part, s."""
+
+    def add(self, part: Solution) -> None:
+        """Count a part."""
+        self.hours += part.hours
+        for risk in RISKS:
+            self.events[risk] += exceedances(part, self.settings, risk).events
+        level = part.level(self.settings)
+        self.levels.append(level.ravel().astype(np.float32))
+        self.sigmas.append(part.sigmas(level).ravel().astype(np.float32))
+        self.times.append(correlation_time(part))
+
+    def merge(self, other: "Count") -> None:
+        """Count a row."""
+        self.hours += other.hours
+        for risk in RISKS:
+            self.events[risk] += other.events[risk]
+        self.levels += other.levels
+        self.sigmas += other.sigmas
+        self.times += other.times
+
+    def line(self, name: str, kind: str) -> str:
+        """Return a line of the table."""
+        level, sigmas = (np.median(np.concatenate(it)) for it in (self.levels, self.sigmas))
+        rates = (cell(Rate(self.events[risk], self.hours), risk) for risk in RISKS)
+        cells = (
+            name, kind, f"{self.hours:.0f}", f"{np.nanmedian(self.times):.0f}", f"{level:.0f}",
+            f"{sigmas:.2f}", *rates,
+        )  # fmt: skip
+        return f"| {' | '.join(cells)} |"
+
+
+def cell(rate: Rate, allowed: float) -> str:
+    """Return count, rate and interval; in bold where events come more often than allowed."""
+    low, high = rate.interval
+    text = f"{rate.events}: {rate.per_hour:.2g} ({low:.2g} to {high:.2g})"
+    return f"**{text}**" if rate.verdict(allowed) == "more often" else text
+
+
+def some(scenario: Scenario, runs: range, full: Path, path: Path, present: bool) -> Path | None:
+    """Make the file of a part that integrity needs, if it is not there, or older than the part;
+    return it, or None where it would have to be computed and is not to be."""
+    if path.exists() and not (full.exists() and full.stat().st_mtime > path.stat().st_mtime):
+        return path
+    if not full.exists() and present:
+        return None
+    record = Runs.load(full) if full.exists() else simulate(scenario, runs)
+    covariance = record.covariance[..., [0, 0, 1], [0, 1, 1]]
+    with atomic_path(path, make_folder=True) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            time=record.time,
+            error=record.error.astype(np.float32),
+            covariance=covariance.astype(np.float32),
+        )
+    return path
+
+
+def load(path: Path) -> Solution:
+    """Read the file of a part."""
+    with np.load(path) as stored:
+        time, error, three = (stored[name] for name in ("time", "error", "covariance"))
+    covariance = three.astype(np.float64)[..., [0, 1, 1, 2]].reshape(*three.shape[:-1], 2, 2)
+    return Solution(time, error.astype(np.float64), covariance)
+
+
+def counted(
+    scenario: Scenario, runs: int, options: argparse.Namespace, pool: ProcessPoolExecutor
+) -> Count:
+    """Return the figures of so many runs of a scenario, or of those that are there."""
+    count = Count(scenario.integrity)
+    parts = list(mismatch.parts_of(scenario, runs, options.out / "parts"))
+    jobs = [
+        pool.submit(
+            some, scenario, which, full, options.out / "integrity" / full.name, options.present
+        )
+        for which, full in parts
+    ]
+    for job in jobs:
+        path = job.result()
+        if path is not None:
+            count.add(load(path))
+    return count
+
+
+def cases(options: argparse.Namespace) -> Iterator[tuple[str, Row, bool, tuple[str, ...], int]]:
+    """Yield the rows as `mismatch.cases` does, the first of a map error with its run-hours."""
+    for name, row, told, base, runs in mismatch.cases(options):
+        if row is ROWS[0]:
+            yield name, row, told, base, math.ceil(options.run_hours / HOURS)
+        elif options.mismatch:
+            yield name, row, told, base, runs
+
+
+def main() -> None:
+    """Count and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
+    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="kept there")
+    parser.add_argument("--run-hours", type=float, default=360.0)
+    parser.add_argument("--mismatch", action="store_true", help="the other rows, too")
+    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
+    parser.add_argument("--runs", type=int, default=24, help="of untold rows")
+    parser.add_argument("--told-runs", type=int, default=100)
+    parser.add_argument("--map-errors", type=float, nargs="+", default=[3e-5], metavar="M/S²")
+    parser.add_argument("--present", action="store_true", help="compute nothing")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--page", type=Path, help="page whose table is replaced")
+    options = parser.parse_args()
+    maps = mismatch.coarse_map(options.data, options.out)
+    together = {"told": Count(), "untold": Count()}
+    seen: list[Scenario] = []
+    lines = [HEAD]
+    print(HEAD, flush=True)
+    with ProcessPoolExecutor(options.workers) as pool:
+        for name, row, told, base, runs in cases(options):
+            scenario = mismatch.scenario_of(row, told, base, maps)
+            count = counted(scenario, runs, options, pool)
+            if count.hours == 0.0:
+                continue
+            kind = "told" if told else "untold"
+            if scenario not in seen:  # "map 3 mGal wrong", told, is "nothing" once more
+                together[kind].merge(count)
+                seen.append(scenario)
+            world = f", {name.rpartition(', ')[2]}" if len(options.map_errors) > 1 else ""
+            lines.append(count.line(row.name + world, kind if row.untold else ""))
+            print(lines[-1], flush=True)
+    for kind, count in together.items():
+        if count.hours > 0.0 and options.mismatch:
+            lines.append(count.line("all rows together", kind))
+            print(lines[-1])
+    write_atomic(options.out / "integrity.md", "\n".join(lines) + "\n")
+    if options.page:
+        mismatch.write_between(options.page, MARKS, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

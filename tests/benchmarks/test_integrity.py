@@ -1,0 +1,84 @@
+"""`benchmarks/integrity.py`: parts are taken, made and counted once."""
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import integrity
+import mismatch
+import numpy as np
+import pytest
+
+from isogal.evaluation.integrity import RISKS, Rate
+from isogal.evaluation.records import Runs
+from isogal.scenario import Integrity, Scenario
+
+STATES = 361
+
+
+def part(runs: int) -> Runs:
+    """Runs of an hour whose navigator claims 50 m; the first is 1 km off for ten minutes."""
+    error = np.zeros((runs, STATES, 2))
+    error[0, 100:160, 1] = 1000.0
+    covariance = np.broadcast_to(np.diag([50.0**2, 25.0**2]), (runs, STATES, 2, 2))
+    empty = np.empty((runs, 0))
+    return Runs(
+        time=np.arange(STATES) * 10.0,
+        latitude=np.zeros(STATES),
+        longitude=np.zeros(STATES),
+        error=error,
+        covariance=covariance,
+        unaided_error=error,
+        fix_time=np.empty(0),
+        fix_error=np.empty((runs, 0, 2)),
+        fix_covariance=np.empty((runs, 0, 2, 2)),
+        fix_reason=((),) * runs,
+        posterior_error=np.empty((runs, 0, 2)),
+        posterior_covariance=np.empty((runs, 0, 2, 2)),
+        fix_seconds=empty,
+    )
+
+
+def count(folder: Path, runs: int, present: bool = False) -> integrity.Count:
+    options = argparse.Namespace(out=folder, present=present)
+    with ThreadPoolExecutor(1) as pool:
+        return integrity.counted(Scenario(), runs, options, pool)
+
+
+def test_parts_that_are_there_are_counted(tmp_path, monkeypatch):
+    (_, first), (_, _) = mismatch.parts_of(Scenario(), 12, tmp_path / "parts")
+    part(10).save(first)
+    monkeypatch.setattr(integrity, "simulate", lambda *_: pytest.fail("is to compute nothing"))
+    found = count(tmp_path, 12, present=True)
+    assert found.hours == pytest.approx(10.0)
+    assert found.events == dict.fromkeys(RISKS, 1)
+    first.unlink()  # what integrity needs has been kept
+    assert count(tmp_path, 12, present=True).events == found.events
+    monkeypatch.setattr(integrity, "simulate", lambda _, runs: part(len(runs)))
+    again = count(tmp_path, 12)
+    assert again.hours == pytest.approx(12.0)
+    assert again.events == dict.fromkeys(RISKS, 2)
+
+
+def test_what_is_kept_is_the_record(tmp_path):
+    record = part(2)
+    path = integrity.some(Scenario(), range(2), tmp_path / "none", tmp_path / "kept", True)
+    assert path is None
+    record.save(tmp_path / "full")
+    path = integrity.some(Scenario(), range(2), tmp_path / "full", tmp_path / "kept", True)
+    solution = integrity.load(path)
+    np.testing.assert_array_equal(solution.error, record.error)
+    np.testing.assert_array_equal(solution.covariance, record.covariance)
+    np.testing.assert_array_equal(solution.time, record.time)
+
+
+def test_a_line_of_the_table(tmp_path):
+    found = integrity.Count()
+    found.add(integrity.Solution.of(part(4)))
+    line = found.line("readings late", "untold")
+    assert line.count("|") == integrity.HEAD.splitlines()[0].count("|")
+    assert line.startswith("| readings late | untold | 4 | ")
+    level = float(integrity.Solution.of(part(4)).level(Integrity())[0, 0])
+    assert f"| {level:.0f} | {level / 50.0:.2f} |" in line
+    assert "**1: 0.25 (0.0063 to 1.4)**" in line  # at 0.001 per hour it is too often
+    assert integrity.cell(Rate(1, 4.0), 0.1) == "1: 0.25 (0.0063 to 1.4)"
