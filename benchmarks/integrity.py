@@ -2,7 +2,7 @@
 
     python benchmarks/integrity.py --data DIR [--out DIR] [--run-hours 20000] [--mismatch]
         [--rows TEXT ...] [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--present]
-        [--workers 2] [--page docs/integrity.md]
+        [--workers 2] [--page docs/integrity.md] [--figure docs/figures/stanford.png]
 
 Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), in runs of 3.6 h;
 `--mismatch` adds its other rows, told and untold. Parts of ten runs are taken from its folder
@@ -28,6 +28,8 @@ import numpy as np
 from mismatch_rows import ROWS, Row
 
 from isogal.arrays import Array
+from isogal.evaluation.figures import style
+from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.integrity import RISKS, Rate, Solution, correlation_time, exceedances
 from isogal.evaluation.records import Runs
 from isogal.files import atomic_path, write_atomic
@@ -37,6 +39,8 @@ from isogal.scenario import Integrity, Scenario
 MARKS = "<!-- table of benchmarks/integrity.py -->", "<!-- end of the table -->"
 HOURS = 3.6
 """Of a run."""
+SHOWN = 10
+"""Parts in the figure."""
 HEAD = (
     "| what differs | | run-hours | correlation time (s) | median level (m) | in 1-sigmas | "
     + " | ".join(f"events at {risk:g} per hour" for risk in RISKS)
@@ -56,6 +60,8 @@ class Count:
     sigmas: list[Array] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     """Correlation time of each part, s."""
+    shown: list[Solution] = field(default_factory=list)
+    """The first parts, for the figure."""
 
     def add(self, part: Solution) -> None:
         """Count a part."""
@@ -66,6 +72,8 @@ class Count:
         self.levels.append(level.ravel().astype(np.float32))
         self.sigmas.append(part.sigmas(level).ravel().astype(np.float32))
         self.times.append(correlation_time(part))
+        if len(self.shown) < SHOWN:
+            self.shown.append(part)
 
     def merge(self, other: "Count") -> None:
         """Count a row."""
@@ -85,6 +93,16 @@ class Count:
             f"{sigmas:.2f}", *rates,
         )  # fmt: skip
         return f"| {' | '.join(cells)} |"
+
+
+def picture(count: Count) -> bytes:
+    """Return the Stanford diagram of a row's first parts as PNG."""
+    error, covariance = (
+        np.concatenate([getattr(part, name) for part in count.shown])
+        for name in ("error", "covariance")
+    )
+    solution = Solution(count.shown[0].time, error, covariance)
+    return style.png(stanford_figure(solution, count.settings))
 
 
 def cell(rate: Rate, allowed: float) -> str:
@@ -165,6 +183,7 @@ def main() -> None:
     parser.add_argument("--present", action="store_true", help="compute nothing")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--page", type=Path, help="page whose table is replaced")
+    parser.add_argument("--figure", type=Path, help="PNG file for the first row's diagram")
     options = parser.parse_args()
     maps = mismatch.coarse_map(options.data, options.out)
     together = {"told": Count(), "untold": Count()}
@@ -177,6 +196,8 @@ def main() -> None:
             count = counted(scenario, runs, options, pool)
             if count.hours == 0.0:
                 continue
+            if options.figure and len(lines) == 1:
+                write_atomic(options.figure, picture(count))
             kind = "told" if told else "untold"
             if scenario not in seen:  # "map 3 mGal wrong", told, is "nothing" once more
                 together[kind].merge(count)

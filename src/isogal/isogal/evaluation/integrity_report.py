@@ -70,5 +70,5 @@ def exceedance_table(found: dict[str, Any]) -> Table:
 def integrity_row(found: dict[str, Any]) -> tuple[str, str, str]:
     """Return the row of the key figures."""
     level = found["level"]
-    name = f"Protection level at {found['risk']:g} per hour, median (m; in claimed sigmas)"
+    name = f"Protection level, {found['risk']:g} per hour (m; in sigmas)"
     return name, f"{number(level['median'])}; {number(level['median_sigmas'])}", ""
