@@ -131,26 +131,28 @@ def _level_of_ratio(per_time: float) -> Array:
     """Return the polynomial (Chebyshev) of b / a that is the level in units of a, for so many
     exceedances per correlation time."""
     nodes = 0.5 * (1.0 + chebyshev.chebpts1(_DEGREE + 1))
-    covariance = np.zeros((nodes.size, 2, 2))
-    covariance[:, 0, 0], covariance[:, 1, 1] = 1.0, nodes**2
+    spread = INFLATION * _spread(np.ones_like(nodes), nodes)
     # beyond the largest rate; the level of the roundest ellipse of 1e-12 is below the other end
     low, high = np.full(nodes.size, np.sqrt(2.0 * INFLATION)), np.full(nodes.size, 30.0)
-    for _ in range(60):
+    for _ in range(45):
         middle = 0.5 * (low + high)
-        over = _crossings(_scaled(covariance, middle, INFLATION), FREEDOM) > per_time
+        over = _crossings(middle[:, None] ** 2 / spread, FREEDOM) > per_time
         low, high = np.where(over, middle, low), np.where(over, high, middle)
     return chebyshev.chebfit(2.0 * nodes - 1.0, 0.5 * (low + high), _DEGREE)
 
 
 def _scaled(covariance: ArrayLike, radius: ArrayLike, inflation: float) -> Array:
     """Return rho² (..., directions) of the module's head; infinite where there is no spread."""
-    major, minor = axes(covariance)
-    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
-    spread = np.multiply.outer(major**2, np.cos(phi) ** 2)
-    spread += np.multiply.outer(minor**2, np.sin(phi) ** 2)
     squared = np.asarray(radius, dtype=np.float64)[..., None] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        return cast(Array, squared / (inflation * spread))
+        return cast(Array, squared / (inflation * _spread(*axes(covariance))))
+
+
+def _spread(major: Array, minor: Array) -> Array:
+    """Return a² cos² phi + b² sin² phi (..., directions)."""
+    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
+    spread = np.multiply.outer(major**2, np.cos(phi) ** 2)
+    return cast(Array, spread + np.multiply.outer(minor**2, np.sin(phi) ** 2))
 
 
 def _energy(rho: Array, freedom: float) -> Array:
