@@ -132,7 +132,9 @@ def test_many_processes_at_once(folder: Path) -> None:
         )
         for _ in range(3)
     ]
-    assert [process.communicate(timeout=100)[0].split()[0] for process in started] == ["62.0"] * 3
+    said = [process.communicate(timeout=100)[0].split() for process in started]
+    assert [words[0] for words in said] == ["62.0"] * 3
+    assert sum(int(words[3]) for words in said) == 2  # each caller was compiled by one of them
     assert ask(folder) == (62.0, "disk")
 
 

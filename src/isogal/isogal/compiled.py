@@ -9,12 +9,16 @@ and constants.
 
 Where the files are is left to numba: the folder NUMBA_CACHE_DIR if that is set, else `__pycache__`
 beside the source if that can be written, else the user's cache folder. With none of them kernels
-are compiled in each process."""
+are compiled in each process. Processes that start together, as nodes do, compile a kernel once:
+the others wait for the one that has begun."""
 
 import contextlib
+import fcntl
 import hashlib
 import inspect
+import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -30,6 +34,8 @@ _digests: dict[Any, str] = {}
 """Digest of each kernel's Python function."""
 _modules: set[str] = set()
 """Names of the modules that hold kernels."""
+_PATIENCE = 60.0
+"""s, the longest wait for another process that compiles the same kernel."""
 _CONSTANTS = (bool, int, float, complex, str, np.generic, tuple)
 
 
@@ -118,7 +124,52 @@ class _KernelCache(FunctionCache):
 
     _impl_class = _KernelCacheImpl
 
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self.turn: int | None = None
+        """The lock file, while this process compiles."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None and self.turn is None:
+            self._take_turn()
+            found = super().load_overload(sig, target_context)  # if another was at it
+            if found is not None:
+                self._end_turn()
+        return found
+
+    def _take_turn(self) -> None:
+        """Wait until no other process compiles the kernel; without a lock after `_PATIENCE`, and
+        where no file can be locked."""
+        with contextlib.suppress(OSError):
+            self._impl.locator.ensure_cache_path()
+            lock = os.open(self._lock_file, os.O_RDWR | os.O_CREAT, 0o666)
+            for _ in range(int(_PATIENCE / 0.05)):
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    self.turn = lock
+                    return
+                time.sleep(0.05)
+            os.close(lock)
+
+    def _end_turn(self) -> None:
+        if self.turn is not None:
+            Path(self._lock_file).unlink(missing_ok=True)
+            fcntl.flock(self.turn, fcntl.LOCK_UN)  # also for processes that were forked meanwhile
+            os.close(self.turn)
+            self.turn = None
+
+    @property
+    def _lock_file(self) -> str:
+        return f"{self.cache_path}/{self._impl.filename_base}.lock"
+
     def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            self._save(sig, data)
+        finally:
+            self._end_turn()
+
+    def _save(self, sig: Any, data: Any) -> None:
         with contextlib.suppress(
             OSError
         ):  # a full disk costs the next start some time, not this run
