@@ -45,13 +45,22 @@ def test_command_sets_one() -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("node", NODES)
-def test_node_sets_one_before_numpy(node: str) -> None:
-    if importlib.util.find_spec(node) is None or importlib.util.find_spec("rclpy") is None:
+def test_nodes_set_one_before_numpy() -> None:
+    """Each by itself: what the one before has set is taken away."""
+    if any(importlib.util.find_spec(name) is None for name in (*NODES, "rclpy")):
         pytest.skip("the node packages are not here")
-    assert after(
-        f"import {node}, sys; assert 'numpy' not in sys.modules; import {node}.node"
-    ) == str(["1"] * 3)
+    code = f"""
+import importlib, os, sys
+for node in {NODES!r}:
+    for name in {VARIABLES!r}:
+        os.environ.pop(name, None)
+    importlib.import_module(node)
+    assert [os.environ.get(name) for name in {VARIABLES!r}] == ["1"] * 3, node
+    assert "numpy" not in sys.modules, node
+for node in {NODES!r}:
+    importlib.import_module(f"{{node}}.node")
+"""
+    assert after(code) == str(["1"] * 3)
 
 
 def test_choice_of_the_user_stands() -> None:
