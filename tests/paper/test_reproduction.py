@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers.command_line import answer, refusal
+from isogal.evaluation.figures import style
 from isogal.paper.claims.verdicts import FAILS, HOLDS, OPEN
 from isogal.paper.published import ROWS
 
@@ -18,27 +20,16 @@ EXTRA = ["retrodiction", "sensitivity", "unaided-spread"]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
-def reproduce(out: Path, map_: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [
-        ISOGAL,
-        "paper",
-        "--out",
-        out,
-        "--map",
-        map_,
-        "--runs",
-        "2",
-        "--duration",
-        "1800",
-        *words,
-    ]
-    return subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+def words(out: Path, map_: Path, *more: object) -> list[object]:
+    given = ["--out", out, "--map", map_, "--runs", 2, "--duration", 1800]
+    return ["paper", *given, *more]
 
 
 @pytest.fixture(scope="module")
 def page(two_maps: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("paper")
-    result = reproduce(out, two_maps)
+    command = [str(ISOGAL), *map(str, words(out, two_maps))]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
     assert result.returncode == 0, result.stderr
     assert "2 runs a case" in result.stdout
     return out
@@ -79,17 +70,18 @@ def test_every_row_and_claim_is_there(page: Path) -> None:
     assert "nan" not in json.dumps(document["claims"]).lower()
 
 
-def test_once_more_from_disk_with_other_workers_gives_the_same(page: Path, two_maps: Path) -> None:
+def test_once_more_from_disk_with_other_workers_gives_the_same(
+    page: Path, two_maps: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "png", lambda _: b"drawn before")
     before = json.loads((page / "results.json").read_text())
     files = sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
-    result = reproduce(page, two_maps, "--workers", "1", "--json")
-    assert result.returncode == 0, result.stderr
-    assert {**json.loads(result.stdout), "time": None} == {**before, "time": None}
+    again = json.loads(answer(*words(page, two_maps, "--workers", 1, "--json")))
+    assert {**again, "time": None} == {**before, "time": None}
     assert files == sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
 
 
 def test_map_that_does_not_cover_the_route_is_one_line(two_maps: Path, tmp_path: Path) -> None:
-    result = reproduce(tmp_path / "out", two_maps, "--duration", "9000")
-    assert result.returncode == 2
-    assert re.fullmatch(r"isogal: --map: .*does not cover the route.*\n", result.stderr)
+    line = refusal(*words(tmp_path / "out", two_maps, "--duration", 9000))
+    assert re.fullmatch(r"isogal: --map: .*does not cover the route.*\n", line)
     assert not (tmp_path / "out").exists()
