@@ -1,7 +1,11 @@
 """Surveys drawn from a field whose covariance is known."""
 
-import numpy as np
+from collections.abc import Iterator
 
+import numpy as np
+import pytest
+
+from isogal.maps.gridding import covariance
 from isogal.maps.gridding.survey import Survey
 
 LATITUDE, LONGITUDE = np.radians(-36.5), np.radians(147.0)
@@ -49,3 +53,12 @@ def flight_lines(count, spacing, along, half):
         np.stack([np.tile(east, count), np.repeat(north, east.size)], axis=1),
         np.repeat(np.arange(count), east.size),
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def four_places() -> Iterator[None]:
+    """Parameters learnt from four places, not ten, to which the time is in proportion; the fields
+    above are the same everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(covariance, "_PLACES", 4)
+        yield

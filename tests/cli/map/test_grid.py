@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from helpers.command_line import answer, refusal
-from helpers.surveys import drawn, flight_lines
+from helpers.surveys import drawn, flight_lines, four_places
 from isogal.maps.formats.netcdf import read_netcdf
+
+__all__ = ["four_places"]
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from helpers.surveys import (
     NORTH,
     drawn,
     flight_lines,
+    four_places,
     scattered,
     survey_at,
 )
@@ -19,6 +20,8 @@ from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.gridding.gridder import GridSettings, error_lengths, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
+
+__all__ = ["four_places"]
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """The synthetic map: the same everywhere and always, like a real one along the default route."""
 
+import shutil
 import sys
 
 import numpy as np
@@ -23,11 +24,24 @@ def window(south, north, west, east):
     return Window(*np.radians([south, north, west, east]))
 
 
+TILES = [
+    *((south, west) for south in (-39, -38, -37) for west in (144, 145, 146, 147)),
+    *((10, 179), (10, -180)),
+]
+"""Those of the tests."""
+
+
 @pytest.fixture(scope="module", autouse=True)
 def own_cache(tmp_path_factory):
+    """A cache folder with the tiles, how they came, and corners of those made in this process."""
+    real, here, seen = synthetic.make_tile, [], []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ISOGAL_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("ISOGAL_CACHE", str(folder))
+        patch.setattr(synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner))
+        for _ in synthetic.read_tiles("gravity", TILES, lambda *done: seen.append(done)):
+            pass
+        yield folder / f"synthetic-{VERSION}", seen, here
 
 
 def test_values_do_not_change_between_versions():
@@ -53,13 +67,13 @@ def test_a_place_has_one_value_whichever_window_asks():
 
 
 def test_it_goes_across_the_date_line():
-    across = synthetic_map("disturbance", window(10.0, 10.02, 179.98, -179.98))
+    across = synthetic_map("disturbance", window(10.4, 10.42, 179.98, -179.98))
     lon = np.radians(np.linspace(179.981, 180.019, 50))
-    v = across.value(np.radians(10.01), lon)
+    v = across.value(np.radians(10.41), lon)
     steps = np.abs(np.diff(v))
     assert np.isfinite(v).all() and steps[24] < 2.0 * max(steps[20], steps[28])
     np.testing.assert_allclose(
-        v, across.value(np.radians(10.01), lon - 2 * np.pi), rtol=0, atol=1e-12
+        v, across.value(np.radians(10.41), lon - 2 * np.pi), rtol=0, atol=1e-12
     )
 
 
@@ -96,32 +110,29 @@ def test_like_ggmplus():
     np.testing.assert_allclose(cells - np.floor(cells), 0.5, atol=1e-6)
 
 
-def test_a_broken_cache_file_is_made_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
+def test_a_broken_cache_file_is_made_again(own_cache, tmp_path, monkeypatch):
     part = window(-37.5, -37.49, 145.5, 145.51)
     first = synthetic_map("gravity", part)
-    (tile,) = (tmp_path / f"synthetic-{VERSION}").glob("*.tile")
+    tile = tmp_path / own_cache[0].name / "S38E145.tile"
+    tile.parent.mkdir()
+    shutil.copy(own_cache[0] / tile.name, tile)
     tile.write_bytes(tile.read_bytes()[:-1000])
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
     np.testing.assert_array_equal(first.values, synthetic_map("gravity", part).values)
 
 
-def test_tiles_are_made_in_another_process_or_else_here(tmp_path, monkeypatch):
+def test_tiles_are_made_in_another_process_or_else_here(own_cache, tmp_path, monkeypatch):
     """A node must not keep the memory of the generator; without a second process the map comes all
     the same."""
-    part = window(20.5, 20.51, 30.5, 30.51)
-    here = []
-    real = synthetic.make_tile
-    monkeypatch.setattr(
-        synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner)
-    )
-    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "one"))
-    seen = []
-    child = synthetic_map("gravity", part, lambda *a: seen.append(a))
-    assert not here and seen == [(1, 1)]
-    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path / "two"))
+    _, seen, here = own_cache
+    part = window(10.5, 10.51, 179.5, 179.51)
+    child = synthetic_map("gravity", part)
+    assert not here and seen[-1] == (len(TILES), len(TILES))
+    assert seen == sorted(seen)
+    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     np.testing.assert_array_equal(synthetic_map("gravity", part).values, child.values)
-    assert here == [(20, 30)]
+    assert here == [(10, 179)]
 
 
 def test_the_default_route_is_like_the_real_terrain(shared_data):
