@@ -161,9 +161,7 @@ class Launch:
             if code is None:
                 continue
             if name not in again:
-                shutdown = self.nodes[name]["on_exit"](SimpleNamespace(returncode=code), None)
-                if shutdown is not None:
-                    self.reason = self.reason or shutdown.keys["reason"]
+                self.reason = self.reason or self.reason_of(name, code)
                 again[name] = time.monotonic() + self.nodes[name]["respawn_delay"]
             if (
                 self.reason is None
@@ -173,6 +171,11 @@ class Launch:
                 del again[name]
                 self.respawned[name] = self.respawned.get(name, 0) + 1
                 self._start(name)
+
+    def reason_of(self, name: str, code: int) -> str | None:
+        """Why the end of a node with an exit code ends all; None = it does not."""
+        shutdown = self.nodes[name]["on_exit"](SimpleNamespace(returncode=code), None)
+        return None if shutdown is None else shutdown.keys["reason"]
 
     def _start(self, name: str) -> None:
         keys = self.nodes[name]

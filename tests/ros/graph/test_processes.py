@@ -10,6 +10,7 @@ import numpy as np
 import psutil
 import pytest
 
+from helpers.command_line import call
 from helpers.commands import PATIENCE, command, sets, wait_for
 from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
@@ -18,6 +19,7 @@ from isogal.cli.main import main
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph import session
 from isogal_ros.graph.plan import CLASSES, GraphError
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
@@ -129,41 +131,33 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
         assert "Traceback" not in (out / "log" / f"{name}.log").read_text()
 
 
-def test_a_node_that_dies_ends_the_run(running) -> None:
-    process, nodes, out, before = running
-    own = own_memory(process.pid)
-    nodes[topics.UKF_FUSION].kill()
-    _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-    assert (
-        err.strip()
-        .splitlines()[-1]
-        .startswith("isogal: ukf_fusion_node ended (killed by SIGKILL)")
-    )
-    assert not any(node.is_running() for node in nodes.values())
-    assert own
-    assert not left_of(own, before)
-    reader = BagReader(out / "bag")
-    assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert reader.cut is None
-
-
-def test_a_recorder_that_dies_leaves_a_bag_that_can_be_read(tmp_path) -> None:
+@pytest.mark.parametrize("name", [topics.INS_SIM, RECORDER])
+def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_path, name) -> None:
     before, own, bag = shared_memory(), set(), tmp_path / "bag"
 
     def report(progress) -> None:
         if has_recorded(bag):
             own.update(own_memory(os.getpid(), itself=False))
-            nodes_of(os.getpid())[RECORDER].kill()
+            nodes_of(os.getpid())[name].kill()
 
-    with pytest.raises(GraphError, match=r"^isogal_recorder ended \(killed by SIGKILL\)"):
+    with pytest.raises(GraphError, match=rf"^{name} ended \(killed by SIGKILL\)"):
         run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
     assert not nodes_of(os.getpid())
     assert own
     assert not left_of(own, before)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert reader.cut is not None
+    assert (reader.cut is None) == (name != RECORDER)
+
+
+def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path, monkeypatch):
+    def ends(*_) -> None:
+        raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
+
+    monkeypatch.setattr(session, "run_processes", ends)
+    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
+    assert status == 1
+    assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"
 
 
 def test_nodes_end_with_their_parent(tmp_path) -> None:

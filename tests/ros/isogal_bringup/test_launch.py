@@ -92,18 +92,18 @@ def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, word
     assert made.nodes == {}
 
 
-@pytest.mark.slow
-def test_it_ends_when_the_vehicle_has_arrived(launch, params, tmp_path) -> None:
-    made = launch(params=params(70.0), rate="0.0", bag=str(tmp_path / "bag"))
-    made.run()
-    assert made.reason == "the simulated vehicle has arrived"
-    assert set(made.codes.values()) == {0}, made.output()
-    assert "Traceback" not in made.output()
-    for words in ("ready", "begun", "fix", "arrived"):
-        assert words in made.output()
-    reader = BagReader(tmp_path / "bag")
-    assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert reader.cut is None
+@pytest.mark.parametrize("respawn", ["false", "true"])
+def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
+    made = launch(bag=str(tmp_path / "bag"), respawn=respawn)
+    made.describe()
+    for name, keys in made.nodes.items():
+        reasons = {code: made.reason_of(name, code) for code in (0, 2, -9)}
+        arrived = "the simulated vehicle has arrived"
+        died = {code: f"{name} has ended with code {code}" for code in reasons}
+        lives_on = {} if respawn == "false" else {0: None, -9: None}
+        arrival = {0: arrived} if name == topics.INS_SIM else {}
+        assert reasons == died | lives_on | arrival
+        assert keys["respawn"] is (respawn == "true")
 
 
 @pytest.mark.slow
@@ -117,7 +117,9 @@ def test_a_node_that_is_killed_ends_all(launch, params, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_with_respawn_killed_nodes_go_on(launch, params, tmp_path) -> None:
+def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(
+    launch, params, tmp_path
+) -> None:
     made = launch(params=params(190.0), rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
     names = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
     made.run(when="fix with", kill=names)
@@ -126,12 +128,14 @@ def test_with_respawn_killed_nodes_go_on(launch, params, tmp_path) -> None:
     assert set(made.codes.values()) == {0}, made.output()
     output = made.output()
     assert "Traceback" not in output
-    assert "goes on from the checkpoint" in output
+    for words in ("ready", "begun", "fix with", "goes on from the checkpoint", "arrived"):
+        assert words in output
     reader = BagReader(tmp_path / "bag")
     assert len(reader.files) == 2
     collected = Collector(reader.scenario())
     collected.take_bag(reader)
     assert reader.cut is None
+    assert sum(1 for _ in reader.messages()) > ENOUGH
     assert len(collected.last_nav) > 100
 
 
