@@ -33,21 +33,28 @@ def lake(shared_data):
     return field_map, lines, fits
 
 
+_rows = {}
+"""What `rows_of` has found, for several tests."""
+
+
 def rows_of(lake, number, white=False, readings=None, aided=False):
     field_map, lines, fits = lake
     line = lines[number].part(slice(readings))
     noise = noise_of(fits[number])
-    return [
-        whole_line(
-            line,
-            field_map,
-            noise.white if white else noise,
-            shift,
-            checked=not white,
-            aided=aided,
-        )
-        for shift in DIRECTIONS
-    ]
+    key = number, white, readings, aided
+    if key not in _rows:
+        _rows[key] = [
+            whole_line(
+                line,
+                field_map,
+                noise.white if white else noise,
+                shift,
+                checked=not white,
+                aided=aided,
+            )
+            for shift in DIRECTIONS
+        ]
+    return _rows[key]
 
 
 def nis_of(lake, number):

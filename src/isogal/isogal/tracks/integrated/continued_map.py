@@ -8,6 +8,7 @@ field's own standard deviation."""
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ class ContinuedMap:
     """m, by which it is continued."""
 
 
+@lru_cache(maxsize=1)  # tracks are matched one after the other on the same map
 def continued(field_map: FieldMap, reach: float, floor: float = 0.0) -> ContinuedMap:
     """Return a map continued by at least `reach` (m) on every side.
 

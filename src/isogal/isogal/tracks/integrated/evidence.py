@@ -46,23 +46,25 @@ def log_likelihoods(residual: Array, models: NoiseModels, around: Surroundings) 
     rows, count = residual.shape
     result = np.empty((*models.log_prior.shape, count))
     factor = np.linalg.cholesky(around.known)
-    whitened = np.linalg.solve(factor, residual)
-    ones = np.linalg.solve(factor, np.ones(rows))
+    inverse = np.linalg.inv(factor)
+    whitened, ones = inverse @ residual, inverse.sum(axis=1)
     constant = float(np.log(np.diag(factor)).sum()) + 0.5 * rows * math.log(2.0 * math.pi)
     for i, correlation in enumerate(models.correlations):
         for j, shape in enumerate(models.shapes):
             covariance = around.map_covariance(correlation, shape)
-            relative = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
+            relative = inverse @ covariance @ inverse.T
             values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
             rotated, level = vectors.T @ whitened, vectors.T @ ones
-            square = rotated**2
             precision = 1.0 / (models.scales[:, None] ** 2 * np.maximum(values, 0.0) + 1.0)
-            misfit = precision @ square  # (scales, S)
-            along = (precision * level) @ rotated
+            along = ((precision * level) @ rotated) ** 2  # (scales, S)
+            misfit = precision @ np.square(rotated, out=rotated)
             own = precision @ level**2
             half = 0.5 * np.log(precision).sum(axis=1) - constant
             for b, offset in enumerate(models.offsets):
                 more = 1.0 + offset**2 * own
-                gain = (offset**2 / more)[:, None] * along**2
-                result[i, j, :, b] = (half - 0.5 * np.log(more))[:, None] - 0.5 * (misfit - gain)
+                out = result[i, j, :, b]  # in place: these arrays are large
+                np.multiply((offset**2 / more)[:, None], along, out=out)
+                out -= misfit
+                out *= 0.5
+                out += (half - 0.5 * np.log(more))[:, None]
     return result

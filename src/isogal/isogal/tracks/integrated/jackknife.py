@@ -40,7 +40,8 @@ def jackknife_excess(posterior: ShiftPosterior) -> Array:
     for left_out in combinations(range(BLOCKS), LEFT_OUT):
         rest = total - parts[:, list(left_out)].sum(axis=1) + weight[:, None]
         top = rest.max(axis=0)
-        log_density = top + np.log(np.exp(rest - top).sum(axis=0)) + posterior.log_prior
+        rest -= top
+        log_density = top + np.log(np.exp(rest, out=rest).sum(axis=0)) + posterior.log_prior
         share = np.exp(log_density - log_density.max())
         means.append(share @ shifts / share.sum())
     apart = np.array(means) - mean
@@ -70,7 +71,7 @@ def _block_likelihoods(posterior: ShiftPosterior) -> tuple[Array, Array]:
             float(models.offsets[b]),
         )
         factor = np.linalg.cholesky(covariance)
-        square = np.linalg.solve(factor, posterior.residual) ** 2
+        square = (np.linalg.inv(factor) @ posterior.residual) ** 2
         height = np.log(np.diag(factor))
         parts.append([-0.5 * square[rows].sum(axis=0) - height[rows].sum() for rows in blocks])
         prior.append(models.log_prior[i, j, k, b])

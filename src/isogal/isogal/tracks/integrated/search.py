@@ -121,7 +121,8 @@ def search(readings: Readings, prior: Array, models: NoiseModels) -> ShiftPoster
         cells, size = _divided(cells[keep]), size / 3.0
     assert overview is not None
     shifts, residual, likelihoods, log_prior, around = state
-    by_model = np.exp(likelihoods + log_prior - total.max()).sum(axis=-1)
+    likelihoods += log_prior - total.max()
+    by_model = np.exp(likelihoods, out=likelihoods).sum(axis=-1)
     return ShiftPosterior(
         shifts=shifts,
         size=size,
@@ -154,10 +155,13 @@ def _at(
     residual = readings.residuals(shifts)
     log_prior: Array = -0.5 * np.einsum("si,ij,sj->s", shifts, precision, shifts)
     around = surroundings(readings, *(where or (shifts, np.exp(log_prior))))
-    likelihoods = log_likelihoods(residual, models, around) + models.log_prior[..., None]
+    likelihoods = log_likelihoods(residual, models, around)
+    likelihoods += models.log_prior[..., None]
     if old := readings.first_new:  # of the new readings, given the old ones
         likelihoods -= log_likelihoods(residual[:old], models, around.part(old))
-    likelihoods[..., ~np.isfinite(residual).all(axis=0)] = -1e6
+    outside = ~np.isfinite(residual).all(axis=0)
+    if outside.any():
+        likelihoods[..., outside] = -1e6
     return shifts, residual, likelihoods, log_prior, around
 
 
@@ -165,7 +169,8 @@ def _total(state: _Evaluated) -> Array:
     """Return (S,) the log posterior of each shift, with all noise models alike."""
     each = state[2].reshape(-1, state[2].shape[-1])
     top = each.max(axis=0)
-    return np.asarray(top + np.log(np.exp(each - top).sum(axis=0)) + state[3])
+    share = each - top
+    return np.asarray(top + np.log(np.exp(share, out=share).sum(axis=0)) + state[3])
 
 
 def surroundings(readings: Readings, shifts: Array, weight: Array) -> Surroundings:
