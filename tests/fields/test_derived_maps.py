@@ -1,6 +1,7 @@
 """Maps of several channels that a scenario's map is turned into, in another process."""
 
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,6 +73,23 @@ def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkey
     np.testing.assert_array_equal(derived.derived_maps(it, 5000.0).values, here.values)
 
 
+def test_correlation_lengths_of_nodes_come_along(tmp_path):
+    uneven = field_map_of(wavy, half=20e3, step=500.0, sigma=1e-5, correlation_length=5000.0)
+    lengths = np.linspace(2e3, 8e3, uneven.values.size).reshape(uneven.shape)
+    write_netcdf(replace(uneven, correlation_lengths=lengths), tmp_path / "uneven.nc")
+    it = load_scenario(
+        None,
+        ["gravimeter.quantity=disturbance", f"map.source={tmp_path / 'uneven.nc'}",
+         "map.variable=disturbance", "map.continuation=none", "route.start=[-36.55, 146.95]",
+         "route.end=[-36.5, 147.0]", "route.duration=100"],
+    )  # fmt: skip
+    (there,), (here,) = (
+        make(it, 3000.0).channels for make in (derived.derived_maps, derived.compute)
+    )
+    assert here.correlation_lengths is not None
+    np.testing.assert_array_equal(there.correlation_lengths, here.correlation_lengths)
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
@@ -101,8 +119,6 @@ def test_refusals_are_one_line(disturbance, overrides, words, monkeypatch):
 
 
 def test_a_file_without_the_disturbance_is_refused(tmp_path):
-    from dataclasses import replace
-
     anomaly = replace(field_map_of(wavy, half=60e3, step=1000.0), quantity="bouguer_anomaly")
     write_netcdf(anomaly, tmp_path / "bouguer.nc")
     with pytest.raises(InputError, match="disturbance") as error:

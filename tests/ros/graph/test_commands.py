@@ -14,6 +14,7 @@ from helpers.field_scenarios import GRADIENT
 from isogal.cli import run
 from isogal.cli.main import app, main
 from isogal.errors import InputError
+from isogal.fields import derived_maps
 from isogal.scenario import load_scenario
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import BagWriter
@@ -157,8 +158,13 @@ def test_without_ros_the_command_says_so(monkeypatch) -> None:
 )  # fmt: skip
 @pytest.mark.parametrize("verb", ["run", "montecarlo"])
 def test_a_gradiometers_bad_input_is_refused_before_any_node_starts(
-    settings, tmp_path, verb, overrides, words
+    settings, tmp_path, monkeypatch, verb, overrides, words
 ) -> None:
+    def none_left(*_, **__):
+        raise BlockingIOError
+
+    # maps are computed in this process: how a refusal comes from another, tests/fields shows
+    monkeypatch.setattr(derived_maps.subprocess, "run", none_left)
     options = [item for text in (*settings(*GRADIENT), *overrides) for item in ("--set", text)]
     result = CliRunner().invoke(
         app,

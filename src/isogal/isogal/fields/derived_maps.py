@@ -95,11 +95,25 @@ def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
     )
     return ChannelMap(
         [
-            FieldMap(latitude, longitude, part, sigma=_uniform(error), **rest)
-            for part, error, rest in zip(values, sigma, about, strict=True)
+            FieldMap(
+                latitude,
+                longitude,
+                part,
+                sigma=_uniform(error),
+                correlation_lengths=np.load(lengths) if lengths.exists() else None,
+                **rest,
+            )
+            for part, error, lengths, rest in zip(
+                values, sigma, _lengths(folder, len(about)), about, strict=True
+            )
         ],
         values,
     )
+
+
+def _lengths(folder: Path, count: int) -> list[Path]:
+    """Return the files of the channels' correlation lengths by node, if they have some."""
+    return [folder / f"lengths-{index}.npy" for index in range(count)]
 
 
 def _uniform(sigma: Array) -> float | Array:
@@ -114,6 +128,9 @@ def _write(folder: Path, maps: ChannelMap) -> list[dict[str, Any]]:
     arrays = first.latitude, first.longitude, maps.values, sigma
     for name, array in zip(_ARRAYS, arrays, strict=True):
         np.save(folder / f"{name}.npy", array)
+    for path, channel in zip(_lengths(folder, len(maps.channels)), maps.channels, strict=True):
+        if channel.correlation_lengths is not None:
+            np.save(path, channel.correlation_lengths)
     return [{name: getattr(channel, name) for name in _ABOUT} for channel in maps.channels]
 
 

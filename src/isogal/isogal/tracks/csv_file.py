@@ -11,14 +11,20 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.corridor import Corridor, corridor_of
-from isogal.tracks.text_rows import DUMMIES, MISSING, TextRows, iso_seconds, read_rows
+from isogal.tracks.text_rows import (
+    DUMMIES,
+    MISSING,
+    PLACE_NAMES,
+    PLACE_RANGES,
+    TextRows,
+    iso_seconds,
+    read_rows,
+)
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
 _NAMES = {
-    "time": ("time", "datetime", "utc", "timestamp"),
-    "latitude": ("latitude", "lat"),
-    "longitude": ("longitude", "lon", "long", "lng"),
+    **PLACE_NAMES,
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
     "value": ("value",),
@@ -28,7 +34,6 @@ _NAMES = {
 }
 """Names of columns, in any case."""
 _MAY_BE_MISSING = ("value", "sigma", "offset")
-_RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,7 +257,7 @@ def _number(cell: str, name: str, line: int, where: str) -> float:
         raise InputError(
             f"{where}: {name} in line {line} is {text}, not a finite number (leave the line out)"
         )
-    low, high = _RANGES.get(name, (-np.inf, np.inf))
+    low, high = PLACE_RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
         raise InputError(
             f"{where}: {name} in line {line} is {text} deg, must be {low:g} to {high:g}"

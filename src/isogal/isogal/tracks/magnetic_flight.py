@@ -14,13 +14,19 @@ from isogal.magnetics.diurnal import BaseStation
 from isogal.magnetics.readings import Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
 from isogal.tracks.csv_file import CsvTrack
-from isogal.tracks.text_rows import DUMMIES, MISSING, TextRows, iso_seconds, read_rows
+from isogal.tracks.text_rows import (
+    DUMMIES,
+    MISSING,
+    PLACE_NAMES,
+    PLACE_RANGES,
+    TextRows,
+    iso_seconds,
+    read_rows,
+)
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
 _NAMES = {
-    "time": ("time", "datetime", "utc", "timestamp"),
-    "latitude": ("latitude", "lat"),
-    "longitude": ("longitude", "lon", "long", "lng"),
+    **PLACE_NAMES,
     "height": ("height", "altitude", "alt"),
     "scalar": ("scalar", "total_field", "total"),
     "vector_x": ("vector_x", "flux_x", "bx"),
@@ -32,7 +38,7 @@ _NAMES = {
 _CURRENT = "current_"
 _REQUIRED = ("time", "scalar", *_VECTOR)
 _WITH_GAPS = ("scalar", *_VECTOR, "reference")
-_RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "height": (-12e3, 1e5)}
+_RANGES = PLACE_RANGES | {"height": (-12e3, 1e5)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

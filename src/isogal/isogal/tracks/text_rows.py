@@ -12,6 +12,14 @@ MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
 """Cells without a reading, in lower case."""
 DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
 """Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
+PLACE_NAMES = {
+    "time": ("time", "datetime", "utc", "timestamp"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "long", "lng"),
+}
+"""Names of columns that say when and where, in lower case."""
+PLACE_RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
+"""deg."""
 _LINE = re.compile(r"^\s*(?:line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 """A row that begins a survey line in a Geosoft XYZ file."""
 
