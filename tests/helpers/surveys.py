@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from isogal.maps.gridding import covariance
+from isogal.maps.gridding import learning
 from isogal.maps.gridding.survey import Survey
 
 LATITUDE, LONGITUDE = np.radians(-36.5), np.radians(147.0)
@@ -60,5 +60,5 @@ def four_places() -> Iterator[None]:
     """Parameters learnt from four places, not ten, to which the time is in proportion; the fields
     above are the same everywhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(covariance, "_PLACES", 4)
+        patch.setattr(learning, "_PLACES", 4)
         yield

@@ -6,7 +6,9 @@
     text_table      tables of text with named columns
     reduction       trend, and means in blocks
     levelling       where lines cross, and an offset for each line
-    covariance      learnt from the readings
+    covariance      of the field between places, of noise and of lines' offsets
+    misfit          how unlikely readings are under it
+    learning        its parameters, from the readings
     kriging         the field and its uncertainty from the nearest readings
     validation      readings left out and predicted from the others
     amplitude       where errors are larger or smaller than the covariance says

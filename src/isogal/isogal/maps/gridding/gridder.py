@@ -10,8 +10,9 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude
-from isogal.maps.gridding.covariance import Covariance, learn
+from isogal.maps.gridding.covariance import Covariance
 from isogal.maps.gridding.kriging import GROUP, Kriging, groups
+from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.survey import Plane, Survey

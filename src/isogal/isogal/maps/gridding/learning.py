@@ -1,0 +1,125 @@
+"""The parameters of a covariance that make readings most likely (Rasmussen & Williams 2006, sec.
+5.4), near each of some places of the survey and around it."""
+
+import math
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.errors import InputError
+from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.misfit import misfit
+from isogal.seeds import generator
+
+_NEAR, _AROUND, _PLACES = 120, 150, 10
+"""Readings next to a place, drawn from those around it, and places that parameters are learnt
+from."""
+
+
+def learn(
+    places: Array,
+    value: Array,
+    sigma: Array | None,
+    line: Integers | None,
+    *,
+    kind: str = "matern",
+) -> Covariance:
+    """Return the covariance that makes readings without their trend most likely.
+
+    Parameters
+    ----------
+    places : (N, 3) m
+    value : (N,)
+    sigma, line : (N,) or None
+        See `isogal.maps.gridding.survey.Survey`.
+    kind : str
+        One of `covariance.KINDS`.
+
+    Raises
+    ------
+    InputError
+        Values that are all the same.
+    """
+    from scipy.optimize import minimize
+
+    spread = float(np.std(value))
+    if not spread > 0.0:
+        raise InputError("the readings are all the same; there is no field to map")
+    samples = [
+        (places[rows], value[rows] - value[rows].mean(), *_cut(sigma, line, rows))
+        for rows in _neighbourhoods(places)
+    ]
+    extent = float(np.hypot(*np.ptp(places[:, :2], axis=0)))
+    lined = line is not None and np.unique(line).size > 1
+    start = _start(kind, spread, extent, lined)
+
+    def cost(p: Array) -> tuple[float, Array]:
+        covariance = _unpack(p, kind, lined)
+        expected = np.zeros(len(p))  # noise and offsets are about 3 %, within a factor e
+        small = slice(4, 6 if lined else 5)
+        expected[small] = p[small] - math.log(0.03 * spread)
+        total, slopes = 0.5 * float(expected @ expected), expected
+        for sample in samples:
+            more, slope = misfit(covariance, 3.0 * spread, *sample)
+            total, slopes = total + more, slopes + slope
+        return total, slopes
+
+    low = math.log(0.02 * _typical_gap(places))
+    high = math.log(10.0 * extent)
+    bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(start)
+    bounds[1] = bounds[3] = (low, high)
+    if kind == "matern":
+        bounds[-2] = (-1.5, 1.5)
+    found = minimize(
+        cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 50}
+    )
+    return _unpack(found.x, kind, lined)
+
+
+def _start(kind: str, spread: float, extent: float, lined: bool) -> Array:
+    lengths = (extent / 50.0, extent / 8.0)
+    part = math.log(spread / math.sqrt(2.0))
+    start = [part, math.log(lengths[0]), part, math.log(lengths[1]), math.log(0.05 * spread)]
+    start += [math.log(0.03 * spread)] if lined else []
+    return np.array([*start, *((0.1, 0.3) if kind == "matern" else ())])
+
+
+def _unpack(p: Array, kind: str, lined: bool) -> Covariance:
+    s1, l1, s2, l2, noise = (math.exp(min(x, 50.0)) for x in p[:5])
+    ratio, strike = (math.exp(p[-2]), float(p[-1])) if kind == "matern" else (1.0, 0.0)
+    return Covariance(
+        kind, (s1, s2), (l1, l2), noise, math.exp(p[5]) if lined else 0.0, ratio, strike
+    )
+
+
+def _neighbourhoods(places: Array) -> list[Integers]:
+    """Return rows of readings near some places and around them; the same for the same places."""
+    from scipy.spatial import cKDTree
+
+    random = generator(0, 0, "gridding neighbourhoods")
+    count = len(places)
+    wide = min(count, max(2000, count // 8))
+    tree = cKDTree(places[:, :2])
+    chosen = []
+    for centre in random.choice(count, min(_PLACES, count), replace=False):
+        rows = np.atleast_1d(tree.query(places[centre, :2], wide)[1])
+        around = random.choice(rows, min(_AROUND, rows.size), replace=False)
+        chosen.append(np.unique(np.concatenate([rows[:_NEAR], around])))
+    return chosen
+
+
+def _typical_gap(places: Array) -> float:
+    """Return the median distance to the next reading, m."""
+    from scipy.spatial import cKDTree
+
+    distance = cKDTree(places[:, :2]).query(places[:, :2], 2)[0][:, 1]
+    return max(float(np.median(distance)), 1.0)
+
+
+def _cut(
+    sigma: Array | None, line: Integers | None, rows: Integers
+) -> tuple[Array | None, Integers | None]:
+    return (
+        None if sigma is None else sigma[rows],
+        None if line is None else line[rows],
+    )
