@@ -28,6 +28,7 @@ import numpy as np
 from mismatch_rows import ROWS, Row
 
 from isogal.arrays import Array
+from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.integrity import RISKS, Rate, Solution, correlation_time, exceedances
@@ -41,10 +42,13 @@ HOURS = 3.6
 """Of a run."""
 SHOWN = 10
 """Parts in the figure."""
+THINNED = 5
+"""States to one whose squared error the tails are fitted to."""
 HEAD = (
-    "| what differs | | run-hours | correlation time (s) | median level (m) | in 1-sigmas | "
+    "| what differs | | run-hours | correlation time (s) | factor, freedom | median level (m)"
+    " | in 1-sigmas | "
     + " | ".join(f"events at {risk:g} per hour" for risk in RISKS)
-    + " |\n|---|---|---|---|---|---|---|---|---|"
+    + " |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -60,6 +64,8 @@ class Count:
     sigmas: list[Array] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     """Correlation time of each part, s."""
+    squares: list[Array] = field(default_factory=list)
+    """e' P^-1 e of each part, of some states."""
     shown: list[Solution] = field(default_factory=list)
     """The first parts, for the figure."""
 
@@ -72,6 +78,9 @@ class Count:
         self.levels.append(level.ravel().astype(np.float32))
         self.sigmas.append(part.sigmas(level).ravel().astype(np.float32))
         self.times.append(correlation_time(part))
+        some = slice(None, None, THINNED)
+        nees = nees_per_axis(part.error[:, some], part.covariance[:, some])
+        self.squares.append(2.0 * nees[np.isfinite(nees)])
         if len(self.shown) < SHOWN:
             self.shown.append(part)
 
@@ -83,16 +92,35 @@ class Count:
         self.levels += other.levels
         self.sigmas += other.sigmas
         self.times += other.times
+        self.squares += other.squares
 
     def line(self, name: str, kind: str) -> str:
         """Return a line of the table."""
         level, sigmas = (np.median(np.concatenate(it)) for it in (self.levels, self.sigmas))
         rates = (cell(Rate(self.events[risk], self.hours), risk) for risk in RISKS)
+        factor, freedom = tails(np.concatenate(self.squares))
+        words = f"{freedom:.0f}" if freedom < 1000.0 else "Gaussian"
         cells = (
-            name, kind, f"{self.hours:.0f}", f"{np.nanmedian(self.times):.0f}", f"{level:.0f}",
-            f"{sigmas:.2f}", *rates,
+            name, kind, f"{self.hours:.0f}", f"{np.nanmedian(self.times):.0f}",
+            f"{factor:.2f}, {words}", f"{level:.0f}", f"{sigmas:.2f}", *rates,
         )  # fmt: skip
         return f"| {' | '.join(cells)} |"
+
+
+def tails(squares: Array) -> tuple[float, float]:
+    """Return the factor on the covariance, and the degrees of freedom, of the bivariate t
+    distribution that values of e' P^-1 e fit best (maximum likelihood, as if independent)."""
+    from scipy.optimize import minimize
+
+    def negative(logarithms: Array) -> float:
+        factor, freedom = np.exp(logarithms)
+        likelihood = (freedom / 2.0 + 1.0) * np.log1p(squares / factor / freedom)
+        return float(np.log(factor) + likelihood.mean())
+
+    bounds = [(-5.0, 10.0), (0.0, 9.0)]
+    best = minimize(negative, [0.0, 4.0], method="Nelder-Mead", bounds=bounds)
+    factor, freedom = np.exp(best.x)
+    return float(factor), float(freedom)
 
 
 def picture(count: Count) -> bytes:

@@ -80,5 +80,18 @@ def test_a_line_of_the_table(tmp_path):
     assert line.startswith("| readings late | untold | 4 | ")
     level = float(integrity.Solution.of(part(4)).level(Integrity())[0, 0])
     assert f"| {level:.0f} | {level / 50.0:.2f} |" in line
-    assert "**1: 0.25 (0.0063 to 1.4)**" in line  # at 0.001 per hour it is too often
+
+
+def test_tails_are_found():
+    """Of 40,000 values of a bivariate t of 20 degrees of freedom: the factor's sigma is 0.008, and
+    that of 1 / freedom 0.003."""
+    random = np.random.default_rng(2)
+    squares = 1.2 * random.chisquare(2.0, 40_000) * 20.0 / random.chisquare(20.0, 40_000)
+    factor, freedom = integrity.tails(squares)
+    assert factor == pytest.approx(1.2, abs=0.03)
+    assert 1.0 / freedom == pytest.approx(0.05, abs=0.012)
+
+
+def test_events_that_come_too_often_are_bold():
+    assert integrity.cell(Rate(1, 4.0), 1e-3) == "**1: 0.25 (0.0063 to 1.4)**"
     assert integrity.cell(Rate(1, 4.0), 0.1) == "1: 0.25 (0.0063 to 1.4)"
