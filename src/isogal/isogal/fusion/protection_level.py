@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array
 
 INFLATION = 1.03
-"""Of the claimed covariance. In told rows it is 1.02 to 1.03 for the t distribution that fits
-e' P^-1 e at all scans best (docs/integrity.md)."""
+"""Of the claimed covariance; 1.0 to 1.1 in told rows for the t distribution that fits e' P^-1 e
+best (docs/integrity.md, column "factor, freedom")."""
 FREEDOM = 80.0
-"""Degrees of freedom nu of that distribution, 78 to 140 in the same rows."""
+"""Degrees of freedom nu of that distribution; 20 to 90 or nearly infinite in the same rows."""
 HOUR = 3600.0
 
 _DIRECTIONS = 256

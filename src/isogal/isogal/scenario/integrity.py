@@ -6,8 +6,8 @@ from isogal.scenario.section import Positive, Section
 
 ERROR_TIME = 1000.0
 """s. Over a lag of 100 s the autocorrelation of the aided position error, in units of its claimed
-covariance, falls as exp(-lag / T) with T of 740 to 1400 s in the told rows of docs/integrity.md;
-of the raw error 1/e is reached after 600 to 750 s."""
+covariance, falls as exp(-lag / T) with T of 900 to 1700 s in the told rows of docs/integrity.md
+(740 s and more after the first hour); of the raw error 1/e is reached after 600 to 750 s."""
 
 
 class Integrity(Section):
