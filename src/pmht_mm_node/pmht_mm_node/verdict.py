@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from isogal.matching.interfaces import Fix
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
@@ -40,13 +41,29 @@ class Verdict:
             return ERROR, f"the navigator is lost: {fix.reason}"
         if self.found:
             return WARN, "the navigator was lost and has been told where it is"
-        if "search_batches" in fix.diagnostics:
+        if "search_readings" in fix.diagnostics:
             return WARN, "the navigator may be lost: its place is being searched for"
         if self._misfits >= FEW or self._without >= MANY:
             return ERROR, why
         if self._misfits or self._without >= FEW:
             return WARN, why
+        if (doubt := _doubt(fix)) is not None:
+            return WARN, doubt
         return OK, "matching"
+
+
+def _doubt(fix: Fix) -> str | None:
+    """Return what is probably not as it was told; None where it may all be so."""
+    least, _ = CONSTANTS.assumptions_probability
+    figures = fix.diagnostics
+    if figures.get("as_assumed", 1.0) >= least:
+        return None
+    return (
+        "what was told does not foretell the fixes; more likely are errors of the navigator"
+        f" {figures['navigator_sigma_factor']:.1f} times, of fixes"
+        f" {figures['fix_sigma_factor']:.1f} times as large, and readings"
+        f" {figures['delay']:.0f} s late"
+    )
 
 
 def line(ns: int, fix: Fix) -> str:

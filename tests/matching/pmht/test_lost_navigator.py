@@ -15,8 +15,8 @@ from isogal.matching.interfaces import LOST_SIGMA, Information, declined
 from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor, _seen_from
-from isogal.matching.pmht.past_batches import posterior_of, without_fixes
+from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
+from isogal.matching.pmht.past_batches import posterior_of, seen_from, without_fixes
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Matcher, Scenario
@@ -44,7 +44,7 @@ def builder(scans: int = 30) -> BatchBuilder:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_batch_seen_from_another_navigator_is_the_one_that_navigator_would_have_built(seed):
     own, other = random_covariance(SIGMA, seed), random_covariance(30.0 * SIGMA, seed + 10)
-    seen = _seen_from(builder().build(own), SHIFT, other)
+    seen = seen_from(builder().build(own), SHIFT, other)
     corrected = builder()
     corrected.correct(290.0, -SHIFT)
     expected = corrected.build(other)
@@ -79,7 +79,7 @@ def test_a_batch_seen_from_another_navigator_is_the_one_that_navigator_would_hav
 
 def test_a_batch_seen_by_the_same_navigator_is_the_same():
     batch = builder().build(random_covariance(SIGMA, 0))
-    seen = _seen_from(batch, np.zeros(7), joint_prior(batch))
+    seen = seen_from(batch, np.zeros(7), joint_prior(batch))
     for name in (
         "latitude",
         "longitude",
@@ -194,7 +194,7 @@ def test_a_lost_navigator_is_found_on_a_wrong_map(field_map):
     assert len(told) == 1
     assert any("search_readings" in fix.diagnostics for fix, _ in seen)
     assert error[-1] < 500.0
-    assert seen[-1][1].memory.map_error.doubt < CONSTANTS.doubt_log_evidence
+    assert seen[-1][1].memory.memory.map_error.doubt < CONSTANTS.doubt_log_evidence
 
 
 @pytest.mark.parametrize("assumed", [3e-5, 1.5e-5])

@@ -53,6 +53,20 @@ def test_there_and_back(size, lost, estimate) -> None:
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-15)
 
 
+def test_a_navigator_that_is_to_become_less_certain() -> None:
+    wide = random_covariance(np.array([50.0, 50.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]), 3)
+    sent = Fix(12.5, -0.6, 2.5, COVARIANCE, widened=wide)
+    message = message_of(WholeFix(sent, ESTIMATE))
+    np.testing.assert_allclose(read_whole_fix(message).fix.widening, wide, rtol=1e-12)
+    values = dict(read_point(message))
+    values["widening"] = -values["widening"]
+    shrinking = PointCloud2()
+    shrinking.header.frame_id = message.header.frame_id
+    fill_point(shrinking, 12_500_000_000, values)
+    with pytest.raises(BadMessageError, match="widening is not a covariance"):
+        read_whole_fix(shrinking)
+
+
 def test_no_fix() -> None:
     none = Fix(12.5, -0.6, 2.5, np.full((2, 2), np.nan), "nothing", reset=True)
     got = read_whole_fix(message_of(WholeFix(none, ESTIMATE))).fix

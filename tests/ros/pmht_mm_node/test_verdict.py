@@ -11,7 +11,10 @@ GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
 FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
 MISFIT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "readings and map do not agree")
 LOST = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "do not agree; navigator lost", reset=True)
-SEARCH = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"search_batches": 2.0})
+SEARCH = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"search_readings": 2.0})
+DOUBT = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={
+    "as_assumed": 0.01, "navigator_sigma_factor": 1.0, "fix_sigma_factor": 1.0, "delay": 19.6,
+})  # fmt: skip
 
 
 @pytest.mark.parametrize(("fixes", "levels"), [
@@ -20,6 +23,7 @@ SEARCH = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"search_batches": 2.0})
     ([MISFIT] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
     ([LOST, FLAT, GOOD, GOOD], [ERROR, ERROR, WARN, OK]),
     ([SEARCH, GOOD], [WARN, OK]),
+    ([DOUBT, GOOD], [WARN, OK]),
 ])  # fmt: skip
 def test_levels(fixes, levels) -> None:
     verdict, got = Verdict(), []
@@ -27,6 +31,12 @@ def test_levels(fixes, levels) -> None:
         verdict.take(fix)
         got.append(verdict.level)
     assert got == levels
+
+
+def test_what_was_told_is_in_doubt() -> None:
+    verdict = Verdict()
+    verdict.take(DOUBT)
+    assert "20 s late" in verdict.text
 
 
 def test_lines() -> None:

@@ -205,6 +205,8 @@ class Fix:
     reset: bool = False
     """Whether the matcher found the navigator lost: its covariance must grow by LOST_SIGMA², fix
     or no fix."""
+    widened: Array | None = None
+    """(7, 7) what the navigator's covariance must grow by beside that; None = nothing."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last
     scan."""
@@ -224,7 +226,9 @@ class Fix:
     def widening(self) -> Array | None:
         """(7, 7) what the navigator's covariance must grow by before the fix is used; None =
         nothing."""
-        return LOST_COVARIANCE if self.reset else None
+        if not self.reset:
+            return self.widened
+        return LOST_COVARIANCE if self.widened is None else LOST_COVARIANCE + self.widened
 
     def of_scan(self, index: int) -> "Fix | None":
         """Return the share of one of the batch's T scans, for retrodiction; None where it has

@@ -72,6 +72,10 @@ class Monitored(Protocol):
         """Return a memory with the hypotheses of another."""
         ...
 
+    def without_hypotheses(self, memory: Any) -> Any:
+        """Return a memory that takes the navigator's own covariance for its prior."""
+        ...
+
     def likelihood(
         self, batch: Batch, field_map: AnyMap, memory: Any, place: tuple[Array, Array]
     ) -> BatchLikelihood:

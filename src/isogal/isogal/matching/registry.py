@@ -19,10 +19,15 @@ def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
 
     Parameters and errors as for `load_matcher`.
     """
+    from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor
     from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
 
     matcher = load_matcher(settings, channels)
-    return LostNavigatorMonitor(matcher) if isinstance(matcher, Monitored) else matcher
+    if not isinstance(matcher, Monitored):
+        return matcher
+    watched = LostNavigatorMonitor(matcher)
+    # who says that the map is exact leaves what else may be wrong no way to show
+    return watched if settings.map_sigma == 0.0 else AssumptionsMonitor(watched)
 
 
 def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:

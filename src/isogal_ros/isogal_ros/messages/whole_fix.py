@@ -1,11 +1,12 @@
 """All that a batch says, as one message: a PointCloud2 of one point on ``pmht_mm/information``.
 
 Fields, all float64: `published` (1, or 0 where the batch gives no fix); `lost` (1 where the
-matcher found the navigator lost); `latitude`, `longitude` (deg) and `covariance` (2 x 2, north,
-east, m²) of the fix; where there is information in `vector` (n) and `matrix` (n x n), n = 4 or 7,
-and the navigator's estimate that they are relative to: `from_position` (latitude deg, longitude
-deg, height m), `from_velocity` (north, east, down, m/s), `from_attitude` (quaternion w, x, y, z;
-body forward, right, down to NED)."""
+matcher found the navigator lost); where the navigator believes itself better than it is,
+`widening` (7 x 7), which its covariance is to grow by before anything else; `latitude`,
+`longitude` (deg) and `covariance` (2 x 2, north, east, m²) of the fix; where there is information
+in `vector` (n) and `matrix` (n x n), n = 4 or 7, and the navigator's estimate that they are
+relative to: `from_position` (latitude deg, longitude deg, height m), `from_velocity` (north, east,
+down, m/s), `from_attitude` (quaternion w, x, y, z; body forward, right, down to NED)."""
 
 import math
 from collections.abc import Mapping
@@ -42,6 +43,8 @@ def fill_whole_fix(message: Any, ns: int, whole: WholeFix) -> None:
         "longitude": math.degrees(fix.longitude),
         "covariance": fix.covariance.ravel(),
     }
+    if fix.widened is not None:
+        values["widening"] = fix.widened.ravel()
     if fix.information is not None:
         values |= {
             "vector": fix.information.vector,
@@ -82,7 +85,16 @@ def read_whole_fix(message: Any) -> WholeFix:
             covariance = _numbers(values, "covariance", 4).reshape(2, 2)
             require_covariance(covariance)
     reason = None if published else "no fix"
-    fix = Fix(time, latitude, longitude, covariance, reason, information=information, reset=lost)
+    fix = Fix(
+        time,
+        latitude,
+        longitude,
+        covariance,
+        reason,
+        information=information,
+        reset=lost,
+        widened=_widening(values),
+    )
     return WholeFix(fix, _estimate(values) if "from_position" in values else None)
 
 
@@ -112,6 +124,18 @@ def _information(values: Mapping[str, Array]) -> Information | None:
         raise BadMessageError(f"field vector must have 4 or 7 numbers, has {size}")
     matrix = _numbers(values, "matrix", size * size).reshape(size, size)
     return Information(_numbers(values, "vector", size), matrix)
+
+
+def _widening(values: Mapping[str, Array]) -> Array | None:
+    """Return the field widening (7, 7), if there is one; no variance may shrink by it."""
+    if "widening" not in values:
+        return None
+    found = _numbers(values, "widening", BATCH_STATES**2).reshape(BATCH_STATES, BATCH_STATES)
+    widening = 0.5 * (found + found.T)
+    scale = np.sqrt(np.maximum(np.diag(widening), 1e-30))
+    if np.linalg.eigvalsh(widening / scale / scale[:, None])[0] < -1e-6:
+        raise BadMessageError("field widening is not a covariance")
+    return np.asarray(widening, dtype=np.float64)
 
 
 def _estimate(values: Mapping[str, Array]) -> Estimate:

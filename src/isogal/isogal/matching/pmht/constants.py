@@ -214,6 +214,26 @@ class Constants:
     search_readings_at_most: int = 1080
     """After which a search that is still ambiguous is given up."""
 
+    # What nobody has told (section 8.8)
+    navigator_variance_factors: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 30.0, 100.0, 300.0)
+    """Of the navigator's covariance, that are tried."""
+    fix_variance_factors: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)
+    """Of the covariance of fixes, that are tried."""
+    unknown_delay_s: float = 15.0
+    """1-sigma of a delay that is tried: filters of gravimeters take up to a minute."""
+    untold_log_prior: float = -5.0
+    """Log prior odds of each such hypothesis: what is told is mostly right."""
+    untold_reach_log: float = 15.0
+    """By which a hypothesis may fall behind the best: what was wrong may become right."""
+    assumptions_probability: tuple[float, float] = (0.3, 0.9)
+    """Of what was told: below the first it is in doubt, above the second no more."""
+    doubted_prior_factor: float = 2.0
+    """Of the covariance that batches are matched with while what was told is in doubt: what a fix
+    says holds about its prior. Measured."""
+    telling_information: float = 0.04
+    """In units of the navigator's own, of the directions of a fix that are judged: in others what
+    is left is how far its likelihood is from a Gaussian. Measured."""
+
     # Recorded tracks (section 10.2)
     sceptical_variance_factor: float = 4.0
     """Of twice the noise."""

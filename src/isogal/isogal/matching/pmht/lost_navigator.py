@@ -20,10 +20,8 @@ from typing import Any
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.batching import condition, unconditioned
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
 from isogal.matching.matrices import positive_part
@@ -33,9 +31,9 @@ from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look, look_elsewhere
 from isogal.matching.pmht.past_batches import (
     PastBatch,
-    error_before,
     posterior_of,
     recent,
+    seen_from,
     without_fixes,
 )
 
@@ -123,6 +121,12 @@ class LostNavigatorMonitor(Monitor):
         watch = Watch(after, history, search, watch.threshold, unsearched, seen, look_at)
         return (fix, watch) if search is None else self._continue(search, fix, watch, doubt)
 
+    def without_hypotheses(self, memory: Watch | None) -> Watch | None:
+        """Return a memory whose matcher takes the navigator's own covariance for its prior."""
+        if memory is None:
+            return None
+        return replace(memory, memory=self.matcher.without_hypotheses(memory.memory))
+
     def _looked(
         self, search: _Search | None, history: tuple[PastBatch, ...], insight: Insight
     ) -> _Search | None:
@@ -196,7 +200,9 @@ class LostNavigatorMonitor(Monitor):
             covariance = forward @ search.covariance @ forward.T + grown
         fix, memory, mean = None, search.memory, np.zeros(BATCH_STATES)
         if past.searched:
-            seen = _seen_from(past.batch, shift, covariance)
+            batch = past.batch
+            first = max(0, len(batch) - batch.new - CONSTANTS.search_context_readings)
+            seen = seen_from(batch.part(first), shift, covariance)
             fix, memory = self.matcher.match(seen, past.field_map, search.memory)
             mean, covariance = posterior_of(covariance, fix.information if fix.published else None)
         following = replace(
@@ -238,44 +244,4 @@ def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:
         scan_position=None,  # of scans that the navigator saw elsewhere
         scan_covariance=None,
         scan_information=None,
-    )
-
-
-def _seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
-    """Return the batch as another navigator would have it.
-
-    Parameters
-    ----------
-    batch : Batch
-        With attitude.
-    shift : (7,) array
-        Estimate of the batch's navigator minus that of the other one, at the batch end.
-    covariance : (7, 7) array
-        Of the other one's error there.
-    """
-    batch = batch.part(max(0, len(batch) - batch.new - CONSTANTS.search_context_readings))
-    position = unconditioned(batch, batch.transition, batch.nuisance_position)
-    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading)
-    moved = position @ shift
-    north, east = metres_per_radian(batch.latitude)
-    rows = np.concatenate([position, reading[:, None]], axis=1)
-    by_xi, nuisance = condition(rows, covariance)
-    back, back_nuisance = condition(error_before(batch)[None], covariance)
-    level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
-    end = batch.end
-    to_north, to_east = metres_per_radian(end[0])
-    return replace(
-        batch,
-        end_place=(end[0] - float(shift[0] / to_north), end[1] - float(shift[1] / to_east)),
-        latitude=batch.latitude - moved[:, 0] / north,
-        longitude=batch.longitude - moved[:, 1] / east,
-        reading=batch.reading - reading @ shift,
-        transition=np.ascontiguousarray(by_xi[:, :2]),
-        reading_jacobian=np.ascontiguousarray(by_xi[:, 2]),
-        nuisance_position=np.ascontiguousarray(nuisance[:, :2]),
-        nuisance_reading=np.ascontiguousarray(nuisance[:, 2]),
-        prior=covariance[:4, :4],
-        back_transition=None if batch.back_transition is None else back[0],
-        back_nuisance=None if batch.back_nuisance is None else back_nuisance[0],
-        attitude=(level[0], level_nuisance[0]),
     )

@@ -123,6 +123,10 @@ class Pmht:
         """Return a memory with the hypotheses of another."""
         return replace(memory, hypotheses=of.hypotheses)
 
+    def without_hypotheses(self, memory: Memory | None) -> Memory | None:
+        """Return a memory that takes the navigator's own covariance for its prior."""
+        return None if memory is None else replace(memory, hypotheses=None)
+
     def likelihood(
         self, batch: Batch, field_map: AnyMap, memory: Memory, place: tuple[Array, Array]
     ) -> BatchLikelihood:

@@ -132,3 +132,42 @@ def posterior_of(prior: Array, information: Information | None) -> tuple[Array, 
         return np.zeros(BATCH_STATES), prior
     covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
     return covariance @ information.vector, symmetric(covariance)
+
+
+def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
+    """Return the batch as another navigator would have it.
+
+    Parameters
+    ----------
+    batch : Batch
+        With attitude.
+    shift : (7,) array
+        Estimate of the batch's navigator minus that of the other one, at the batch end.
+    covariance : (7, 7) array
+        Of the other one's error there.
+    """
+    position = unconditioned(batch, batch.transition, batch.nuisance_position)
+    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading)
+    moved = position @ shift
+    north, east = metres_per_radian(batch.latitude)
+    rows = np.concatenate([position, reading[:, None]], axis=1)
+    by_xi, nuisance = condition(rows, covariance)
+    back, back_nuisance = condition(error_before(batch)[None], covariance)
+    level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
+    end = batch.end
+    to_north, to_east = metres_per_radian(end[0])
+    return replace(
+        batch,
+        end_place=(end[0] - float(shift[0] / to_north), end[1] - float(shift[1] / to_east)),
+        latitude=batch.latitude - moved[:, 0] / north,
+        longitude=batch.longitude - moved[:, 1] / east,
+        reading=batch.reading - reading @ shift,
+        transition=np.ascontiguousarray(by_xi[:, :2]),
+        reading_jacobian=np.ascontiguousarray(by_xi[:, 2]),
+        nuisance_position=np.ascontiguousarray(nuisance[:, :2]),
+        nuisance_reading=np.ascontiguousarray(nuisance[:, 2]),
+        prior=covariance[:4, :4],
+        back_transition=None if batch.back_transition is None else back[0],
+        back_nuisance=None if batch.back_nuisance is None else back_nuisance[0],
+        attitude=(level[0], level_nuisance[0]),
+    )

@@ -1,0 +1,181 @@
+"""Hypotheses about what nobody has told: a navigator worse than assumed, fixes worse than they
+say, readings that are late.
+
+A bank of linear filters that run beside the navigator and take the information of its fixes
+(multiple-model adaptive estimation; Magill 1965, IEEE TAC 10:434; Bar-Shalom, Li & Kirubarajan
+2001, section 11.6). Each has the navigator's error model with one change and says how well it
+foretells the fixes. Docs/mathematics.md, section 8.8.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.interfaces import LOST_COVARIANCE, Information
+from isogal.matching.matrices import symmetric
+from isogal.matching.pmht.constants import CONSTANTS
+
+_LEAST_INFORMATION = 1e-6
+"""In units of the navigator's own, beside rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorHypotheses:
+    """K hypotheses about the navigator's error x (7,) at a batch end, after its fix, and about the
+    delay (s) of the readings."""
+
+    navigator: Array
+    """(K,) factor of the navigator's covariance at the start and of all that it grows by."""
+    noise: Array
+    """(K,) factor of the covariance of fixes."""
+    mean: Array
+    """(K, 8) of x and the delay; x relative to the navigator's estimate."""
+    covariance: Array
+    """(K, 8, 8)."""
+    log_weight: Array
+    """(K,) log of prior probability times evidence so far; that of the assumptions as they are,
+    the first, begins at 0."""
+
+    @classmethod
+    def before(cls, prior: Array) -> "ErrorHypotheses":
+        """Return the bank of a navigator whose covariance (7, 7) is the prior, before its first
+        fix."""
+        factors = [
+            (navigator, noise, 0.0)
+            for noise in CONSTANTS.fix_variance_factors
+            for navigator in CONSTANTS.navigator_variance_factors
+        ]
+        factors += [
+            (1.0, noise, CONSTANTS.unknown_delay_s) for noise in CONSTANTS.fix_variance_factors
+        ]
+        navigator, noise, delay = (np.array(column) for column in zip(*factors, strict=True))
+        covariance = np.zeros((len(delay), BATCH_STATES + 1, BATCH_STATES + 1))
+        covariance[:, :-1, :-1] = navigator[:, None, None] * prior
+        covariance[:, -1, -1] = delay**2
+        log_weight = np.full(len(delay), CONSTANTS.untold_log_prior)
+        log_weight[0] = 0.0
+        return cls(navigator, noise, np.zeros(covariance.shape[:2]), covariance, log_weight)
+
+    def grown(self, forward: Array, growth: Array) -> "ErrorHypotheses":
+        """Carry the bank to the next batch end.
+
+        Parameters
+        ----------
+        forward : (7, 7) array
+            Error there per unit of error here.
+        growth : (7, 7) array
+            What the navigator's covariance has grown by beside that.
+        """
+        whole = np.eye(BATCH_STATES + 1)
+        whole[:-1, :-1] = forward
+        covariance = whole @ self.covariance @ whole.T
+        covariance[:, :-1, :-1] += self.navigator[:, None, None] * growth
+        return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
+
+    def informed(
+        self, information: Information, prior: Array, velocity: Array
+    ) -> "ErrorHypotheses":
+        """Take what a fix says; the error stays relative to the estimate before it.
+
+        Parameters
+        ----------
+        information : Information
+            About the error as the readings show it, n = 7.
+        prior : (7, 7) array
+            The navigator's own covariance, before the fix.
+        velocity : (2,) array
+            North and east, m/s: late readings show the vehicle where it was.
+        """
+        z, by_error, telling = _as_measurement(information, prior)
+        H = by_error @ with_delay(velocity)
+        cross = self.covariance @ H.T
+        S = H @ cross + self.noise[:, None, None] * np.eye(len(z))
+        innovation = (z - self.mean @ H.T)[:, :, None]
+        root = np.linalg.cholesky(S)
+        whitened = np.linalg.solve(
+            root, np.concatenate([innovation, cross.transpose(0, 2, 1)], axis=2)
+        )
+        first, gain = whitened[:, :, 0], whitened[:, :, 1:].transpose(0, 2, 1)
+        log_weight = self.log_weight + _log_density(
+            innovation[:, telling], S[:, telling][:, :, telling]
+        )
+        # what was wrong for hours may become right: no hypothesis falls too far behind
+        log_weight = log_weight - log_weight.max()
+        return replace(
+            self,
+            mean=self.mean + np.einsum("kij,kj->ki", gain, first),
+            covariance=symmetric(self.covariance - gain @ gain.transpose(0, 2, 1)),
+            log_weight=np.maximum(log_weight, -CONSTANTS.untold_reach_log),
+        )
+
+    def lost(self) -> "ErrorHypotheses":
+        """Return the bank where a navigator that is as assumed must be lost, and has become as
+        uncertain."""
+        covariance, log_weight = self.covariance.copy(), self.log_weight.copy()
+        covariance[0, :-1, :-1] += LOST_COVARIANCE
+        log_weight[0] += CONSTANTS.untold_log_prior
+        return replace(self, covariance=covariance, log_weight=log_weight)
+
+    def moved(self, by: Array) -> "ErrorHypotheses":
+        """Return the bank beside a navigator that has taken an error (7,) off its estimate."""
+        mean = self.mean.copy()
+        mean[:, :-1] -= by
+        return replace(self, mean=mean)
+
+    @property
+    def probability(self) -> Array:
+        """(K,) of each hypothesis."""
+        weight = np.exp(self.log_weight - self.log_weight.max())
+        return np.asarray(weight / weight.sum())
+
+    def believed(self) -> tuple[Array, Array]:
+        """Return mean (8,) and covariance (8, 8) of the navigator's error and the delay, of all
+        hypotheses together."""
+        weight = self.probability
+        mean = weight @ self.mean
+        apart = self.mean - mean
+        spread = np.einsum("k,ki,kj->ij", weight, apart, apart)
+        return mean, symmetric(np.einsum("k,kij->ij", weight, self.covariance) + spread)
+
+    def figures(self) -> dict[str, float]:
+        """Return what the diagnostics say."""
+        weight = self.probability
+        return {
+            "as_assumed": float(weight[0]),
+            "navigator_sigma_factor": float(np.exp(0.5 * weight @ np.log(self.navigator))),
+            "fix_sigma_factor": float(np.exp(0.5 * weight @ np.log(self.noise))),
+            "delay": float(weight @ self.mean[:, -1]),
+        }
+
+
+def _log_density(innovation: Array, covariance: Array) -> Array:
+    """Return (K,) log densities, without their constant, of innovations (K, m, 1) by covariances
+    (K, m, m)."""
+    root = np.linalg.cholesky(covariance)
+    whitened = np.linalg.solve(root, innovation)[:, :, 0]
+    log_det = np.log(np.einsum("kii->ki", root)).sum(axis=1)
+    return np.asarray(-0.5 * (whitened**2).sum(axis=1) - log_det)
+
+
+def _as_measurement(information: Information, prior: Array) -> tuple[Array, Array, Booleans]:
+    """Return z (m,) and H (m, 7) of a fix, z = H x + N(0, I), in the directions in which it is
+    positive, and (m,) in which it tells so much that it may be judged.
+    """
+    scale = np.sqrt(np.diag(prior))
+    root = scale[:, None] * np.linalg.cholesky(prior / scale / scale[:, None])
+    values, vectors = np.linalg.eigh(symmetric(root.T @ information.matrix @ root))
+    kept = values > _LEAST_INFORMATION
+    size, turned = np.sqrt(values[kept]), vectors[:, kept]
+    z = (turned.T @ (root.T @ information.vector)) / size
+    H = (np.linalg.solve(root.T, turned) * size).T
+    return z, H, values[kept] > CONSTANTS.telling_information
+
+
+def with_delay(velocity: Array) -> Array:
+    """Return (7, 8) the error that readings show per unit of the navigator's error and of their
+    delay (s), of a vehicle with a velocity (2,) in m/s."""
+    shown = np.eye(BATCH_STATES, BATCH_STATES + 1)
+    shown[:2, -1] = velocity
+    return shown

@@ -1,0 +1,101 @@
+"""A navigator that has been told something wrong, and one that has not."""
+
+import numpy as np
+import pytest
+
+from helpers.batches import make_batch
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor, Trial
+from isogal.matching.registry import build_matcher
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Matcher, Scenario
+from isogal.sensors.trajectory import build_trajectory
+
+TOLD = {"map_sigma": 1e-6}
+"""Nearly exact; who says that it is exact is believed."""
+
+
+@pytest.fixture(scope="module")
+def field_map():
+    scenario = Scenario()
+    return map_for_scenario(scenario, build_trajectory(scenario))
+
+
+class Kept:
+    """A matcher whose answers are kept."""
+
+    def __init__(self, matcher):
+        self.matcher, self.fixes = matcher, []
+        self.name, self.context = matcher.name, matcher.context
+
+    def match(self, batch, field_map, memory):
+        fix, memory = self.matcher.match(batch, field_map, memory)
+        self.fixes.append(fix)
+        return fix, memory
+
+
+def flown(field_map, watched=True, runs=(0,), **keys):
+    """Record of runs on the synthetic map, taken to be nearly exact, and their fixes."""
+    scenario = Scenario(
+        route={"duration": 2500.0}, gravity={"field": "normal"}, matcher=TOLD, **keys
+    )
+    matcher = build_matcher(scenario.matcher)
+    assert isinstance(matcher, AssumptionsMonitor)
+    kept = Kept(matcher if watched else matcher.matcher)
+    return simulate(scenario, runs, field_map, kept), kept.fixes
+
+
+def nees(record, after):
+    """NEES per axis of the horizontal error, (R,), means over the time after so many s."""
+    late = record.elapsed > after
+    error, covariance = record.error[:, late, :2], record.covariance[:, late, :2, :2]
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return 0.5 * np.einsum("rti,rti->rt", error, solved).mean(axis=1)
+
+
+def test_readings_that_are_late_are_put_where_they_belong(field_map):
+    """20 s at 22 m/s are 430 m."""
+    record, fixes = flown(field_map, truth={"gravimeter": {"delay": 20.0}})
+    assert fixes[-1].diagnostics["as_assumed"] < 1e-3
+    assert fixes[-1].diagnostics["delay"] == pytest.approx(20.0, abs=6.0)
+    assert record.horizontal_error[0, record.elapsed > 2000.0].max() < 150.0
+    assert nees(record, 2000.0)[0] < 4.0
+
+
+def test_a_navigator_that_is_worse_than_told_becomes_less_certain(field_map):
+    worse, runs = {"truth": {"initial_error": "4x"}}, range(4, 8)
+    record, fixes = flown(field_map, runs=runs, **worse)
+    alone, _ = flown(field_map, watched=False, runs=runs, **worse)
+    assert nees(record, 500.0).mean() < 0.6 * nees(alone, 500.0).mean()
+    assert record.horizontal_error[:, -30:].mean() < alone.horizontal_error[:, -30:].mean()
+    assert fixes[-1].diagnostics["as_assumed"] < 1e-3
+    assert 2.0 < fixes[-1].diagnostics["navigator_sigma_factor"] < 8.0
+    widened = [fix for fix in fixes if fix.widened is not None]
+    assert widened
+    for fix in widened:
+        scale = np.sqrt(np.maximum(np.diag(fix.widened), 1e-30))
+        assert np.linalg.eigvalsh(fix.widened / scale / scale[:, None])[0] > -1e-9
+
+
+def test_nothing_changes_while_all_is_as_told(field_map):
+    record, fixes = flown(field_map)
+    alone, others = flown(field_map, watched=False)
+    np.testing.assert_array_equal(record.error, alone.error)
+    assert all(fix.widened is None for fix in fixes)
+    assert all(fix.diagnostics["as_assumed"] > 0.3 for fix in fixes if fix.published)
+    assert len(fixes) == len(others)
+
+
+def test_a_batch_without_attitude_is_passed_on(rough_map):
+    matcher = build_matcher(Matcher())
+    batch, _ = make_batch(rough_map, (30.0, -20.0, 0.0, 0.0))
+    assert batch.attitude is None
+    fix, memory = matcher.match(batch, rough_map, None)
+    assert fix.published
+    assert "as_assumed" not in fix.diagnostics
+    assert isinstance(memory, Trial)
+    assert memory.hypotheses is None
+
+
+def test_a_map_that_is_told_to_be_exact_is_believed():
+    assert not isinstance(build_matcher(Matcher(map_sigma=0.0)), AssumptionsMonitor)
