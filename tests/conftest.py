@@ -27,8 +27,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 
-FIRST = ("ros/graph", "ros/isogal_bringup", "regression", "montecarlo", "ros", "paper", "tracks")
-"""Folders whose files take longest."""
+FIRST = (
+    *("ros/isogal_bringup", "ros/graph", "montecarlo", "regression", "ros", "benchmarks", "paper"),
+    *("project", "test_compiled.py", "tracks", "evaluation", "cli/match", "maps/gridding"),
+)
+"""Folders and files that take longest."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -36,7 +39,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     folder = Path(__file__).parent
     items.sort(
         key=lambda item: next(
-            (place for place, name in enumerate(FIRST) if folder / name in item.path.parents),
+            (
+                place
+                for place, name in enumerate(FIRST)
+                if folder / name in (item.path, *item.path.parents)
+            ),
             len(FIRST),
         )
     )
