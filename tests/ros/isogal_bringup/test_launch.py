@@ -107,8 +107,8 @@ def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
 
 
 @pytest.mark.slow
-def test_a_node_that_is_killed_ends_all(launch, params, tmp_path) -> None:
-    made = launch(params=params(70.0), rate="5.0", bag=str(tmp_path / "bag"))
+def test_a_node_that_is_killed_ends_all(launch, params) -> None:
+    made = launch(params=params(70.0), rate="5.0", recorder="false")
     made.run(when="begun", kill=[topics.PMHT_MM])
     assert made.reason == "pmht_mm_node has ended with code -9"
     codes = made.codes
