@@ -145,7 +145,7 @@ def test_no_folder_at_all(folder: Path) -> None:
 
 
 def test_many_processes_at_once(folder: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(folder)}
+    environment = _environment({"PYTHONPATH": str(folder)})
     started = [
         subprocess.Popen(
             [sys.executable, "-B", "-c", ASK], env=environment, stdout=subprocess.PIPE, text=True
