@@ -159,7 +159,7 @@ def test_information_in_any_order_of_arrival(order, attitude):
 
 
 def reference_of(it: BufferedNavigator, stamp: int) -> FilterState:
-    return next(step.state for step in it._steps if step.time == stamp)
+    return next(step.belief.merged for step in it._steps if step.time == stamp)
 
 
 def test_two_fixes_of_one_stamp_in_either_order():

@@ -10,6 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.strapdown import NavState, propagate
 from isogal.matching.batching import BatchBuilder, fix_due
+from isogal.matching.transitions import carried
 from isogal.scenario import Altimeter, Matcher, Scenario
 from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
@@ -273,3 +274,51 @@ def test_back_to_where_the_last_batch_ended(name):
     np.testing.assert_allclose(then[4:], there, atol=2e-7)
     at_end = batch.attitude[0] @ error[-1] + batch.attitude[1] @ psi
     np.testing.assert_allclose(at_end, psi, atol=1e-12)
+
+
+def across_a_gap(before: np.ndarray, after: np.ndarray):
+    """A batch of ten scans 10 s apart, with a gap from 42 s to 66 s; the covariances (7, 7) at
+    both ends."""
+    builder = BatchBuilder(Matcher(batch_length=10, stride=10), GravityReduction())
+    position, velocity, _ = flown(TRAJECTORY, scans=10)
+    for scan in range(10):
+        reading = np.nan if scan in (4, 5) else 9.8
+        builder.add_scan(10.0 * (scan + 1), *position[scan], velocity[scan], reading, 1e-5)
+        if scan == 5:
+            builder.bridge(42.0, before, 66.0, after)
+    return builder
+
+
+def test_a_gap_in_the_inertial_data_leaves_the_scans_before_it_what_they_were():
+    """Position errors before the gap have the covariance that the navigator had, those after it
+    the one it has; before, a jump of the velocity was carried back through the gap."""
+    before = random_covariance(PRIOR_SIGMA, 1)
+    forward = carried(before, (TRAJECTORY.latitude[0], TRAJECTORY.velocity[0, :2], 42.0), 66.0)
+    unknown = random_covariance(np.array([300.0, 300.0, 10.0, 10.0, 1e-4, 1e-4, 0.1]), 2)
+    after = forward + unknown
+    builder = across_a_gap(before, after)
+    end = carried(after, (TRAJECTORY.latitude[0], TRAJECTORY.velocity[0, :2], 66.0), 100.0)
+    batch = builder.build(end)
+    assert batch.cut == 6
+    for scan, (time, expected) in {2: (30.0, before), 7: (80.0, after)}.items():
+        by_xi, rest = batch.transition[scan], batch.nuisance_position[scan]
+        P = by_xi @ batch.prior @ by_xi.T + rest @ rest.T
+        at = 42.0 if scan == 2 else 66.0
+        turn = carried(expected, (TRAJECTORY.latitude[0], TRAJECTORY.velocity[0, :2], at), time)
+        np.testing.assert_allclose(P, turn[:2, :2], rtol=0.01, atol=0.5)
+    # a correction of the velocity after the gap does not move the scans before it by 60 s of it
+    builder.correct(100.0, np.array([0.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0]))
+    shift = builder.collected.scans[2].latitude - batch.latitude[2]
+    assert abs(shift) * 6.36e6 < 0.2 * 8.0 * 70.0
+
+
+def test_readings_before_a_gap_before_the_last_are_given_up():
+    P = random_covariance(PRIOR_SIGMA, 1)
+    builder = across_a_gap(P, 4.0 * P)
+    builder.bridge(92.0, P, 104.0, 4.0 * P)
+    readings = [scan.reading for scan in builder.collected.scans]
+    assert np.isnan(readings[:6]).all()
+    assert np.isfinite(readings[6:]).all()
+    again = BatchBuilder(Matcher(batch_length=10, stride=10), GravityReduction())
+    again.restore(builder.collected)
+    assert again.build(P).cut == 10

@@ -114,8 +114,7 @@ class PmhtMmNode(GraphNode):
         return response
 
     def _scan(self, nav: NavSample, reading: Any) -> None:
-        for jump in self.scans.take_jumps(nav.ns):
-            self._builder.correct(to_seconds(jump.ns), jump.change)
+        self.scans.correct(self._builder, nav.ns)
         latitude, longitude, height = nav.position
         velocity, sigma = nav.velocity[:2], self.scenario.gravimeter.sigma
         self._builder.add_scan(
@@ -126,9 +125,14 @@ class PmhtMmNode(GraphNode):
         self._survival.keep(nav.ns, self._builder.collected, self._memory)
 
     def _match(self, nav: NavSample) -> None:
+        collected = self._builder.collected
         batch = self._builder.build(nav.covariance)
         begun = time.perf_counter()
-        fix = self._fix_of(batch)
+        if self.scans.guessed:
+            fix = declined(batch, "the navigator said nothing of the batch's end")
+            self._builder.restore(collected)  # the next batch is to use its readings
+        else:
+            fix = self._fix_of(batch)
         seconds = time.perf_counter() - begun
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)

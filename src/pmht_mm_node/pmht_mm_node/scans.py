@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.batching import BatchBuilder
 from isogal.scenario import Scenario
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_buffer import Jump
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample, moved
 
@@ -46,6 +47,8 @@ class Scans:
         self._newest = -1
         self.last = -1
         """Stamp of the last scan, ns; -1 = none."""
+        self.guessed = False
+        """Whether the navigator said nothing of that scan, so that its state is a guess."""
         self._queue = NavQueue(node, scenario, self._process)
 
     @property
@@ -75,9 +78,20 @@ class Scans:
         """Take a reading; NaN = the scan took place and gave nothing."""
         self._queue.put(ns, reading)
 
-    def take_jumps(self, before: int) -> list[Jump]:
-        """Take out the navigator's jumps with stamps earlier than `before` (ns), oldest first."""
-        return self._queue.nav.take_jumps(before)
+    def correct(self, builder: BatchBuilder, until: int) -> None:
+        """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
+        states that ended by then."""
+        for gap in self._queue.nav.take_gaps(until):
+            self._carry_jumps(builder, gap.after.ns)
+            before, after = gap.before, gap.after
+            if len(before.covariance) == len(after.covariance) == BATCH_STATES:
+                times = to_seconds(before.ns), to_seconds(after.ns)
+                builder.bridge(times[0], before.covariance, times[1], after.covariance)
+        self._carry_jumps(builder, until)
+
+    def _carry_jumps(self, builder: BatchBuilder, before: int) -> None:
+        for jump in self._queue.nav.take_jumps(before):
+            builder.correct(to_seconds(jump.ns), jump.change)
 
     def _process(self, ns: int, reading: Any, nav: NavSample | None) -> None:
         if nav is not None:
@@ -98,7 +112,9 @@ class Scans:
             except BadMessageError:
                 nav = None
             # without a reading it does not matter much where the navigator was
+            self.guessed = nav is None
             self._scan(nav or moved(now, stamp), math.nan)
+        self.guessed = False
 
     def _scan(self, nav: NavSample, reading: Any) -> None:
         self.last = nav.ns

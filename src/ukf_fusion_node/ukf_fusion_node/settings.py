@@ -42,7 +42,7 @@ class UkfFusionSettings(NodeSettings):
         0.1,
         ge=0.0,
         le=100.0,
-        description="1-sigma of how the vehicle accelerates while IMU samples are missing, m/s²",
+        description="1-sigma of how a manoeuvre accelerates while IMU samples are missing, m/s²",
     )
     outage_turn_rate: float = Field(
         1e-3, ge=0.0, le=10.0, description="1-sigma of how it turns meanwhile, rad/s"

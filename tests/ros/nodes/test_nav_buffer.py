@@ -199,3 +199,15 @@ def test_readings_do_not_wait_for_ever(monkeypatch) -> None:
     assert handed == [(k * S, k, None) for k in range(12)]
     assert len(queue.waiting) == 8
     assert len(drops) == 12
+
+
+def test_a_gap_has_the_states_at_either_side() -> None:
+    """One of up to ten seconds, and what comes late, are none."""
+    buffer = Buffer()
+    for second in (5, 6, 16, 11, 80, 81):
+        buffer.feed(second * S, *PLACE, variance=float(second))
+    assert buffer.buffer.take_gaps(79 * S) == []
+    (gap,) = buffer.buffer.take_gaps(80 * S)
+    assert (gap.before.ns, gap.after.ns) == (16 * S, 80 * S)
+    assert gap.after.covariance.shape == (7, 7)
+    assert buffer.buffer.take_gaps(90 * S) == []

@@ -92,3 +92,21 @@ def test_reset(scenario, drive, tmp_path) -> None:
         assert not list(tmp_path.iterdir())
         drive(made, 9, 12)
         assert made.heard["pmht_mm/fix"][-1].status.status == -1
+
+
+def test_no_batch_ends_in_a_time_of_which_the_navigator_said_nothing(scenario, drive) -> None:
+    """It once gave a fix there with the navigator's covariance after it; the next batch has the
+    readings before."""
+    with bench(topics.PMHT_MM, scenario("matcher.name=pmht", "matcher.stride=3")) as made:
+        drive(made, 1, 10)  # due at 60 s, 90 s, 120 s, ...
+        drive(made, 14, 18)
+        assert list(fixes(made)) == [60, 90, 120, 150, 180]
+        reasons = {
+            float(value.value): item.message
+            for array in made.heard["/diagnostics"]
+            for item in array.status
+            for value in item.values
+            if item.name.endswith("batch") and value.key == "stamp"
+        }
+        assert reasons[120.0] == "the navigator said nothing of the batch's end"
+        assert reasons[150.0] == "fix published"

@@ -12,6 +12,7 @@ height_states   errors of a height sensor as states of the filter
 velocity_states errors of a velocity aid, and current or wind
 protection_level  radius that the horizontal error seldom exceeds
 outage          what is still known after a time without inertial data
+belief          several states of which one is true, and what fixes say of them
 
 auxiliary       states beside the fifteen: what disturbs the dynamics slowly
 gravity_states  those of the horizontal gravity that is left

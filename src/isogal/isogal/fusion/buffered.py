@@ -7,23 +7,18 @@ come on time."""
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fusion.belief import Belief, InformationUpdate, Update
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import (
-    FilterDivergenceError,
-    propagate,
-    update_information,
-    update_position,
-    widen,
-)
+from isogal.fusion.navigator import FilterDivergenceError, propagate, update_position, widen
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import Estimate, batch_difference
+from isogal.inertial.dead_reckoning import dead_reckoned
+from isogal.inertial.error_state import Estimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,23 +36,18 @@ class UpdateResult:
     """s, age of the fix when it came."""
 
 
-Update = Callable[[FilterState], tuple[Array, float]]
-"""Changes a state of one run in place; returns (innovation, normalised innovation squared); raises
-ValueError where it cannot be used."""
-
-
 @dataclass(slots=True, eq=False)
 class _Step:
     time: float
     force: Array
     rate: Array
     height: float
-    state: FilterState
+    belief: Belief
     fixes: list[Update]
     missing: float = 0.0
     """s at the beginning of the interval without data."""
-    motion: UnknownMotion | None = None
-    """How the vehicle may have moved then."""
+    change: tuple[Array, Array] | None = None
+    """Of specific force and angular rate over that."""
 
 
 class BufferedNavigator:
@@ -95,7 +85,7 @@ class BufferedNavigator:
         self.motion = motion or UnknownMotion()
         before = steady_sample(state) if sample is None else sample
         self._steps: deque[_Step] = deque(
-            [_Step(time, *before, float(state.position[0, 2]), state.copy(), [])]
+            [_Step(time, *before, float(state.position[0, 2]), Belief.sure(state.copy()), [])]
         )
 
     @property
@@ -110,8 +100,9 @@ class BufferedNavigator:
 
     @property
     def state(self) -> FilterState:
-        """The newest state (R = 1); do not change it."""
-        return self._steps[-1].state
+        """The newest state (R = 1); do not change it. While it is open whether there was a
+        manoeuvre in a gap, mean and covariance over both."""
+        return self._steps[-1].belief.merged
 
     def propagate(
         self,
@@ -153,13 +144,13 @@ class BufferedNavigator:
             np.array(specific_force, float),
             np.array(angular_rate, float),
             float(height),
-            self.state.copy(),
+            self._steps[-1].belief.copy(),
             [],
             missing,
         )
         if missing > 0.0:
             force, rate = self.sample
-            new.motion = self.motion.seen(missing, (new.force - force, new.rate - rate))
+            new.change = new.force - force, new.rate - rate
         self._apply(new, self.time)
         self._steps.append(new)
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
@@ -176,12 +167,18 @@ class BufferedNavigator:
         """Apply a position fix (rad; (2, 2) north-east m²) of any stamp within the horizon.
 
         A stamp between two IMU samples counts at the sample nearest to it if that is within half
-        an interval."""
+        an interval; else the fix is carried to the next sample with the velocity there. There is
+        none in a gap of more than `HELD`."""
         covariance = np.array(covariance, float)
-        return self._update(
-            time,
-            lambda state: update_position(state, self.model, 0, latitude, longitude, covariance),
-        )
+        ahead = self._ahead(time)
+
+        def apply(state: FilterState) -> tuple[Array, float]:
+            place = np.array([latitude, longitude, state.position[0, 2]])
+            if ahead > 0.0 and np.isfinite(place).all():
+                place = dead_reckoned(place, state.velocity[0], ahead)
+            return update_position(state, self.model, 0, place[0], place[1], covariance)
+
+        return self._update(time, apply)
 
     def update_information(
         self, time: float, vector: Array, matrix: Array, relative_to: Estimate | None = None
@@ -195,21 +192,15 @@ class BufferedNavigator:
         relative_to : Estimate, optional
             The navigator's estimate at the stamp that the error is that of; None = as it is now.
             Where the navigator's estimate is another, or becomes another because an older fix
-            comes later, the information is carried over to it.
+            comes later, the information is carried over to it. A stamp between two samples
+            counts as in `update_position`.
         """
-
-        def apply(state: FilterState) -> tuple[Array, float]:
-            nonlocal relative_to
-            estimate, moved = state.estimate_of(0), np.zeros(len(vector))
-            if relative_to is None:
-                relative_to = Estimate(*(part.copy() for part in estimate))
-            else:
-                moved = batch_difference(estimate, relative_to)[: len(vector)]
-            # with x = x_old + moved, v' x_old - x_old' M x_old / 2 has the vector v + M moved
-            correction, nis = update_information(state, 0, vector + matrix @ moved, matrix)
-            return correction[:2], nis
-
-        return self._update(time, apply)
+        if relative_to is not None and (ahead := self._ahead(time)) > 0.0:
+            place = dead_reckoned(relative_to.position, relative_to.velocity, ahead)
+            relative_to = relative_to._replace(position=place)
+        return self._update(
+            time, InformationUpdate(np.array(vector), np.array(matrix), relative_to)
+        )
 
     def widen(self, time: float, covariance: Array) -> UpdateResult:
         """Add (7, 7) to the covariance of a batch's states at any stamp within the horizon: the
@@ -226,6 +217,14 @@ class BufferedNavigator:
         samples counts as in `update_position`."""
         return self._update(time, update)
 
+    def _ahead(self, time: float) -> float:
+        """Return by how much (s) the sample that a stamp counts at is later, 0 where that is less
+        than half an interval."""
+        times = [step.time for step in self._steps]
+        index = bisect_left(times, time - 0.5 * self.model.dt)
+        later = times[index] - time if index < len(times) else 0.0
+        return later if later > 0.5 * self.model.dt + 1e-6 else 0.0
+
     def _update(self, time: float, update: Update) -> UpdateResult:
         times = [step.time for step in self._steps]
         late = self.time - time
@@ -239,15 +238,18 @@ class BufferedNavigator:
                 f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", late
             )
         target = self._steps[index]
-        before = target.state.copy()
+        gap = target.missing if target.missing > HELD and self._ahead(time) > 0.0 else 0.0
+        if gap > 0.0 and time < times[index - 1] + gap:
+            return _refused(f"fix of {time:.1f} s: there are no inertial data of then", late)
+        before = target.belief.copy()
         try:
-            innovation, nis = update(target.state)
+            innovation, nis = target.belief.apply(update)
             target.fixes.append(update)
             self._replay(index)
         except (ValueError, FilterDivergenceError) as error:
             if target.fixes and target.fixes[-1] is update:
                 target.fixes.pop()
-            target.state = before
+            target.belief = before
             self._replay(index)
             return _refused(str(error), late)
         return UpdateResult(True, None, innovation, nis, late)
@@ -255,30 +257,44 @@ class BufferedNavigator:
     def _replay(self, index: int) -> None:
         for i in range(index + 1, len(self._steps)):
             current = self._steps[i]
-            current.state = self._steps[i - 1].state.copy()
+            current.belief = self._steps[i - 1].belief.copy()
             self._apply(current, self._steps[i - 1].time)
             for update in current.fixes:
-                update(current.state)
+                current.belief.apply(update)
 
     def _apply(self, step: _Step, start: float) -> None:
         interval = step.time - start
-        if step.missing > 0.0:
+        if step.change is not None:
             if step.missing > HELD:
-                keep_going(step.state, self.model, step.missing, step.height)
                 interval -= step.missing
-            grow(step.state, 0, step.missing, step.motion or self.motion)
+            self._bridge(step, step.change)
         model = (
             self.model
             if abs(interval - self.model.dt) < 1e-6
             else replace(self.model, dt=interval)
         )
-        propagate(
-            step.state,
-            model,
-            step.force[None, None],
-            step.rate[None, None],
-            np.array([step.height]),
+        belief = step.belief
+        force, rate = (
+            np.repeat(sample[None, None], len(belief), axis=0)
+            for sample in (step.force, step.rate)
         )
+        propagate(belief.state, model, force, rate, np.array([step.height]))
+
+    def _bridge(self, step: _Step, change: tuple[Array, Array]) -> None:
+        """Carry a belief over missing samples."""
+        steady, manoeuvre = (self.motion.seen(change, which) for which in (False, True))
+        if step.missing <= HELD:
+            for state in step.belief.each():
+                grow(state, 0, step.missing, steady)
+            return
+        step.belief = Belief.sure(step.belief.merged)
+        keep_going(step.belief.state, self.model, step.missing, step.height)
+        motions = [steady]
+        if manoeuvre != steady:
+            step.belief = step.belief.divided(self.motion.log_probabilities(step.missing))
+            motions.append(manoeuvre)
+        for row, motion in enumerate(motions):
+            grow(step.belief.state, row, step.missing, motion)
 
 
 def _refused(reason: str, late: float) -> UpdateResult:

@@ -3,16 +3,19 @@
 Nothing was measured of how the vehicle moved meanwhile. It is taken to have kept its velocity and
 attitude, and its unknown motion as a constant acceleration and a constant turn: with a 1-sigma
 acceleration a over a time T the velocity is wrong by a T and the position by a T² / 2, wholly
-correlated, and the attitude by the turn rate times T. A vehicle of speed v that turned round has
+correlated, and the attitude by the turn rate times T. Where the acceleration lasts for L < T only,
+at a time of which nothing is known, the velocity is wrong by a L, the position by a L T / 2 and,
+independently, by a L (T - L) / sqrt(12). A vehicle of speed v that turned round has
 changed its velocity by 2 v at most, so the sigma of the velocity does not grow beyond v.
 
 The samples at either side say whether the vehicle was moving steadily then. A manoeuvre that goes
 on beyond the gap shows as a change of the specific force or of the angular rate, and that change
 is the 1-sigma of the unknown motion. A manoeuvre inside the gap is not seen; of a gap as short as
-`HELD` none is expected, in a longer one with the probability 1 - exp(-T / time between manoeuvres)
-of a Poisson process, so that the variance of the motion is that share of a manoeuvre's. A level
-vehicle whose specific force is the same afterwards has the same tilt, unless it accelerates by
-just as much: its tilt grows no further than the change of the force divided by gravity."""
+`HELD` none is expected, in a longer one there was one with the probability 1 - exp(-T / time
+between manoeuvres) of a Poisson process. Whether there was is for the fixes after the gap to say:
+the navigator goes on with both (`isogal.fusion.belief`). A level vehicle whose specific force is
+the same afterwards has the same tilt, unless it accelerates by just as much: its tilt grows no
+further than the change of the force divided by gravity."""
 
 import math
 from dataclasses import dataclass, replace
@@ -37,6 +40,8 @@ SLOWEST = 1.0
 LARGEST_TILT, LARGEST_HEADING = 0.02, 0.5
 """rad, largest 1-sigma that an outage adds: of a level vehicle's attitude, and where the filter
 still holds."""
+MANOEUVRE = 60.0
+"""s that a manoeuvre lasts at most."""
 TILT_SHARE = 0.1
 """Of the turn rate, about horizontal axes."""
 GRAVITY = 9.8
@@ -55,31 +60,42 @@ class UnknownMotion:
     """s, mean time between manoeuvres."""
     tilt: float = LARGEST_TILT
     """rad, largest change of tilt."""
+    lasts: float = math.inf
+    """s that it moves so at most; for longer its velocity is constant."""
 
-    def seen(self, seconds: float, change: tuple[Array, Array]) -> "UnknownMotion":
-        """Return what is still unknown of a gap, given the change of the specific force and of the
-        angular rate, (3,) each, from the sample before it to the one after it."""
+    def seen(self, change: tuple[Array, Array], manoeuvre: bool) -> "UnknownMotion":
+        """Return what is still unknown of a gap, with or without a manoeuvre in it, given the
+        change of the specific force and of the angular rate, (3,) each, from the sample before it
+        to the one after it."""
         force, rate = (float(np.linalg.norm(part)) for part in change)
-        share = math.sqrt(-math.expm1(-seconds / self.between)) if seconds > HELD else 0.0
+        share = float(manoeuvre)
         return replace(
             self,
             acceleration=math.hypot(share * self.acceleration, force),
             turn_rate=math.hypot(share * self.turn_rate, rate),
             tilt=min(self.tilt, force / GRAVITY),
+            lasts=MANOEUVRE if share * self.acceleration > force else math.inf,
         )
+
+    def log_probabilities(self, seconds: float) -> tuple[float, float]:
+        """Return the log probabilities that a gap has no manoeuvre, and that it has one."""
+        return -seconds / self.between, math.log(-math.expm1(-seconds / self.between))
 
 
 def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:
     """Return (9, 9) what an outage adds to the covariance of position (m), velocity (m/s) and
     attitude (rad), NED, of a vehicle of a speed (m/s)."""
-    free = motion.acceleration * seconds
-    velocity = free / math.hypot(1.0, free / max(speed, SLOWEST))
+    speed, lasts = max(speed, SLOWEST), min(motion.lasts, seconds)
+    times = math.sqrt(max(seconds / motion.between, 1.0)) if lasts < seconds else 1.0
+    free = times * motion.acceleration * lasts
+    velocity = free / math.hypot(1.0, free / speed)
     heading = min(motion.turn_rate * seconds, LARGEST_HEADING)
     tilt = min(TILT_SHARE * motion.turn_rate * seconds, motion.tilt)
-    root = np.zeros((9, 6))
+    root = np.zeros((9, 9))
     for axis in range(3):
         root[axis, axis] = 0.5 * velocity * seconds
         root[3 + axis, axis] = velocity
+        root[axis, 6 + axis] = velocity * (seconds - lasts) / math.sqrt(12.0)
     root[6, 3], root[7, 4], root[8, 5] = tilt, tilt, heading
     return np.asarray(root @ root.T, dtype=np.float64)
 

@@ -3,6 +3,7 @@
     interfaces             what a matcher is given and what it gives back
     registry               matchers by name (entry points `isogal.matchers`)
     batching               from scans, one by one, to batches
+    transitions            the error at each scan per unit of that at the end; gaps between them
     path                   where the navigator was, for readings that are late
     reading_noise          covariance of the readings' noise, as told
     channels               batches of readings that are several numbers each

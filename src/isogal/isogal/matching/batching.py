@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
-from isogal.earth.ellipsoid import metres_per_radian, radii
-from isogal.earth.gravity import normal_gravity
-from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import square_root, symmetric
+from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
+from isogal.matching.transitions import Bridge, across, backwards, carried, condition
 from isogal.scenario import Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
@@ -44,6 +41,7 @@ class Collected:
     scans: tuple[_Scan, ...]
     count: int
     unused: int
+    bridge: Bridge | None = None
 
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
@@ -93,6 +91,7 @@ class BatchBuilder:
         self._scans: deque[_Scan] = deque(maxlen=self._longest + older)
         self._count = 0
         self._unused = 0
+        self._bridge: Bridge | None = None
 
     @property
     def ready(self) -> bool:
@@ -107,13 +106,14 @@ class BatchBuilder:
     @property
     def collected(self) -> Collected:
         """What has been collected; scans are shared."""
-        return Collected(tuple(self._scans), self._count, self._unused)
+        return Collected(tuple(self._scans), self._count, self._unused, self._bridge)
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
         self._scans.clear()
         self._scans.extend(collected.scans)
         self._count, self._unused = collected.count, collected.unused
+        self._bridge = collected.bridge
 
     def begin(self, earlier: int) -> None:
         """Note, before the first scan, how many there have been before: batches then end where
@@ -143,6 +143,21 @@ class BatchBuilder:
         self._count += 1
         self._unused += 1
 
+    def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
+        """Note that there were no inertial data between two times, and the navigator's covariance
+        (7, 7) at both: scans on either side then no longer hang together by the navigator's track
+        alone (docs/mathematics.md, section 4.8). Readings before an earlier gap are given up.
+        """
+        if not self._scans:
+            return
+        earlier = -math.inf if self._bridge is None else self._bridge.time
+        for scan in self._scans:
+            if scan.time < earlier:
+                scan.reading = np.nan * scan.reading
+        newest = self._scans[-1]
+        at = newest.latitude, newest.velocity, begin
+        self._bridge = Bridge.of(end, carried(before, at, end), after)
+
     def correct(self, time: float, jump: Array) -> None:
         """Carry a jump of the navigator at `time` back to the scans already collected.
 
@@ -157,7 +172,7 @@ class BatchBuilder:
         if not scans:
             return
         latitude, longitude, velocity, times = _arrays(scans)
-        shift = (_backward(latitude, velocity, times, time) @ jump)[:, :4]
+        shift = (self._errors(latitude, velocity, times, time)[1] @ jump)[:, :4]
         change = (self._jacobian(latitude, longitude, velocity) * shift).sum(axis=1)
         north, east = metres_per_radian(latitude)
         for i, scan in enumerate(scans):
@@ -177,9 +192,9 @@ class BatchBuilder:
         """
         scans = list(self._scans)[-self._longest :]
         latitude, longitude, velocity, times = _arrays(scans)
-        backward = _backward(latitude, velocity, times, times[-1])
+        backward, joined, apart = self._errors(latitude, velocity, times, times[-1])
         prior = symmetric(prior)
-        every, rest = condition(backward, prior)
+        every, rest = condition(joined, prior, apart)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
         sigma = np.array([scan.sigma for scan in scans])
@@ -211,6 +226,7 @@ class BatchBuilder:
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=_rate(at_scan, velocity, times),
+            cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
         if self.covariance is None:
             return batch if self._lag.mean == 0.0 else self._late(batch, prior)
@@ -242,10 +258,8 @@ class BatchBuilder:
         )
         latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
         velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
-        backward = _backward(
-            latitude, velocity, batch.time - self._lag.mean, float(batch.time[-1])
-        )
-        every, rest = condition(backward, prior)
+        back = self._errors(latitude, velocity, batch.time - self._lag.mean, float(batch.time[-1]))
+        every, rest = condition(back[1], prior, back[2])
         at_scan = self._jacobian(latitude, longitude, velocity)
         return replace(
             batch,
@@ -261,6 +275,13 @@ class BatchBuilder:
             reading_rate=_rate(at_scan, velocity, batch.time),
             end_place=batch.end,
         )
+
+    def _errors(
+        self, latitude: Array, velocity: Array, times: Array, end: float
+    ) -> tuple[Array, Array, Array]:
+        """Return `backwards` of scans, and both of `across`."""
+        plain = backwards(latitude, velocity, times, end)
+        return plain, *across(self._bridge, plain, latitude, velocity, times, end)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height
@@ -280,20 +301,6 @@ def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def _backward(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
-    """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's
-    linear error dynamics; without IMU noise, 0.3 m in 300 s for the precision grade."""
-    meridian, normal = radii(latitude)
-    force = np.zeros((len(times), 3))
-    if len(times) > 1:
-        force[:, :2] = np.gradient(velocity, times, axis=0)
-    force[:, 2] = -normal_gravity(latitude)
-    geometry = np.stack(
-        [latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1
-    )
-    return _chain(geometry, force, np.diff(np.append(times, end)))
-
-
 def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
     """Return (T,) the change per s along the path of what a reduction adds to the readings, by
     its Jacobian (T, 4) at the scans."""
@@ -301,50 +308,3 @@ def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
         return None
     moving = np.concatenate([velocity, np.gradient(velocity, times, axis=0)], axis=1)
     return np.asarray((jacobian * moving).sum(axis=1))
-
-
-@kernel
-def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
-    """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
-    count, n = step.shape[0], BATCH_STATES
-    result = np.empty((count, n, n))
-    following = np.eye(n)
-    dynamics = np.zeros((STATES, STATES))
-    no_rotation = np.eye(3)  # biases are not among the seven states
-    for i in range(count - 1, -1, -1):
-        fill_dynamics(dynamics, geometry[i], force[i], no_rotation)
-        back = np.ascontiguousarray(-step[i] * dynamics[:n, :n])
-        square = back @ back
-        following = (np.eye(n) + back + square / 2.0 + square @ back / 6.0) @ following
-        for a, b in np.ndindex(n, n):  # a slice would take seconds to compile
-            result[i, a, b] = following[a, b]
-    return result
-
-
-def unconditioned(batch: Batch, by_xi: Array, by_nuisance: Array) -> Array:
-    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the
-    seven states, (..., 7).
-
-    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A
-    xi).
-    """
-    assert batch.attitude is not None
-    attitude_by_xi, root = batch.attitude
-    by_attitude = by_nuisance @ np.linalg.pinv(root, rcond=1e-9)
-    return np.concatenate([by_xi - by_attitude @ attitude_by_xi, by_attitude], axis=-1)
-
-
-def condition(backward: Array, prior: Array) -> tuple[Array, Array]:
-    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity)
-    at the batch end explains and the rest.
-
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4),
-    the error per unit of xi, and (T, R, 3), the error per unit-variance component of e; of a prior
-    of position and velocity alone (T, 4, 4) and (T, 4, 0).
-    """
-    if prior.shape[0] == 4:
-        return backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
-    gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T
-    rest = prior[4:, 4:] - gain @ prior[:4, 4:]
-    root = square_root(rest)
-    return backward[:, :, :4] + backward[:, :, 4:] @ gain, backward[:, :, 4:] @ root

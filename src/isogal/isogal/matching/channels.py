@@ -63,6 +63,7 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         nuisance_position=spread(batch.nuisance_position),
         nuisance_reading=np.zeros((scans * channels, batch.nuisance_reading.shape[1])),
         new=batch.new * channels,
+        cut=batch.cut * channels,
         backward=None if batch.backward is None else spread(batch.backward),
         reading_rate=None,
         channel=np.tile(np.arange(channels), scans),

@@ -90,6 +90,9 @@ class Batch:
     """Random walk of the readings' bias, map's unit per root second."""
     filter_path: FilterPath | None = None
     """What of the path each reading is a mean over; None = a point."""
+    cut: int = 0
+    """How many of the first rows were taken before a gap in the inertial data: what `transition`
+    and the nuisance parameters say of them is not by `backward` alone."""
     end_place: tuple[float, float] | None = None
     """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
@@ -121,6 +124,7 @@ class Batch:
             backward=None if self.backward is None else self.backward[which],
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
             filter_path=None if path is None else path.part(which),
+            cut=int((which < self.cut).sum()),
         )
 
     def back(self, elapsed: float) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
+from isogal.fusion.outage import HELD
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -32,6 +33,15 @@ class Jump:
     ns: int
     change: Array
     """(7,) in a batch's states (`isogal.inertial.error_state`)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gap:
+    """A time of which the navigator said nothing."""
+
+    before: NavSample
+    after: NavSample
+    """The first after it."""
 
 
 @dataclass(slots=True)
@@ -64,6 +74,7 @@ class NavBuffer:
     def __init__(self, node: GraphNode, scenario: Scenario, arrived: Callable[[], None]) -> None:
         self.jumps: list[Jump] = []
         """Jumps seen, oldest first; whoever uses them takes them out."""
+        self._gaps: list[tuple[int, int]] = []
         self._newest = -1
         self._newest_covariance = -1
         self._frame = map_frame(scenario)
@@ -111,6 +122,14 @@ class NavBuffer:
         self.jumps = [jump for jump in self.jumps if jump.ns >= before]
         return taken
 
+    def take_gaps(self, until: int) -> list[Gap]:
+        """Take out the gaps longer than `HELD` that end at `until` (ns) at the latest, oldest
+        first."""
+        ended = [gap for gap in self._gaps if gap[1] <= until]
+        self._gaps = [gap for gap in self._gaps if gap[1] > until]
+        kept = [gap for gap in ended if all(ns in self._stamps for ns in gap)]
+        return [Gap(*(self._decode(self._stamps[ns]) for ns in gap)) for gap in kept]
+
     def _stamp(self, ns: int) -> _Stamp:
         found = self._stamps.get(ns)
         if found is None:
@@ -135,8 +154,10 @@ class NavBuffer:
             stamp.pairs += 1
             if stamp.pairs > 1:
                 self._note_jump(ns, stamp)
-        if stamp.pairs == 1:
-            self._newest = max(self._newest, ns)
+        if stamp.pairs == 1 and ns > self._newest:
+            if 0 <= self._newest < ns - self._interval - from_seconds(HELD):
+                self._gaps = [*self._gaps[1 - REPEATED :], (self._newest, ns)]
+            self._newest = ns
         self._arrived()
 
     def _take_covariance(self, data: bytes) -> None:

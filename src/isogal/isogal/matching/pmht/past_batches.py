@@ -6,13 +6,13 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.batching import condition, unconditioned
 from isogal.matching.interfaces import Batch, Fix, Information
 from isogal.matching.matrices import symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.transitions import condition, unconditioned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class PastBatch:
     @property
     def new_readings(self) -> Batch:
         """Its readings that no earlier batch had used."""
-        return self.batch.part(len(self.batch) - self.new)
+        return self.batch.part(max(len(self.batch) - self.new, self.batch.cut))
 
     @property
     def unsearched(self) -> int:
@@ -111,8 +111,11 @@ def _with_new(batch: Batch, new: int) -> Batch:
             if new == batch.new
             else replace(batch, new=new, back_transition=None, back_nuisance=None)
         )
+    beside = batch.nuisance_reading.shape[1] - BATCH_STATES + HORIZONTAL_STATES
     back, nuisance = condition(
-        batch.backward[None, before // channels * channels], joint_prior(batch)
+        batch.backward[None, before // channels * channels],
+        joint_prior(batch),
+        np.zeros((1, BATCH_STATES, beside)),
     )
     return replace(batch, new=new, back_transition=back[0], back_nuisance=nuisance[0])
 
@@ -123,6 +126,9 @@ def error_before(batch: Batch) -> Array:
     """
     if batch.back_transition is None or batch.back_nuisance is None:
         return np.eye(BATCH_STATES)
+    before = len(batch) - batch.new - 1
+    if before < batch.cut and batch.backward is not None:
+        return batch.backward[before]
     return unconditioned(batch, batch.back_transition, batch.back_nuisance)
 
 
@@ -145,14 +151,22 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
         Estimate of the batch's navigator minus that of the other one, at the batch end.
     covariance : (7, 7) array
         Of the other one's error there.
+
+    Returns
+    -------
+    Batch
+        Without the scans before a gap in the inertial data: what they say of the error at the end
+        is by the navigator's own covariance.
     """
+    back = error_before(batch)[None]
+    batch = batch.part(batch.cut) if batch.cut else batch
     position = unconditioned(batch, batch.transition, batch.nuisance_position)
     reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading)
     moved = position @ shift
     north, east = metres_per_radian(batch.latitude)
     rows = np.concatenate([position, reading[:, None]], axis=1)
     by_xi, nuisance = condition(rows, covariance)
-    back, back_nuisance = condition(error_before(batch)[None], covariance)
+    back, back_nuisance = condition(back, covariance)
     level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
     end = batch.end
     to_north, to_east = metres_per_radian(end[0])

@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.matching.batching import unconditioned
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.transitions import unconditioned
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,139 @@
+"""What the navigator's error at the end of a batch says of its error at each scan: linear
+dynamics, what of it the unknown explains, and times without inertial data (docs/mathematics.md,
+sections 4.2 to 4.4 and 4.8)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.earth.ellipsoid import radii
+from isogal.earth.gravity import normal_gravity
+from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import square_root, symmetric
+
+
+def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
+    """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's
+    linear error dynamics; without IMU noise, 0.3 m in 300 s for the precision grade."""
+    meridian, normal = radii(latitude)
+    force = np.zeros((len(times), 3))
+    if len(times) > 1:
+        force[:, :2] = np.gradient(velocity, times, axis=0)
+    force[:, 2] = -normal_gravity(latitude)
+    geometry = np.stack(
+        [latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1
+    )
+    return _chain(geometry, force, np.diff(np.append(times, end)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bridge:
+    """The end of a time without inertial data, in which the vehicle moved as nobody knows: the
+    navigator's error before it, given that after it, x, is N(gain x, root root')."""
+
+    time: float
+    """s; scans before belong to the other side, those within the gap too."""
+    gain: Array
+    """(7, 7)."""
+    root: Array
+    """(7, 7)."""
+
+    @classmethod
+    def of(cls, time: float, before: Array, after: Array) -> "Bridge":
+        """Return the bridge of a navigator whose covariance (7, 7) at a time would have been
+        `before`, had the vehicle moved as the navigator took it to, and is `after`.
+
+        The gain of the fixed-interval smoother (Rauch, Tung & Striebel 1965, AIAA J. 3:1445)."""
+        scale = np.sqrt(np.diag(after))
+        unit = scale[:, None] * scale
+        gain = np.linalg.solve(after / unit, before / unit).T
+        rest = symmetric(before / unit - gain @ (before / unit))
+        return cls(time, gain * scale[:, None] / scale, scale[:, None] * square_root(rest))
+
+
+def carried(covariance: Array, at: tuple[float, Array, float], end: float) -> Array:
+    """Return a covariance (7, 7) of a latitude (rad), velocity (2,) and time (s) as it is at a
+    later time (s), the inertial sensors being exact."""
+    latitude, velocity, begin = at
+    back = backwards(np.array([latitude]), velocity[None], np.array([begin]), end)[0]
+    forward = np.linalg.inv(back)
+    return symmetric(forward @ covariance @ forward.T)
+
+
+def across(
+    bridge: Bridge | None, plain: Array, latitude: Array, velocity: Array, times: Array, end: float
+) -> tuple[Array, Array]:
+    """Return (T, 7, 7) the errors at scans per unit of error at a time `end`, with a gap in the
+    inertial data between them, and (T, 7, K) what they are beside that, per unit-variance
+    component of K; `plain` is that of `backwards`.
+    """
+    before = np.zeros(len(times), bool) if bridge is None else times < bridge.time
+    if bridge is None or not before.any() or bridge.time > end:
+        return plain, np.zeros((len(times), BATCH_STATES, 0))
+    after = min(int(before.sum()), len(times) - 1)
+    until = float(times[after]) if not before[after] else end
+    step = backwards(latitude[[after]], velocity[[after]], np.array([bridge.time]), until)[0]
+    at_bridge = step if before[after] else step @ plain[after]
+    to_bridge = plain[before] @ np.linalg.inv(at_bridge)
+    every, rest = plain.copy(), np.zeros((len(times), BATCH_STATES, bridge.root.shape[1]))
+    every[before] = to_bridge @ bridge.gain @ at_bridge
+    rest[before] = to_bridge @ bridge.root
+    return every, rest
+
+
+@kernel
+def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
+    """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
+    count, n = step.shape[0], BATCH_STATES
+    result = np.empty((count, n, n))
+    following = np.eye(n)
+    dynamics = np.zeros((STATES, STATES))
+    no_rotation = np.eye(3)  # biases are not among the seven states
+    for i in range(count - 1, -1, -1):
+        fill_dynamics(dynamics, geometry[i], force[i], no_rotation)
+        back = np.ascontiguousarray(-step[i] * dynamics[:n, :n])
+        square = back @ back
+        following = (np.eye(n) + back + square / 2.0 + square @ back / 6.0) @ following
+        for a, b in np.ndindex(n, n):  # a slice would take seconds to compile
+            result[i, a, b] = following[a, b]
+    return result
+
+
+def unconditioned(batch: Batch, by_xi: Array, by_nuisance: Array) -> Array:
+    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the
+    seven states, (..., 7).
+
+    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A
+    xi).
+    """
+    assert batch.attitude is not None
+    attitude_by_xi, root = batch.attitude
+    by_attitude = by_nuisance @ np.linalg.pinv(root, rcond=1e-9)
+    return np.concatenate([by_xi - by_attitude @ attitude_by_xi, by_attitude], axis=-1)
+
+
+def condition(backward: Array, prior: Array, apart: Array | None = None) -> tuple[Array, Array]:
+    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity)
+    at the batch end explains and the rest.
+
+    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4),
+    the error per unit of xi, and (T, R, 3), the error per unit-variance component of e; of a prior
+    of position and velocity alone (T, 4, 4) and (T, 4, 0). What the errors are beside that,
+    `apart` (T, R, K), goes behind the latter.
+    """
+    rows = backward.shape[1]
+    if prior.shape[0] == 4:
+        rows = 4
+        every, rest = backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
+    else:
+        gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T
+        root = square_root(prior[4:, 4:] - gain @ prior[:4, 4:])
+        every = backward[:, :, :4] + backward[:, :, 4:] @ gain
+        rest = backward[:, :, 4:] @ root
+    if apart is not None and apart.shape[2]:
+        rest = np.concatenate([rest, apart[:, :rows]], axis=2)
+    return every, rest
