@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.navigator import update_information
 from isogal.fusion.nominal import move
@@ -171,7 +171,7 @@ class Belief:
     def _only(self, rows: slice) -> FilterState:
         return FilterState(*(array[rows] for array in self.state.arrays()))
 
-    def _keep(self, rows: Array) -> None:
+    def _keep(self, rows: Booleans) -> None:
         if not rows.all():
             self.state = FilterState(*(array[rows].copy() for array in self.state.arrays()))
             self.log_weight = self.log_weight[rows]
