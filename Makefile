@@ -49,7 +49,7 @@ lock:
 	@$(COMPILE_BOTH) requirements.in -o requirements.lock
 	@$(COMPILE_BOTH) requirements-development.in -o requirements-development.lock
 	@$(COMPILE_BOTH) requirements-installer.in -o requirements-installer.lock
-	@$(COMPILE) --python-version 3.12 --python-platform x86_64-manylinux_2_39 \
+	@$(COMPILE) --generate-hashes --python-version 3.12 --python-platform x86_64-manylinux_2_39 \
 	  --constraint docker/apt-versions.txt \
 	  $(addprefix --no-emit-package ,$(shell sed -n 's/==.*//p' docker/apt-versions.txt)) \
 	  $(addprefix --no-emit-package ,$(WITH_APT)) \

@@ -17,11 +17,11 @@ def plain() -> dict[int, tuple[World, Track]]:
     return {run: (world, Run(world).fly()) for run, world in worlds.items()}
 
 
-def compared(plain, tracks: dict[int, Track]) -> tuple[float, float]:
-    """RMS error over the last third beside that of the same runs undisturbed, and NEES."""
-    squares = [(tracks[run].rms(LAST), plain[run][1].rms(LAST)) for run in tracks]
+def compared(plain, tracks: dict[int, Track], since: float = LAST) -> tuple[float, float]:
+    """RMS error from a time on beside that of the same runs undisturbed, and NEES."""
+    squares = [(tracks[run].rms(since), plain[run][1].rms(since)) for run in tracks]
     with_it, without = np.sqrt(np.mean(np.square(squares), axis=0))
-    return with_it / without, float(np.mean([track.nees(LAST) for track in tracks.values()]))
+    return with_it / without, float(np.mean([track.nees(since) for track in tracks.values()]))
 
 
 @pytest.mark.parametrize("seconds", [60, 180])
@@ -45,13 +45,15 @@ def test_an_outage_of_the_imu_is_over_once_it_is_over(plain, seconds) -> None:
 
 
 def test_fixes_up_to_two_minutes_late_cost_little(plain) -> None:
-    """Some of them are overtaken by others, some come twice."""
+    """Some of them are overtaken by others, some come twice. Over eight runs of 90 minutes the
+    error is 1.05 times as large; in the first 45 of one the navigator gets better from fix to fix,
+    and is a minute behind."""
     tracks = {}
     for run, (world, _) in plain.items():
         made = Run(world, delays=late(world.scenario, run, 120.0))
         tracks[run] = made.fly()
         under_way = {number for _, number, *_ in made._under_way}
         assert len(made._taken) >= len(tracks[run].fixes) - len(under_way)
-    ratio, nees = compared(plain, tracks)
-    assert 0.9 < ratio < 1.15
+    ratio, nees = compared(plain, tracks, since=600.0)
+    assert 0.9 < ratio < 1.25
     assert nees < 1.57

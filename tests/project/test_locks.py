@@ -114,3 +114,14 @@ def test_the_installer_is_pinned_by_its_hashes() -> None:
     text = (ROOT / "requirements-installer.lock").read_text(encoding="utf-8")
     assert list(pins("requirements-installer.lock")) == ["uv"]
     assert "--hash=sha256:" in text
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["requirements", "requirements-development", "requirements-installer", "docker/requirements"],
+)
+def test_every_version_is_pinned_by_hashes(name: str) -> None:
+    text = (ROOT / f"{name}.lock").read_text(encoding="utf-8")
+    pinned = re.findall(r"^[a-z0-9._-]+==.*(?:\n    .*)*", text, re.MULTILINE)
+    assert pinned
+    assert [entry.split()[0] for entry in pinned if "--hash=sha256:" not in entry] == []
