@@ -12,6 +12,8 @@ FOLDERS = ("src", "tests", "benchmarks", "examples")
 
 LINE_LENGTH = 99
 FILE_LINES = 350
+NODE_LINES = 150
+"""Of the module of a node."""
 FUNCTION_LINES = 60
 KERNEL_LINES = 80
 COMMAND_LINES = 20
@@ -105,6 +107,14 @@ def test_no_file_is_too_long() -> None:
         for name, count in length.items()
         if count > FILE_LINES and name not in EXCEPTIONS
     ]
+    assert not too_long, text(too_long)
+
+
+def test_nodes_are_thin() -> None:
+    nodes = [path for path in sources() if path.name == "node.py"]
+    counts = {path: path.read_text(encoding="utf-8").count("\n") for path in nodes}
+    assert len(nodes) >= 4
+    too_long = [f"{path}: {count}" for path, count in counts.items() if count >= NODE_LINES]
     assert not too_long, text(too_long)
 
 

@@ -4,7 +4,6 @@ navigator's estimate.
 A gravimeter, unless the parameter `field` names a field of another instrument."""
 
 import math
-import sys
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -25,7 +24,7 @@ from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
-from isogal_ros.nodes.spin import run_node
+from isogal_ros.nodes.spin import main_of
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument counts as
@@ -143,10 +142,8 @@ class GravimeterNode(GraphNode):
         self.health.state(OK, "reducing")
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Entry point of the console script."""
-    sys.exit(run_node(topics.GRAVIMETER, lambda: GravimeterNode(topics.GRAVIMETER), args))
-
+main = main_of(GravimeterNode, topics.GRAVIMETER)
+"""Entry point of the console script."""
 
 if __name__ == "__main__":
     main()

@@ -2,7 +2,6 @@
 or at a wall-clock rate."""
 
 import math
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -22,7 +21,7 @@ from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
-from isogal_ros.nodes.spin import run_node
+from isogal_ros.nodes.spin import main_of
 
 
 class InsSimNode(GraphNode):
@@ -48,7 +47,6 @@ class InsSimNode(GraphNode):
         self.begun = time.monotonic()
         """When the first step was published."""
         self._moved = self.begun
-        self._pace_ended = False
         self._outputs = Outputs(self, self.vehicle)
         peers = Peers(self, self.settings.peers)
         self._start = Start(self, peers)
@@ -87,12 +85,6 @@ class InsSimNode(GraphNode):
         elif self._successors is not None and not self.finished:
             self._successors.watch(waited)
 
-    def _say_arrived(self) -> None:
-        if not self._pace_ended:
-            self._pace_ended = True
-            self._survival.forget()
-            self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
-
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
         end = self.vehicle.trajectory.time[-1]
@@ -130,8 +122,9 @@ class InsSimNode(GraphNode):
             return
         if self.step >= len(self.vehicle):
             self.health.state(OK, "finished")
-            self._say_arrived()
-            self._pace.end()
+            if self._pace.end():
+                self._survival.forget()
+                self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
             self.finished = self.settings.exit_at_end
             return
         self.step += 1
@@ -146,10 +139,8 @@ class InsSimNode(GraphNode):
         self.health.tick(ns)
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Entry point of the console script."""
-    sys.exit(run_node(topics.INS_SIM, lambda: InsSimNode(topics.INS_SIM), args))
-
+main = main_of(InsSimNode, topics.INS_SIM)
+"""Entry point of the console script."""
 
 if __name__ == "__main__":
     main()

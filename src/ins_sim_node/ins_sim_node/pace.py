@@ -23,6 +23,7 @@ class Pace:
     def __init__(self, node: Node, clock: Clock, due: Callable[[], None]) -> None:
         self._node, self._clock, self._due = node, clock, due
         self._timer: Any = None
+        self._ended = False
 
     def set(self, steps_per_second: float) -> None:
         """Call `due` at a rate from now on; without a pause where the rate is infinite."""
@@ -35,7 +36,9 @@ class Pace:
             self._node.destroy_timer(self._timer)
             self._timer = None
 
-    def end(self) -> None:
-        """Stop calling `due`; may be called from `due` itself."""
+    def end(self) -> bool:
+        """Stop calling `due`; may be called from `due` itself. Return whether that is new."""
+        first, self._ended = not self._ended, True
         if self._timer is not None:
             self._timer.cancel()
+        return first

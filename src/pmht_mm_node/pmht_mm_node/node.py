@@ -1,12 +1,9 @@
 """Map matching: batches of reduced readings in, position fixes out."""
 
 import math
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
-
-from std_srvs.srv import Trigger
 
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
@@ -19,7 +16,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_sample import NavSample
-from isogal_ros.nodes.spin import run_node
+from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.report import Report
@@ -65,7 +62,8 @@ class PmhtMmNode(GraphNode):
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._first, self._scan)
         self._survival = Survival(self, self._map, self._matcher)
-        self.create_service(Trigger, "~/reset", self._reset)
+        self.offer_reset(self._reset)
+        self.watch("silent", lambda: self.scans.silent)
         self._adapter = adapter_of(self.scenario)
         self.listen(self._adapter.reduced, self._take)
 
@@ -92,11 +90,6 @@ class PmhtMmNode(GraphNode):
             reading = math.nan  # the batch is to know of the scan
         self.scans.add(ns, reading)
 
-    def _beat(self) -> None:
-        if self.configured:
-            self.health.concern("silent", self.scans.silent)
-        super()._beat()
-
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
         kept = self._survival.take(nav.ns)
@@ -106,12 +99,11 @@ class PmhtMmNode(GraphNode):
             collected, self._memory, self.scans.last = kept
             self._builder.restore(collected)
 
-    def _reset(self, _request: Any, response: Any) -> Any:
+    def _reset(self) -> str:
         self._survival.forget()
         self._builder.restore(Collected((), 0, 0))
         self._memory, self.scans.last = None, -1
-        response.success, response.message = True, "begins with the next scan"
-        return response
+        return "begins with the next scan"
 
     def _scan(self, nav: NavSample, reading: Any) -> None:
         self.scans.correct(self._builder, nav.ns)
@@ -150,10 +142,8 @@ class PmhtMmNode(GraphNode):
         return fix
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Entry point of the console script."""
-    sys.exit(run_node(topics.PMHT_MM, lambda: PmhtMmNode(topics.PMHT_MM), args))
-
+main = main_of(PmhtMmNode, topics.PMHT_MM)
+"""Entry point of the console script."""
 
 if __name__ == "__main__":
     main()

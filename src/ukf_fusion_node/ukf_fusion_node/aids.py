@@ -1,6 +1,7 @@
 """Readings of height and velocity sensors: when they are due, and what the filter does with
 them."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -62,6 +63,8 @@ class Aids:
         self._frame = node.settings.velocity_frame
         self._counts: dict[str, int] = {}
         self._sources: list[_Source] = []
+        self._first = sys.maxsize
+        """Stamp of the first IMU sample."""
         height, velocity = node.scenario.height, node.scenario.velocity
         if height.measured:
             self._add(node, topics.BAROMETER, height.interval, self._pressure)
@@ -82,9 +85,10 @@ class Aids:
         source = _Source(topic, from_seconds(interval), subscription.get_publisher_count)
         self._sources.append(source)
 
-    def are_due(self, ns: int, begin: int) -> bool:
-        """Whether readings of stamps up to `ns` are still to come; `begin` is the stamp at which
-        the data begin."""
+    def are_due(self, ns: int) -> bool:
+        """Whether readings of stamps up to that of an IMU sample (ns) are still to come."""
+        self._first = min(ns, self._first)
+        begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, begin) for source in self._sources)
 
     def apply(self, navigator: BufferedNavigator | None, ns: int) -> None:

@@ -1,6 +1,5 @@
 """Fixes applied to the filter, and their figures in the diagnostics."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,9 @@ from isogal_ros.nodes.health import Health
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
 
+LOG_EVERY = 5.0
+"""s of wall time between lines about fixes."""
+
 
 class Corrections:
     """Applies fixes, and counts which the filter accepts.
@@ -26,12 +28,12 @@ class Corrections:
     ----------
     health : Health
         Gets the figures of the last fix.
-    info : callable, optional
-        Logs a line.
+    log : logger, optional
+        Gets a line for a fix, at most one in `LOG_EVERY`.
     """
 
-    def __init__(self, health: Health, info: Callable[[str], None] = lambda text: None) -> None:
-        self._health, self._info = health, info
+    def __init__(self, health: Health, log: Any = None) -> None:
+        self._health, self._log = health, log
         self._odd = 0
         self._accepted = self._refused = 0
 
@@ -75,7 +77,11 @@ class Corrections:
         self._health.concern("improbable", text if self._odd >= 2 else None)
         if result.accepted:
             moved = float(np.hypot(*result.innovation))
-            self._info(f"{result.late:.0f} s old fix taken; {moved:.0f} m from the estimate")
+            if self._log is not None:
+                self._log.info(
+                    f"{result.late:.0f} s old fix taken; {moved:.0f} m from the estimate",
+                    throttle_duration_sec=LOG_EVERY,
+                )
 
 
 def read_fix(message: Any) -> Fix:

@@ -1,12 +1,10 @@
 """The navigator: an unscented filter that integrates the IMU and takes fixes of any age."""
 
-import sys
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from std_srvs.srv import Trigger
 
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -16,7 +14,7 @@ from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.messages.whole_fix import read_whole_fix
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import ERROR
-from isogal_ros.nodes.spin import run_node
+from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
@@ -44,7 +42,7 @@ class UkfFusionNode(GraphNode):
         """IMU samples received, those that were dropped included."""
         self.answered = 0
         """Fixes that were applied or dropped."""
-        self._corrections = Corrections(self.health, self._info)
+        self._corrections = Corrections(self.health, self.get_logger())
         self._navigation = Navigation(self)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         self._watch = Watch(self.settings.max_acceleration, self.settings.max_turn_rate)
@@ -52,8 +50,6 @@ class UkfFusionNode(GraphNode):
         self._aids.use(self._navigation.model)
         self._held: deque[Any] = deque()
         """IMU samples that wait for other sensors."""
-        self._first = sys.maxsize
-        """Stamp of the first of all."""
         self._outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
         self.listen(topics.IMU, self._take_imu)
@@ -62,7 +58,8 @@ class UkfFusionNode(GraphNode):
         whole = self.listen(topics.INFORMATION, self._take_whole)
         ahead = from_seconds(self.settings.max_gap)
         self._fixes = FixQueue(whole.get_publisher_count, ahead)
-        self.create_service(Trigger, "~/reset", self._reset)
+        self.offer_reset(self._reset)
+        self.watch("silent", lambda: self._watch.silent, ERROR)
 
     def _take_imu(self, message: Any) -> None:
         self._held.append(message)
@@ -71,16 +68,8 @@ class UkfFusionNode(GraphNode):
     def _go_on(self) -> None:
         """Take the IMU samples that need not wait for other sensors."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
-        while self._held and not self._waits(to_ns(self._held[0].header.stamp)):
-            try:
-                self._take_sample(self._held.popleft())
-            except BadMessageError as error:
-                self.health.drop(topics.IMU.name, str(error))
-
-    def _waits(self, ns: int) -> bool:
-        self._first = min(ns, self._first)
-        begin = self._first - from_seconds(1.0 / self.scenario.imu.rate)
-        return self._aids.are_due(ns, begin)
+        while self._held and not self._aids.are_due(to_ns(self._held[0].header.stamp)):
+            self.guard(topics.IMU, self._take_sample, self._held.popleft())
 
     def _take_sample(self, message: Any) -> None:
         self.samples += 1
@@ -105,14 +94,6 @@ class UkfFusionNode(GraphNode):
         self.health.concern("stuck", f"stuck: {stuck}" if stuck else None)
         self.health.tick(ns)
 
-    def _beat(self) -> None:
-        if self.configured:
-            self.health.concern("silent", self._watch.silent, ERROR)
-        super()._beat()
-
-    def _info(self, text: str) -> None:
-        self.get_logger().info(text, throttle_duration_sec=5.0)
-
     def _take_pose(self, message: Any) -> None:
         start = self._navigation.start_state()
         speed = float(np.hypot(*start.velocity[0, :2]))
@@ -120,10 +101,9 @@ class UkfFusionNode(GraphNode):
         if self._navigation.navigator is not None:
             self._publish()
 
-    def _reset(self, _request: Any, response: Any) -> Any:
+    def _reset(self) -> str:
         self._navigation.reset()
-        response.success, response.message = True, "waits for a start"
-        return response
+        return "waits for a start"
 
     def _take_whole(self, message: Any) -> None:
         self._fixes.add_whole(to_ns(message.header.stamp), read_whole_fix(message))
@@ -140,13 +120,7 @@ class UkfFusionNode(GraphNode):
     def _settle(self) -> None:
         """Apply the fixes that need not wait, and answer each, even one that is dropped."""
         for _, content in self._fixes.due(self._navigation.ns):
-            try:
-                self._corrections.apply(self._navigation.navigator, content)
-            except BadMessageError as error:
-                self.health.drop(topics.FIX.name, str(error))
-            except Exception as error:
-                self.health.drop(topics.FIX.name, f"{type(error).__name__}: {error}")
-                self.get_logger().error(f"{topics.FIX.name}: {type(error).__name__}: {error}")
+            self.guard(topics.FIX, self._corrections.apply, self._navigation.navigator, content)
             self._answer()
 
     def _answer(self) -> None:
@@ -160,10 +134,8 @@ class UkfFusionNode(GraphNode):
         self._outputs.publish(self._navigation.ns, self._navigation.state, self._navigation.rate)
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Entry point of the console script."""
-    sys.exit(run_node(topics.UKF_FUSION, lambda: UkfFusionNode(topics.UKF_FUSION), args))
-
+main = main_of(UkfFusionNode, topics.UKF_FUSION)
+"""Entry point of the console script."""
 
 if __name__ == "__main__":
     main()

@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
@@ -109,6 +110,7 @@ class GraphNode(ManagedNode):
         self.finished = False
         """Whether the node has nothing left to do, so that its process may end."""
         self._expected: dict[Any, tuple[str, int]] = {}
+        self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
             specs = self._declare(name)
@@ -183,19 +185,35 @@ class GraphNode(ManagedNode):
         """Subscribe; a message with which the handler fails is dropped and counted."""
 
         def guarded(message: Any) -> None:
-            if not self.active:
-                return
-            try:
-                handler(message)
-            except BadMessageError as error:
-                self.health.drop(topic.name, str(error))
-            except Exception as error:
-                self.health.drop(topic.name, f"{type(error).__name__}: {error}")
-                self.get_logger().error(
-                    f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
-                )
+            if self.active:
+                self.guard(topic, handler, message)
 
         return self.create_subscription(topic.type, topic.name, guarded, LOSSLESS, raw=raw)
+
+    def guard(self, topic: Topic, action: Callable[..., object], *arguments: Any) -> None:
+        """Do what a message asks for; one with which that fails is dropped and counted."""
+        try:
+            action(*arguments)
+        except BadMessageError as error:
+            self.health.drop(topic.name, str(error))
+        except Exception as error:
+            self.health.drop(topic.name, f"{type(error).__name__}: {error}")
+            self.get_logger().error(
+                f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
+            )
+
+    def watch(self, name: str, look: Callable[[], str | None], level: bytes = WARN) -> None:
+        """Look every second for something that no message tells of; None = all is well."""
+        self._looks.append(lambda: self.health.concern(name, look(), level))
+
+    def offer_reset(self, forget: Callable[[], str]) -> None:
+        """Offer the service ``~/reset``; `forget` returns what the node does next."""
+
+        def reset(_request: Any, response: Any) -> Any:
+            response.success, response.message = True, forget()
+            return response
+
+        self.create_service(Trigger, "~/reset", reset)
 
     @property
     def ready(self) -> bool:
@@ -235,6 +253,7 @@ class GraphNode(ManagedNode):
     def on_cleanup(self, state: Any) -> Any:
         """Destroy what `setup` made."""
         self._expected = {key: item for key, item in self._expected.items() if key is self._said}
+        self._looks.clear()
         self._ready = False
         self._readiness.reset()
         return super().on_cleanup(state)
@@ -269,6 +288,8 @@ class GraphNode(ManagedNode):
 
     def _beat(self) -> None:
         """Publish diagnostics while no data comes; end with the parent, if there is one."""
+        for look in self._looks:
+            look()
         if self.health.publications == self._heard:
             self.health.idle()
         self._heard = self.health.publications

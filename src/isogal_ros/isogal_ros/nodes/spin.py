@@ -73,6 +73,15 @@ def run_node(name: str, make: Callable[[], Any], args: Sequence[str] | None = No
             rclpy.try_shutdown()
 
 
+def main_of(kind: Callable[[str], Any], name: str) -> Callable[..., None]:
+    """Return the entry point of a console script that runs one node (see `run_node`)."""
+
+    def main(args: Sequence[str] | None = None) -> None:
+        sys.exit(run_node(name, lambda: kind(name), args))
+
+    return main
+
+
 def _run(make: Callable[[], Any], interrupt: Interrupt) -> int:
     # while the node is being made there is nothing to end in good order
     interrupt.ends_at_once = True
