@@ -14,6 +14,7 @@ from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import BagWriter
+from isogal_ros.graph import recorded as of_bag
 from isogal_ros.graph.replay import replay
 from isogal_ros.nodes.signals import Interrupt
 
@@ -95,3 +96,33 @@ def test_the_sample_replays_to_the_same_fixes() -> None:
     assert result.comparison.recorded >= 3
     assert result.comparison.disagreements == 0
     assert result.comparison.largest_difference < 1.0
+
+
+def thinned(scenario, interval: float) -> Scenario:
+    return scenario(
+        f"gravimeter.interval={interval}", "matcher.batch_length=3", "matcher.stride=3"
+    )
+
+
+def test_keys_of_the_reduction_reduce_the_readings_anew(recording, scenario) -> None:
+    """They were once taken as they had been reduced, without a word."""
+    again = thinned(scenario, 20.0)  # every second reading from the first, at 10 s, on
+    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
+    assert sorted(result.outputs.fixes) == [10**9 * k for k in range(50, 360, 60)]
+    # at the bag's interval they are the recorded ones
+    result = replay(BagReader(recording), Interrupt(), lambda progress: None, scenario())
+    assert result.comparison.largest_difference < 1e-6
+
+
+def test_a_reduction_that_the_bag_does_not_allow(recording, scenario, monkeypatch) -> None:
+    said = r"cannot make gravimeter.interval shorter than it was \(10 s\)"
+    with pytest.raises(InputError, match=said):
+        replay(BagReader(recording), Interrupt(), lambda progress: None, thinned(scenario, 5.0))
+    every = of_bag.wanted_messages
+    monkeypatch.setattr(
+        of_bag,
+        "wanted_messages",
+        lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.FELT),
+    )
+    with pytest.raises(InputError, match=r"a replay cannot change gravimeter\.interval"):
+        replay(BagReader(recording), Interrupt(), lambda progress: None, thinned(scenario, 20.0))

@@ -8,6 +8,7 @@ in_process     how does it run in one process?
 processes      how does it run as one process for each node?
 launching      what does the launch file do with its arguments?
 replay         how is a recording fed to fresh nodes?
+recorded       what does a replay need of a bag?
 comparison     how do a replay's fixes differ from the recorded ones?
 evaluation     how good was the navigator?
 session        what are the steps of a run and of a replay, from input to report?

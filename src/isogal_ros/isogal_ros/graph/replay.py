@@ -13,14 +13,15 @@ from rosgraph_msgs.msg import Clock
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector, wanted_messages
+from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.comparison import Comparison, compare
 from isogal_ros.graph.domain import claim_domain, local_context
 from isogal_ros.graph.plan import GraphError, node_class
 from isogal_ros.graph.progress import Progress, Report, ReportTimer
+from isogal_ros.graph.recorded import AIDS, Recorded, load
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns, set_stamp, to_seconds
+from isogal_ros.messages.stamps import set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.nodes.spin import drain, make_executor
@@ -39,8 +40,6 @@ ANSWERS = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
-AIDS = (topics.BAROMETER, topics.VELOCITY)
-"""Sensors beside the IMU that the filter may have."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
 PATIENCE = 120.0
@@ -74,21 +73,6 @@ class Replay:
     interrupted: bool
 
 
-@dataclass(frozen=True)
-class _Recorded:
-    """What a replay needs of a bag."""
-
-    scenario: Scenario
-    run: int
-    imu: dict[int, bytes]
-    """Serialised messages by stamp."""
-    collector: Collector
-    aids: dict[topics.Topic, dict[int, bytes]]
-    """Readings of height and velocity sensors by stamp."""
-    raw: dict[int, bytes]
-    """Readings of the instrument as it gave them by stamp."""
-
-
 def replay(
     reader: BagReader,
     interrupt: Interrupt,
@@ -104,7 +88,8 @@ def replay(
         None = the bag's own.
     tamper : Tamper, optional
         Changes messages on their way. The navigator is then not where it was when the bag was
-        recorded, so that the instrument's raw readings, if the bag has them, are reduced anew.
+        recorded, so that the instrument's raw readings, if the bag has them, are reduced anew; as
+        they are where the scenario reduces them otherwise than the bag's own.
 
     Raises
     ------
@@ -120,7 +105,7 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    recorded = _load(reader, scenario)
+    recorded = load(reader, scenario, tamper is not None)
     if reader.cut is not None:
         last = max(recorded.imu, default=0)
         notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
@@ -146,36 +131,8 @@ def replay(
     )
 
 
-def _load(reader: BagReader, scenario: Scenario) -> _Recorded:
-    collector = Collector(scenario)
-    imu: dict[int, bytes] = {}
-    raw: dict[int, bytes] = {}
-    adapter = adapter_of(scenario)
-    aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
-    wanted = (topics.IMU, adapter.raw, *AIDS, *collector.topics())
-    for topic, data in wanted_messages(reader, wanted):
-        if topic is topics.IMU:
-            imu[peek_ns(data)] = data
-        elif topic is adapter.raw:
-            raw[peek_ns(data)] = data
-        elif topic in aids:
-            aids[topic][peek_ns(data)] = data
-        else:
-            collector.take(topic, data)
-    needed = ((topics.IMU.name, imu), (adapter.reduced.name, collector.readings))
-    missing = [name for name, store in needed if not store]
-    if missing:
-        there = ", ".join(sorted(reader.types)) or "nothing"
-        cut = f"; {reader.cut}" if reader.cut else ""
-        raise InputError(
-            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
-            f" has {there}{cut}"
-        )
-    return _Recorded(scenario, int(reader.texts.get("run", 0)), imu, collector, aids, raw)
-
-
 def _run(
-    recorded: _Recorded,
+    recorded: Recorded,
     context: Context,
     interrupt: Interrupt,
     report: Report,
@@ -185,8 +142,7 @@ def _run(
     executor = make_executor(context)
     nodes: dict[str, Any] = {}
     # the feeder hears everything, as a recorder does
-    reduces = tamper is not None and bool(recorded.raw)
-    names = (*NODES, topics.GRAVIMETER) if reduces else NODES
+    names = (*NODES, topics.GRAVIMETER) if recorded.reduces else NODES
     own = {"run": recorded.run, "recorders": 1, "peers": list(names)}
     special: dict[str, dict[str, Any]] = {
         topics.UKF_FUSION: {"start_time": math.nan},
@@ -199,7 +155,9 @@ def _run(
             nodes[name] = kind(name, values=values, context=context)
         values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
-        feeder.advertise_sensors([topic for topic in AIDS if recorded.aids[topic]], reduces)
+        feeder.advertise_sensors(
+            [topic for topic in AIDS if recorded.aids[topic]], recorded.reduces
+        )
         for node in nodes.values():
             executor.add_node(node)
         answered = _LockStep(recorded, nodes, executor, tamper).run(interrupt, report)
@@ -262,7 +220,7 @@ class _LockStep:
 
     def __init__(
         self,
-        recorded: _Recorded,
+        recorded: Recorded,
         nodes: dict[str, Any],
         executor: Any,
         tamper: Tamper | None = None,
