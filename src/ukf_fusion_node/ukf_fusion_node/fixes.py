@@ -11,7 +11,7 @@ from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
 
 KEPT = 65536
-"""Stamps kept of fixes that were used."""
+"""Stamps kept of fixes, of those that wait and of those that were used."""
 PATIENCE = 30.0
 """s of wall time that a position waits, from its arrival on, for the whole fix of its stamp."""
 
@@ -99,9 +99,10 @@ class FixQueue:
         found = self._stamps.get(ns)
         if found is None:
             if len(self._stamps) >= KEPT:
-                oldest = next(iter(self._stamps))
+                oldest = next((one for one in self._stamps if one not in self._waiting), None)
+                if oldest is None:
+                    raise BadMessageError(f"more than {KEPT} fixes wait")
                 del self._stamps[oldest]
-                self._waiting.pop(oldest, None)
             found = self._stamps[ns] = _Stamp()
         return found
 

@@ -1,0 +1,123 @@
+"""More messages than a node can deal with: what waits is bounded, what is lost is told."""
+
+import time
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from helpers.node_bench import bench, stamps
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.recorder import RECORDER, RecorderNode
+from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.whole_fix import WholeFix
+from isogal_ros.nodes import nav_queue
+from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.spin import make_executor
+from isogal_ros.parameters.values import node_values
+from ukf_fusion_node import fixes
+from ukf_fusion_node.fixes import FixQueue
+
+
+@pytest.fixture(scope="module")
+def flight(scenario):
+    trajectory, field_map = build_trajectory(scenario()), map_for_scenario(scenario())
+
+    def go(made, scans, navigator: bool = True) -> None:
+        for scan in scans:
+            k = scan * 10
+            place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
+            if navigator:
+                made.nav(k, *place, tuple(trajectory.velocity[k, :2]))
+            made.reading(k, float(field_map.value(*place)))
+
+    return go
+
+
+def test_a_matcher_that_is_slower_than_the_scans_loses_none(scenario, flight, monkeypatch) -> None:
+    """All 36 scans of six minutes at once, to one that takes 50 ms for a batch."""
+    with bench(topics.PMHT_MM, scenario()) as made:
+        flight(made, range(1, 2))
+        match = made.node._fix_of
+
+        def slow(batch):
+            time.sleep(0.05)
+            return match(batch)
+
+        monkeypatch.setattr(made.node, "_fix_of", slow)
+        flight(made, range(2, 37))
+        made.wait(lambda: len(made.heard["pmht_mm/fix"]) == 6)
+        assert stamps(made, topics.FIX) == [60, 120, 180, 240, 300, 360]
+        assert all(fix.status.status >= 0 for fix in made.heard["pmht_mm/fix"])
+        assert made.node.health.dropped == {}
+
+
+def test_readings_that_wait_for_a_silent_navigator(scenario, flight, monkeypatch) -> None:
+    monkeypatch.setattr(nav_queue, "LONGEST", 8)
+    with bench(topics.PMHT_MM, scenario()) as made:
+        flight(made, range(1, 37), navigator=False)
+        made.wait(lambda: made.node.taken == 36)
+        assert made.node.scans.waiting == 8
+        assert made.node.health.dropped == {"nav/odom": 28}
+        said = "more than 8 readings wait for the navigator"
+        made.wait(lambda: any(said in text for _, text, _ in made.says()))
+        assert any(level == WARN for level, text, _ in made.says() if said in text)
+
+
+def test_a_burst_of_fixes_is_bounded_and_told(monkeypatch) -> None:
+    """Those that wait are kept, those that were used are forgotten first."""
+    monkeypatch.setattr(fixes, "KEPT", 10)
+    queue = FixQueue(lambda: 1, ahead_ns=from_seconds(1000.0))
+    queue.add_whole(1, WholeFix(None))
+    assert [ns for ns, _ in queue.due(10)] == [1]
+    for second in range(100, 110):
+        queue.add_whole(from_seconds(second), WholeFix(None))
+    with pytest.raises(BadMessageError, match="more than 10 fixes wait"):
+        queue.add_whole(from_seconds(110.0), WholeFix(None))
+    assert len(queue.due(from_seconds(109.0))) == 10
+    queue.add_whole(from_seconds(110.0), WholeFix(None))
+
+
+def test_a_burst_of_imu_samples_loses_none(scenario) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        for k in range(1, 301):
+            made.imu(k)
+        made.wait(lambda: 300 in stamps(made, topics.NAV_FIX))
+        assert stamps(made, topics.NAV_FIX) == list(range(301))
+        assert made.node.health.dropped == {}
+
+
+def test_a_hundred_topics_of_strangers_are_not_recorded(scenario, tmp_path) -> None:
+    with claim_domain() as number, local_context(number) as context:
+        own = {"bag": str(tmp_path / "bag"), "peers": [RECORDER]}
+        values = node_values(scenario(), own, RecorderNode.sections)
+        recorder = RecorderNode(RECORDER, values=values, context=context)
+        strangers = Node("strangers", context=context, use_global_arguments=False)
+        executor = make_executor(context)
+        executor.add_node(recorder)
+        executor.add_node(strangers)
+        many = [strangers.create_publisher(String, f"stranger_{k}", 10) for k in range(100)]
+        imu = strangers.create_publisher(topics.IMU.type, topics.IMU.name, topics.LOSSLESS)
+        end = time.monotonic() + 20.0
+        while not imu.get_subscription_count() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        for _ in range(20):
+            for publisher in many:
+                publisher.publish(String(data="x" * 1000))
+            imu.publish(topics.IMU.type())
+        while recorder.writer.messages < 20 and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        for node in (recorder, strangers):
+            executor.remove_node(node)
+        recorder.close()
+        strangers.destroy_node()
+    messages = list(BagReader(tmp_path / "bag").messages())
+    assert sum(message.topic == "/imu/data_raw" for message in messages) == 20
+    assert {message.topic for message in messages} <= {"/imu/data_raw", "/diagnostics"}
+    assert np.sum([len(message.data) for message in messages]) < 100_000
