@@ -12,6 +12,8 @@ import pytest
 
 from helpers.command_line import refusal
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 ROOT = Path(__file__).resolve().parents[2]
 SIGMA = 1e-5
@@ -117,13 +119,12 @@ def test_without_it_the_matcher_is_unknown(plugin, inputs):
 
 @pytest.mark.ros
 def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
-    """Its format, field, messages and matcher together."""
+    """Its field, messages and matcher together, with the same map in another format."""
     grid, out = tmp_path / "map.nc", tmp_path / "run"
-    done = isogal(
-        *("map", "convert", inputs[0], grid, "--quantity", "gravity_anomaly", "--unit", "mGal"),
-        path=plugin,
-    )
-    assert done.returncode == 0, done.stderr
+    values = 1e-5 * np.loadtxt(inputs[0], skiprows=5)[::-1]
+    west, south, step = (float(line.split()[1]) for line in inputs[0].open().readlines()[2:5])
+    axes = (np.radians(at + step * np.arange(len(values))) for at in (south, west))
+    write_netcdf(FieldMap(*axes, values, "m/s²", "gravity_anomaly"), grid)
     settings = (
         *("field=free-air", "matcher.name=least-squares", f"map.source={grid}"),
         *("route.start=[-37.05, 145.05]", "route.end=[-36.9, 145.2]", "route.duration=320"),
