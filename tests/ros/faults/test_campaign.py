@@ -27,8 +27,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(scenario, tmp_path, mon
         assert (row["crashes"], row["not_finite"]) == (0, 0)
         assert row["told"] == 1, json.dumps(row)
         assert row["told_after_s"] <= 120.0, row
-        # the map of this test is too regular to find a place again after an outage
-        assert row["passed"] or "outage" in row["fault"] or "NaN" in row["fault"], row
+        assert row["passed"], row
     page = (tmp_path / PAGE).read_text()
     assert all(name in page for name in QUICK)
     # what is there is taken as it is, but for a line that was cut off
