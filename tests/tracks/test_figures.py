@@ -1,11 +1,19 @@
 """Figures of a matched track."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from helpers.tracks import field_of, made_track
 from isogal.scenario import Matcher
-from isogal.tracks.figures import matched_positions, readings_figure, track_map_figure
+from isogal.tracks.figures import (
+    _free_corner,
+    matched_positions,
+    readings_figure,
+    track_map_figure,
+)
 from isogal.tracks.matching import Uncertainty, match_track
 
 HEIGHT = field_of("height")
@@ -48,3 +56,19 @@ def test_readings_agree_with_the_map_along_the_matched_track():
     recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
     assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
     assert figure.axes[0].get_ylabel() == "Height\n(m)"
+
+
+@pytest.mark.parametrize(("north", "east"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_the_inset_is_where_the_track_is_not(north, east):
+    """A track along two edges of the panel, whose last fix is in the middle."""
+    track, _, _ = made_track(HEIGHT)
+    reach = np.linspace(-1.0, 1.0, len(track.time))
+    long, flat = np.full_like(reach, -0.9), np.full_like(reach, -0.9)
+    half = len(reach) // 2
+    long[:half], flat[half:] = reach[::-1][:half] * 0.9, reach[half:] * 0.9
+    track = replace(track, latitude=np.radians(north * long), longitude=np.radians(east * flat))
+    panel = Figure().add_subplot()
+    panel.set_xlim(-1.0, 1.0)
+    panel.set_ylim(-1.0, 1.0)
+    corner = _free_corner(panel, track, 0.0, (0.0, 0.0))
+    assert (corner[0] > 0.5, corner[1] > 0.5) == (east > 0, north > 0)

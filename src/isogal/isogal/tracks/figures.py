@@ -24,6 +24,8 @@ RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
 _TALLEST, _FLATTEST = 1.5, 0.35
 """Limits of the map panel's height over its width."""
+_INSET, _EDGE = 0.25, 0.03
+"""Size of the inset, and its distance from the edge, in shares of the panel."""
 _DOT = 0.015
 """1-sigma over half the map panel's width below which an ellipse is drawn once more."""
 _LATTICE = 420
@@ -73,14 +75,16 @@ def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match
         draw(latitude[match.rows], _near(longitude[match.rows], middle[1]), MATCHED, label)
     for number, match in enumerate(m for m in matches if m.fix.published):
         _ellipse(panel, match, middle[1], number == 0)
-    _magnify(panel, [m for m in matches if m.fix.published], middle[1], float(half.max()))
+    _magnify(panel, track, [m for m in matches if m.fix.published], middle[1], float(half.max()))
     panel.set_xlabel("longitude (deg)")
     panel.set_ylabel("latitude (deg)")
     style.legend_below(figure)
     return figure
 
 
-def _magnify(panel: "Axes", published: Sequence[Match], middle: float, half: float) -> None:
+def _magnify(
+    panel: "Axes", track: Track, published: Sequence[Match], middle: float, half: float
+) -> None:
     """Draw the last fix once more where its ellipse is too small to be seen."""
     if not published:
         return
@@ -91,9 +95,7 @@ def _magnify(panel: "Axes", published: Sequence[Match], middle: float, half: flo
     north, east = (float(m) for m in metres_per_radian(fix.latitude))
     x = math.degrees(float(_near(np.array(fix.longitude), middle)))
     y = math.degrees(fix.latitude)
-    left = x > float(np.mean(panel.get_xlim()))
-    below = y > float(np.mean(panel.get_ylim()))
-    inset = panel.inset_axes((0.03 if left else 0.72, 0.03 if below else 0.72, 0.25, 0.25))
+    inset = panel.inset_axes((*_free_corner(panel, track, middle, (x, y)), _INSET, _INSET))
     _ellipse(inset, published[-1], middle, False)
     reach = 3.0 * sigma
     inset.set_xlim(x - math.degrees(reach / east), x + math.degrees(reach / east))
@@ -105,6 +107,25 @@ def _magnify(panel: "Axes", published: Sequence[Match], middle: float, half: flo
         0.5, 0.02, f"last fix, {2.0 * reach:.0f} m wide", transform=inset.transAxes, ha="center",
         fontsize=5,
     )  # fmt: skip
+
+
+def _free_corner(
+    panel: "Axes", track: Track, middle: float, fix: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the lower left corner, in shares of the panel, of an inset that hides least of the
+    track, and of such insets the one that is farthest from a fix (deg)."""
+    x = np.append(np.degrees(_near(track.longitude, middle)), fix[0])
+    y = np.append(np.degrees(track.latitude), fix[1])
+    (west, east), (south, north) = panel.get_xlim(), panel.get_ylim()
+    x, y = (x - west) / (east - west), (y - south) / (north - south)
+    far = 1.0 - _INSET - _EDGE
+
+    def hidden(corner: tuple[float, float]) -> tuple[int, float]:
+        apart = np.stack([x - corner[0], y - corner[1]]) - 0.5 * _INSET
+        count = int((np.abs(apart) < 0.5 * _INSET + _EDGE).all(axis=0).sum())
+        return count, -float(np.hypot(*apart[:, -1]))
+
+    return min(((a, b) for a in (_EDGE, far) for b in (_EDGE, far)), key=hidden)
 
 
 def _middle(track: Track) -> tuple[float, float]:

@@ -54,7 +54,7 @@ def calibration_figure(found: Calibration) -> "Figure":
     panel.plot(minutes, found.after, lw=0.6, label=f"compensated, RMS {found.rms_after:.2f} nT")
     panel.set_xlabel("time (min)")
     panel.set_ylabel("total field in the band (nT)")
-    panel.legend(loc="upper right")
+    style.legend_below(figure)
     return figure
 
 
