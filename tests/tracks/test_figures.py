@@ -62,11 +62,10 @@ def test_readings_agree_with_the_map_along_the_matched_track():
 def test_the_inset_is_where_the_track_is_not(north, east):
     """A track along two edges of the panel, whose last fix is in the middle."""
     track, _, _ = made_track(HEIGHT)
-    reach = np.linspace(-1.0, 1.0, len(track.time))
-    long, flat = np.full_like(reach, -0.9), np.full_like(reach, -0.9)
-    half = len(reach) // 2
-    long[:half], flat[half:] = reach[::-1][:half] * 0.9, reach[half:] * 0.9
-    track = replace(track, latitude=np.radians(north * long), longitude=np.radians(east * flat))
+    count = len(track.time)
+    down = np.clip(np.linspace(0.9, -2.7, count), -0.9, 0.9)
+    right = np.clip(np.linspace(-2.7, 0.9, count), -0.9, 0.9)
+    track = replace(track, latitude=np.radians(north * down), longitude=np.radians(east * right))
     panel = Figure().add_subplot()
     panel.set_xlim(-1.0, 1.0)
     panel.set_ylim(-1.0, 1.0)
