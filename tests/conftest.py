@@ -1,6 +1,8 @@
 """Fixtures that every test package shares."""
 
+import gc
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 from isogal.threads import one_thread
@@ -47,6 +49,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             len(FIRST),
         )
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_old_is_searched_for_garbage() -> Iterator[None]:
+    """Thousands of tests, numba and matplotlib are there to stay: a collection of garbage that
+    looks at them takes a fifth of a second, and closing a ROS context is one."""
+    gc.freeze()
+    yield
 
 
 @pytest.fixture(scope="session")
