@@ -13,6 +13,7 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
@@ -245,6 +246,7 @@ def _one_thread() -> Iterator[None]:
 def _interrupts_blocked() -> Iterator[None]:
     """Block Ctrl-C, which a terminal sends to the whole group, in processes started here: the
     parent alone handles it."""
+    resource_tracker.ensure_running()  # with the first worker this would let Ctrl-C through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
