@@ -63,7 +63,6 @@ class PmhtMmNode(GraphNode):
         self.scans = Scans(self, self.scenario, self._first, self._scan)
         self._survival = Survival(self, self._map, self._matcher)
         self.offer_reset(self._reset)
-        self.watch("silent", lambda: self.scans.silent)
         self._adapter = adapter_of(self.scenario)
         self.listen(self._adapter.reduced, self._take)
 

@@ -49,7 +49,7 @@ class Scans:
         """Stamp of the last scan, ns; -1 = none."""
         self.guessed = False
         """Whether the navigator said nothing of that scan, so that its state is a guess."""
-        self._queue = NavQueue(node, scenario, self._process)
+        self._queue = NavQueue(node, scenario, self._process, self._look)
 
     @property
     def silent(self) -> str | None:
@@ -58,6 +58,10 @@ class Scans:
         if self._newest < 0 or gone <= SILENT * self._interval:
             return None
         return f"no readings for {to_seconds(gone):.0f} s"
+
+    def _look(self) -> None:
+        """Say that readings fail to come, by the time of the stamps."""
+        self._health.concern("silent", self.silent)
 
     def before(self, ns: int) -> int:
         """Return how many scans there have been before the one of a stamp, counted from zero."""

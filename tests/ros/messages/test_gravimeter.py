@@ -36,3 +36,16 @@ def test_another_frame_is_refused() -> None:
     message.header.frame_id = "base_link"
     with pytest.raises(BadMessageError, match="frame_id must be 'gravimeter_link'"):
         ADAPTER.read_raw(message)
+
+
+@pytest.mark.parametrize("value", [0.0, -9.8, 4.9, 20.1, 9.8e5])
+def test_gravity_that_is_not_the_earths_is_refused(value) -> None:
+    """Zero and the other sign were once left to the matcher, which left them out in silence."""
+    adapter = GravimeterAdapter(topics.GRAVITY)
+    message = adapter.new_raw()
+    adapter.fill_raw(message, 1, value, 1e-10)
+    for read in (adapter.read_raw, adapter.read_reduced):
+        with pytest.raises(BadMessageError, match="not the Earth's"):
+            read(message)
+    adapter.fill_raw(message, 1, 9.8, 1e-10)
+    assert adapter.read_raw(message) == (9.8, 1e-10)

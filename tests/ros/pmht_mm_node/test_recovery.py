@@ -110,3 +110,13 @@ def test_no_batch_ends_in_a_time_of_which_the_navigator_said_nothing(scenario, d
         }
         assert reasons[120.0] == "the navigator said nothing of the batch's end"
         assert reasons[150.0] == "fix published"
+
+
+def test_silence_of_the_instrument_is_told_by_the_time_of_the_stamps(scenario, drive) -> None:
+    """By the wall clock three minutes of a fast simulation passed between two looks."""
+    with bench(topics.PMHT_MM, scenario()) as made:
+        drive(made, 1, 3)
+        for k in (40, 50, 60, 70, 80):
+            made.nav(k, -0.64, 2.56)
+        made.wait(lambda: any("no readings for 50 s" in text for _, text, _ in made.says()))
+        assert not any("no readings for 40 s" in text for _, text, _ in made.says())

@@ -17,6 +17,8 @@ PLATFORM = "gravimeter_link"
 
 LARGEST_GRAVITY, LARGEST_DISTURBANCE = 20.0, 1.0
 """m/s²; beyond, the unit is another."""
+SMALLEST_GRAVITY = 5.0
+"""m/s²; below, the instrument gives nothing, or its axis points down."""
 
 
 def gravity(scenario: Scenario) -> "GravimeterAdapter":
@@ -53,7 +55,7 @@ class GravimeterAdapter:
 
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return a value and its variance."""
-        return self._read(message, LARGEST_GRAVITY)
+        return self._read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY)
 
     def new_reduced(self) -> Any:
         """Return a message in the platform's frame."""
@@ -67,13 +69,14 @@ class GravimeterAdapter:
 
     def read_reduced(self, message: Any) -> tuple[float, float]:
         """Return a value and its variance."""
-        is_gravity = self.reduced is topics.GRAVITY
-        return self._read(message, LARGEST_GRAVITY if is_gravity else LARGEST_DISTURBANCE)
+        if self.reduced is topics.GRAVITY:
+            return self._read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY)
+        return self._read(message, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
 
-    def _read(self, message: Any, largest: float) -> tuple[float, float]:
+    def _read(self, message: Any, smallest: float, largest: float) -> tuple[float, float]:
         require_frame(message, PLATFORM)
         value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
         require_reading(value, variance)
-        if abs(value) > largest:
-            raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s²")
+        if not smallest <= value <= largest:
+            raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s², z is up")
         return value, variance

@@ -27,6 +27,8 @@ class NavQueue:
     handle : callable
         Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
         that stamp.
+    arrived : callable
+        Called without arguments when something of the navigator has come.
     """
 
     def __init__(
@@ -34,10 +36,11 @@ class NavQueue:
         node: GraphNode,
         scenario: Scenario,
         handle: Callable[[int, Any, NavSample | None], None],
+        arrived: Callable[[], None] = lambda: None,
     ) -> None:
         self.waiting: list[tuple[int, Any]] = []
         """Stamps and items."""
-        self._health, self._handle = node.health, handle
+        self._health, self._handle, self._arrived = node.health, handle, arrived
         self.nav = NavBuffer(node, scenario, self._process)
 
     def put(self, ns: int, item: Any) -> None:
@@ -47,6 +50,7 @@ class NavQueue:
 
     def _process(self) -> None:
         """Deal with the waiting items as far as the navigator's states reach."""
+        self._arrived()
         while self.waiting:
             ns, item = self.waiting[0]
             try:
