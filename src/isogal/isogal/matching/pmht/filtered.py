@@ -29,7 +29,8 @@ def path_nodes(batch: Batch, rows: Integers) -> Array:
     away = path.away[rows][:, counts]
     weight = path.weight[counts] / path.weight[counts].sum()
     nodes = [away[..., 0] / north[:, None], away[..., 1] / east[:, None]]
-    return np.stack([*nodes, np.broadcast_to(weight, away.shape[:2])], axis=-1)
+    every = np.stack([*nodes, np.broadcast_to(weight, away.shape[:2])], axis=-1)
+    return np.ascontiguousarray(every)  # kernels are compiled once for each memory layout
 
 
 def as_points(batch: Batch, field_map: FieldMap, xi: Array) -> Batch:
