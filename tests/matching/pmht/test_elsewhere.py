@@ -96,6 +96,14 @@ def test_few_readings_several_channels_or_no_map_say_nothing(rough_map):
     assert look(rough_map, off) is None
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_track_without_fixes_that_is_off_the_map_says_nothing(rough_map):
+    new = batches(rough_map, AWAY, 0)
+    far = [replace(one, latitude=one.latitude + 0.1) for one in new]
+    prior = MapErrorEstimate.unknown(new[0], rough_map).coarse_prior
+    assert look_elsewhere(new, far, rough_map, prior) is None
+
+
 def test_groups_of_readings_are_means_with_less_noise(rough_map):
     new = batches(rough_map, AWAY, 0)
     new[1] = replace(new[1], reading=np.where(np.arange(30) == 3, np.nan, new[1].reading))

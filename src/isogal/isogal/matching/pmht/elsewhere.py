@@ -168,6 +168,8 @@ def look_elsewhere(
     lost = LOST_SIGMA[0]
     value = value - 0.5 * (places**2).sum(axis=1) / lost**2
     there = float(np.logaddexp.reduce(value))
+    if not math.isfinite(there):  # the track without fixes is nowhere on the map
+        return None
     cell = 2.0 * math.log(CONSTANTS.look_fine_cell_m / lost) - math.log(2.0 * math.pi)
     at_start = places - drift * fit.half
     return _found(at_start, np.exp(value - there), there + cell - here)
