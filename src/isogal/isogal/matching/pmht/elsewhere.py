@@ -164,11 +164,13 @@ def look_elsewhere(
     if not at_own.may_be_beaten(here):
         return None
     fit = _Fit.of(Track.of(unaided).grouped(CONSTANTS.look_groups), first, prior)
+    if not fit.touches_map:
+        return None
     places, drift, value = fit.best_places(unaided[0].prior[2:4, 2:4])
     lost = LOST_SIGMA[0]
     value = value - 0.5 * (places**2).sum(axis=1) / lost**2
     there = float(np.logaddexp.reduce(value))
-    if not math.isfinite(there):  # the track without fixes is nowhere on the map
+    if not math.isfinite(there):
         return None
     cell = 2.0 * math.log(CONSTANTS.look_fine_cell_m / lost) - math.log(2.0 * math.pi)
     at_start = places - drift * fit.half
@@ -194,6 +196,12 @@ class _Fit:
     def half(self) -> float:
         """Half of the time that the track takes, s."""
         return 0.5 * float(self.track.time[-1] - self.track.time[0])
+
+    @property
+    def touches_map(self) -> bool:
+        """Whether some of the track is on the map where it is believed to be."""
+        values = self.field_map.value(self.track.latitude, self.track.longitude)
+        return bool(np.isfinite(values).any())
 
     def log_density(self, place: Array, drift: Array, blur: float = 0.0) -> Array:
         """Return (S,) log density of the readings for errors (S, 2) in m in the middle of the
