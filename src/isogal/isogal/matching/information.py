@@ -8,6 +8,8 @@ Bayesian inference", where such terms have negative variances). A position fix w
 cannot say it: there, those directions tell nothing (docs/mathematics.md, section 7).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from isogal.arrays import Array
@@ -45,6 +47,19 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     coordinate = np.linalg.solve(factor, mean) @ vectors
     return Information(
         vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T
+    )
+
+
+def replaced(fix: Fix, mean: Array, covariance: Array, prior: Array) -> Fix:
+    """Return a fix that says something else: what turns a navigator N(0, prior) into N(mean,
+    covariance), (n,) and (n, n), n = 7, at the batch end alone. Its place is as it was."""
+    return replace(
+        fix,
+        covariance=measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])[1],
+        information=likelihood_information(mean, covariance, prior),
+        scan_position=None,  # of scans that the navigator saw elsewhere
+        scan_covariance=None,
+        scan_information=None,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 from isogal.arrays import Array
 from isogal.maps.channels import AnyMap
-from isogal.matching.interfaces import Batch, Fix
+from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.map_error import MapErrorPrior
@@ -89,7 +89,7 @@ class Monitored(Protocol):
 class Monitor:
     """What every monitor says of itself: the same as the matcher that it watches."""
 
-    matcher: Monitored
+    matcher: Matcher
 
     @property
     def name(self) -> str:

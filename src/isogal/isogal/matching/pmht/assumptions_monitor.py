@@ -16,9 +16,10 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.information import measurement_only, replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information, Matcher
 from isogal.matching.matrices import positive_part
+from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
@@ -49,25 +50,10 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class AssumptionsMonitor:
+class AssumptionsMonitor(Monitor):
     """A matcher that finds out what it should have been told. See the module."""
 
     matcher: Forgetful
-
-    @property
-    def name(self) -> str:
-        """Of the matcher that it watches."""
-        return self.matcher.name
-
-    @property
-    def context(self) -> int:
-        """Older scans that a batch brings along."""
-        return self.matcher.context
-
-    @property
-    def takes_channels(self) -> bool:
-        """As the matcher that it watches."""
-        return self.matcher.takes_channels
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Trial | None) -> tuple[Fix, Trial]:
         """Match one batch; see `interfaces.Matcher`."""
@@ -80,27 +66,27 @@ class AssumptionsMonitor:
         if trial.in_doubt:
             seen, shown = _as_seen(batch, bank)
         fix, inner = self.matcher.match(seen, field_map, trial.memory)
-        prior = joint_prior(batch)
+        own = prior = joint_prior(batch)
         if fix.reset and trial.in_doubt:
             return fix, Trial(inner)
         if fix.reset:
             prior, bank = prior + LOST_COVARIANCE, bank.lost()
         before, told = bank, fix.information if fix.published else None
+        in_doubt = trial.in_doubt
         if told is not None:
             # relative to the navigator's own estimate, and of readings that are not late
             told = Information(told.vector + told.matrix @ shown, told.matrix)
             bank = bank.informed(told, prior, batch.velocity[-1])
-        in_doubt = trial.in_doubt
-        if told is not None:
             least, most = CONSTANTS.assumptions_probability
             in_doubt = bool(bank.probability[0] < (most if in_doubt else least))
         if in_doubt != trial.in_doubt or (in_doubt and fix.published):
             inner = self.matcher.without_hypotheses(inner)
         fix = replace(fix, diagnostics={**fix.diagnostics, **bank.figures()})
         if in_doubt or trial.in_doubt:
-            fix = _told(batch, fix, before, bank)
-            whole, covariance = bank.believed()
-            mean, posterior = whole[:-1], covariance[:-1, :-1]
+            whole, spread = bank.believed()
+            mean, posterior = whole[:-1], spread[:-1, :-1]
+            widening = positive_part(before.believed()[1][:-1, :-1] - own, np.sqrt(np.diag(own)))
+            fix = _told(batch, fix, mean, posterior, widening)
         else:
             mean, posterior = posterior_of(prior, told)
         return fix, Trial(inner, bank.moved(mean), posterior, in_doubt)
@@ -135,28 +121,17 @@ def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
     return seen_from(moved, mean[:-1], wide), shown @ mean
 
 
-def _told(batch: Batch, fix: Fix, before: ErrorHypotheses, after: ErrorHypotheses) -> Fix:
-    """Return the fix that makes the navigator believe what the hypotheses do."""
-    own, theirs = joint_prior(batch), before.believed()[1][:-1, :-1]
-    widening = positive_part(theirs - own, np.sqrt(np.diag(own)))
-    fix = replace(
-        fix,
-        reset=False,
-        widened=widening,
-        scan_position=None,
-        scan_covariance=None,
-        scan_information=None,
-    )
+def _told(batch: Batch, fix: Fix, mean: Array, covariance: Array, widening: Array) -> Fix:
+    """Return the fix that makes the navigator believe that its error is N(mean, covariance), (7,)
+    and (7, 7), once it has become less certain by a widening (7, 7)."""
+    fix = replace(fix, reset=False, widened=widening)
+    wide = joint_prior(batch) + widening
     if not fix.published:
         return fix
-    whole, spread = after.believed()
-    mean, covariance, wide = whole[:-1], spread[:-1, :-1], own + widening
-    error, error_covariance = measurement_only(mean[:4], covariance[:4, :4], wide[:4, :4])
+    error, _ = measurement_only(mean[:4], covariance[:4, :4], wide[:4, :4])
     north, east = metres_per_radian(batch.end[0])
     return replace(
-        fix,
+        replaced(fix, mean, covariance, wide),
         latitude=float(batch.end[0] - error[0] / north),
         longitude=float(batch.end[1] - error[1] / east),
-        covariance=error_covariance,
-        information=likelihood_information(mean, covariance, wide),
     )

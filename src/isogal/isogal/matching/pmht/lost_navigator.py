@@ -22,10 +22,10 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.information import replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
 from isogal.matching.matrices import positive_part
-from isogal.matching.monitoring import Insight, Monitor
+from isogal.matching.monitoring import Insight, Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look, look_elsewhere
@@ -97,6 +97,8 @@ class Watch:
 @dataclass(frozen=True)
 class LostNavigatorMonitor(Monitor):
     """A matcher that finds a lost navigator. See the module."""
+
+    matcher: Monitored
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Watch | None) -> tuple[Fix, Watch]:
         """Match one batch; see `interfaces.Matcher`."""
@@ -236,12 +238,7 @@ def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:
     mean, covariance = search.shift + search.last.posterior[0], search.covariance
     lost = joint_prior(batch) + LOST_COVARIANCE
     return replace(
-        found,
-        covariance=measurement_only(mean[:4], covariance[:4, :4], lost[:4, :4])[1],
-        information=likelihood_information(mean, covariance, lost),
+        replaced(found, mean, covariance, lost),
         diagnostics={**found.diagnostics, "navigator_lost": 1.0},
         reset=True,
-        scan_position=None,  # of scans that the navigator saw elsewhere
-        scan_covariance=None,
-        scan_information=None,
     )

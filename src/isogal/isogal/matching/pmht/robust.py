@@ -33,13 +33,15 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.information import posterior_of
 from isogal.matching.interfaces import Batch, Fix, Information, declined
 from isogal.matching.matrices import positive_part, symmetric
-from isogal.matching.monitoring import Monitor
+from isogal.matching.monitoring import Monitor, Monitored
 from isogal.matching.pmht.constants import CONSTANTS
 
 
 @dataclass(frozen=True)
 class TrackMonitor(Monitor):
     """A matcher of recorded tracks that publishes only what passes both checks."""
+
+    matcher: Monitored
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch; see `interfaces.Matcher`."""
