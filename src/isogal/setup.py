@@ -6,7 +6,9 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["py.typed", "scenario/imu_grades.yaml"]},
+    package_data={
+        PACKAGE: ["py.typed", "scenario/imu_grades.yaml", "evaluation/view/view.*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -19,6 +19,7 @@ APT = {
     "pandas": "python3-pandas",
     "matplotlib": "python3-matplotlib",
     "netCDF4": "python3-netcdf4",
+    "PIL": "python3-pil",
     "pyproj": "python3-pyproj",
     "yaml": "python3-yaml",
     "psutil": "python3-psutil",

@@ -51,6 +51,10 @@ COMMANDS = {
     "match": Command(
         "match.command", "match", "Match a recorded track of any scalar field against a map."
     ),
+    "view": Command(
+        "view", "view", "Write one page to look through a run: map, errors, messages over time."
+    ),
+    "compare": Command("view", "compare", "Put runs or studies side by side."),
     "plan": Command(
         "plan", "plan", "Find the route on which the navigator arrives with the least error."
     ),

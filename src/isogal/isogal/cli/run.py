@@ -56,21 +56,42 @@ def run(
             "--respawn", help="Start a node that was killed again, from its checkpoint in --out."
         ),
     ] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Serve the page of `isogal view` to this machine meanwhile."),
+    ] = False,
+    port: Annotated[
+        int,
+        typer.Option(
+            "--port", metavar="N", min=0, max=65535, help="Of --live; default: any that is free."
+        ),
+    ] = 0,
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard", help="Show errors, fixes and messages in the terminal.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Simulate a scenario with the navigator in the loop: four nodes and a recorder over DDS.
 
     Writes a bag, summary.json, report.html and the figures. Ctrl-C stops all nodes and keeps the
     bag."""
-    _require_ros()
+    require_ros()
     from isogal_ros.graph.commands import run_command
+    from isogal_ros.graph.watching import Live
 
     settings = chosen.load()
     if respawn and in_process:
         raise InputError("--respawn: nodes in one process cannot be started again one by one")
     raise typer.Exit(
         run_command(
-            settings, out, bag, in_process=in_process, rate=rate, respawn=respawn, json=json
+            settings,
+            out,
+            bag,
+            in_process=in_process,
+            rate=rate,
+            respawn=respawn,
+            json=json,
+            live=Live(live, port, dashboard),
         )
     )
 
@@ -107,7 +128,7 @@ def replay(
     differ from the recorded ones.
 
     The scenario is the recording's own; --scenario names another, --set changes keys of it."""
-    _require_ros()
+    require_ros()
     from isogal.scenario import load_scenario
     from isogal_ros.graph.commands import TOLERANCE, replay_command
 
@@ -146,22 +167,22 @@ def faults(
 
     Exits with 1 where a node ended, something not finite was published, a fault that matters was
     not told, or the error after it stayed larger without the navigator knowing."""
-    _require_ros()
+    require_ros()
     from isogal_ros.graph.commands import faults_command
 
     status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
     raise typer.Exit(status)
 
 
-def _require_ros() -> None:
-    """Raise InputError where the nodes cannot run."""
-    for module, what in (
+def require_ros(what: str = "run, replay and faults") -> None:
+    """Raise InputError where the nodes cannot run, or their messages cannot be read."""
+    for module, name in (
         ("rclpy", "ROS 2 (rclpy)"),
         ("isogal_ros", "the package isogal_ros"),
         ("mcap", "the Python package mcap"),
     ):
         if find_spec(module) is None:
             raise InputError(
-                f"{what} is not installed for {sys.executable}: run and replay need it; the other"
+                f"{name} is not installed for {sys.executable}, which {what} need; the other"
                 " commands do not (see README.md)"
             )

@@ -1,6 +1,7 @@
 """The messages of a run, by stamp, that its record is made of."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
@@ -14,6 +15,22 @@ from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic
+
+LEVELS = {
+    DiagnosticStatus.WARN: "WARN",
+    DiagnosticStatus.ERROR: "ERROR",
+    DiagnosticStatus.STALE: "STALE",
+}
+
+
+class Said(NamedTuple):
+    """Something that a node said of itself."""
+
+    ns: int
+    """Stamp."""
+    level: str
+    name: str
+    text: str
 
 
 class Collector:
@@ -39,8 +56,8 @@ class Collector:
         self.candidates: dict[int, bytes] = {}
         self.batches: dict[int, dict[str, str]] = {}
         """Figures of each batch by stamp of its end, from the diagnostics."""
-        self.warnings: list[tuple[int, str]] = []
-        """Stamps and words of diagnostics at WARN or ERROR."""
+        self.said: list[Said] = []
+        """Diagnostics that are not OK."""
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
@@ -69,6 +86,11 @@ class Collector:
         for topic, data in wanted_messages(reader, self.topics()):
             self.take(topic, data)
 
+    @property
+    def warnings(self) -> list[tuple[int, str]]:
+        """Stamps and words of diagnostics at WARN or ERROR."""
+        return [(one.ns, f"{one.name}: {one.text}") for one in self.said]
+
     def fix_positions(self) -> dict[int, tuple[float, float] | None]:
         """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch
         gave none."""
@@ -86,7 +108,8 @@ class Collector:
         array = deserialize_message(data, topics.DIAGNOSTICS.type)
         for item in array.status:
             if item.level != DiagnosticStatus.OK:
-                self.warnings.append((to_ns(array.header.stamp), f"{item.name}: {item.message}"))
+                level = LEVELS.get(item.level, "ERROR")
+                self.said.append(Said(to_ns(array.header.stamp), level, item.name, item.message))
             if item.name.endswith(f"{topics.PMHT_MM}: batch"):
                 figures = figures_of(item) | {"message": item.message}
                 self.batches[from_seconds(float(figures["stamp"]))] = figures

@@ -9,6 +9,7 @@ from isogal_ros.graph.console import Console
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
 from isogal_ros.graph.session import Summary, make_folder, replay_session, run_session
+from isogal_ros.graph.watching import Live
 from isogal_ros.nodes.signals import interrupts
 
 FAILED, INTERRUPTED = 1, 130
@@ -25,6 +26,7 @@ def run_command(
     rate: float,
     respawn: bool,
     json: bool,
+    live: Live | None = None,
 ) -> int:
     """Run the graph and print its summary; return the exit status.
 
@@ -36,7 +38,14 @@ def run_command(
     console = Console()
     try:
         result = run_session(
-            scenario, out, bag, in_process=in_process, rate=rate, to=console, respawn=respawn
+            scenario,
+            out,
+            bag,
+            in_process=in_process,
+            rate=rate,
+            to=console,
+            respawn=respawn,
+            live=live,
         )
     except GraphError as error:
         console.say(f"isogal: {error}")

@@ -22,6 +22,7 @@ from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.replay import Replay, replay
+from isogal_ros.graph.watching import Live, Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
 Summary = dict[str, Any]
@@ -48,6 +49,7 @@ def run_session(
     rate: float,
     to: Console,
     respawn: bool = False,
+    live: Live | None = None,
 ) -> RunResult:
     """Run the graph, then evaluate its recording.
 
@@ -64,6 +66,8 @@ def run_session(
     respawn : bool
         Whether nodes that were killed are started again, from checkpoints in `out`; of processes
         only.
+    live : Live, optional
+        How the run is watched while it goes on.
 
     Raises
     ------
@@ -85,7 +89,8 @@ def run_session(
     checkpoint = fresh_checkpoints(out / "checkpoint") if respawn and not in_process else None
     plan = Plan(scenario, folder, rate=rate, checkpoint=checkpoint)
     begun = time.monotonic()
-    with interrupts() as interrupt, to.progress() as report:
+    watch = Watch(scenario, trajectory, field_map, folder)
+    with interrupts() as interrupt, watching(live, watch, to) as report:
         if in_process:
             outcome = run_in_process(plan, interrupt, report)
         else:

@@ -1,0 +1,120 @@
+"""``isogal view`` and ``isogal compare``: a run to look through, and runs or studies side by
+side."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isogal.cli.option_groups import with_groups
+from isogal.cli.options import RESULTS, Json
+from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal.evaluation.view.record import ViewedRun
+    from isogal.maps.channels import RouteMap
+
+
+@with_groups
+def view(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="BAG|RUN",
+            help="A recording, or the folder of a run or of a study (--out of the command).",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.html", help="The page.", rich_help_panel=RESULTS, dir_okay=False
+        ),
+    ] = Path("out/view.html"),
+    run: Annotated[
+        int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
+    ] = 0,
+) -> None:
+    """Write one page to look through a run: tracks on the map, fixes, candidates, errors and what
+    was claimed of them, readings and messages, under a slider of time.
+
+    The page is one file and needs no network."""
+    from isogal.evaluation.view.page import require_bokeh, write_view
+
+    require_bokeh()
+    viewed, field_map = _opened(source, run)
+    path = write_view(out, viewed, field_map)
+    typer.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _opened(source: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
+    """Return what to show, from whatever was given."""
+    if not source.exists():
+        raise InputError(f"{source}: no such recording or folder")
+    bag = source / "bag" if (source / "bag").is_dir() else source
+    if bag.is_file() or any(bag.glob("*.mcap*")):
+        if run:
+            raise InputError(f"--run: {source} is one run, not a study")
+        from isogal.cli.run import require_ros
+
+        require_ros("view of a recording")
+        from isogal_ros.bags.viewing import open_bag
+
+        return open_bag(bag)
+    if not (source / "results.json").is_file():
+        raise InputError(
+            f"{source}: neither a recording (MCAP) nor the folder of a run (bag) or of a study"
+            " (results.json)"
+        )
+    from isogal.montecarlo.viewing import open_study
+
+    return open_study(source, run)
+
+
+@with_groups
+def compare(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN RUN ...", help="Folders of runs or studies, or their JSON files."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder for report.html and the figure of errors over time.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Put runs or studies side by side: what differs in their scenarios, their figures of merit,
+    and with --out their errors over time in one figure."""
+    from isogal.evaluation.comparison import comparison, read_results, write_comparison
+
+    results = read_results(sources)
+    found = comparison(results)
+    if json:
+        from json import dumps
+
+        typer.echo(dumps(found.document(), indent=2, allow_nan=False))
+    else:
+        _print(found.rows(), found.names)
+    if out is not None:
+        page = write_comparison(out, results, found)
+        typer.echo(str(page), err=json)
+
+
+def _print(rows: list[tuple[str, ...]], names: list[str]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD)
+    table.add_column("")
+    for name in names:
+        table.add_column(name, justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

@@ -1,0 +1,197 @@
+"""The file: one page, with its script, its style, Bokeh's script and its data in it."""
+
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import isogal
+from isogal.errors import InputError
+from isogal.evaluation.consistency import chi_square_interval
+from isogal.evaluation.figures.style import FieldScale, field_scale
+from isogal.evaluation.view.background import background
+from isogal.evaluation.view.keys import Drawing
+from isogal.evaluation.view.payload import payload
+from isogal.evaluation.view.projection import Projection
+from isogal.evaluation.view.record import ViewedRun
+from isogal.files import write_atomic
+from isogal.maps.channels import channels_of
+
+if TYPE_CHECKING:
+    from isogal.arrays import Array
+    from isogal.maps.channels import RouteMap
+
+MAPS = ("overview", "close_up")
+CAPTIONS = {
+    "overview": "Whole route on the map. Click a place to go there; the frame is what the map"
+    " beside it shows.",
+    "close_up": "At the time of the slider.",
+    "errors": "Click a time to go there; drag to zoom in time, in all panels at once.",
+    "nees": "Grey: where 95 % of single values of a consistent navigator lie.",
+    "signal": "First channel where an instrument has several.",
+    "said": "Point at a mark to read it.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What of a page stays as it is while its numbers change."""
+
+    projection: Projection
+    scale: FieldScale
+    html: str
+    """The page, but for its numbers."""
+
+    @staticmethod
+    def of(
+        title: str,
+        subtitle: str,
+        end: float,
+        route: tuple["Array", "Array"],
+        field_map: "RouteMap",
+        live: bool = False,
+    ) -> "Frame":
+        """Draw the map and the empty panels.
+
+        Parameters
+        ----------
+        end : float
+            h, of the axis of time.
+        route : pair of (K,) arrays
+            Latitude and longitude of the true track, rad.
+        live : bool
+            Whether the page asks its server for new numbers.
+
+        Raises
+        ------
+        InputError
+            Bokeh is not installed.
+        """
+        require_bokeh()
+        latitude, longitude = route[0], np.unwrap(route[1])
+        shown = channels_of(field_map)[0]
+        projection, scale = Projection.of(latitude, longitude), field_scale(shown)
+        label = _plain(scale.label)
+        back = background(shown, projection, latitude, longitude, scale)
+        script, figures = _figures(back, label, end)
+        lines = f"Lines of equal value every {back.coarse.step:g}"
+        if back.fine.x.size:
+            lines += f", near the route {back.fine.step:g}"
+        html = _page(
+            title=title,
+            subtitle=subtitle,
+            script=script,
+            figures=figures,
+            live=live,
+            lines=f"{lines} {_unit(label)}.",
+        )
+        return Frame(projection, scale, html)
+
+    def payload(self, viewed: ViewedRun) -> str:
+        """Return the numbers of a run as JSON."""
+        return json.dumps(
+            payload(viewed, self.projection, self.scale), separators=(",", ":"), allow_nan=False
+        )
+
+    def page(self, viewed: ViewedRun | None) -> str:
+        """Return the whole page; without numbers where there is no run yet."""
+        data = "null" if viewed is None else self.payload(viewed)
+        return self.html.replace("@DATA@", data.replace("</", "<\\/"))
+
+
+def write_view(path: str | Path, viewed: ViewedRun, field_map: "RouteMap") -> Path:
+    """Write the page of one run; return its path.
+
+    Raises
+    ------
+    InputError
+        Bokeh is not installed, or the file cannot be written.
+    """
+    runs = viewed.runs
+    frame = Frame.of(
+        viewed.title,
+        viewed.subtitle,
+        float(runs.elapsed[-1]) / 3600.0,
+        (runs.latitude, runs.longitude),
+        field_map,
+    )
+    write_atomic(path, frame.page(viewed), make_folder=True)
+    return Path(path)
+
+
+def require_bokeh() -> None:
+    """Raise InputError where Bokeh, which draws the page, is not installed."""
+    from importlib.util import find_spec
+
+    if find_spec("bokeh") is None:
+        raise InputError("the page needs the Python package bokeh: pip install 'isogal[view]'")
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    """A figure as the page has it."""
+
+    drawing: Drawing
+    division: str
+    """Its HTML element."""
+    caption: str
+
+
+def _figures(back: Any, label: str, end: float) -> tuple[str, list[_Figure]]:
+    """Return Bokeh's script of the figures, and the figures."""
+    from bokeh.embed import components
+
+    from isogal.evaluation.view import maps, times
+
+    data = maps.sources()
+    shared = times.Panels.new(end)
+    drawings = [
+        maps.overview(back, data, label),
+        maps.close_up(back, data),
+        *times.panels(shared, label, chi_square_interval(1, 2)),
+    ]
+    for drawing in drawings:
+        _click(drawing)
+    script, divisions = components({drawing.name: drawing.plot for drawing in drawings})
+    return script, [_Figure(d, divisions[d.name], CAPTIONS.get(d.name, "")) for d in drawings]
+
+
+def _click(drawing: Drawing) -> None:
+    """Let a click move the slider."""
+    from bokeh.models import CustomJS
+
+    to = "seekPlace(cb_obj.x, cb_obj.y)" if drawing.name in MAPS else "seek(cb_obj.x)"
+    drawing.plot.js_on_event("tap", CustomJS(code=f"window.isogalView.{to}"))
+
+
+def _page(**values: Any) -> str:
+    from bokeh.resources import Resources
+    from jinja2 import Environment
+
+    own = files(__package__)
+    text = {kind: (own / f"view.{kind}").read_text("utf-8") for kind in ("html", "css", "js")}
+    library = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
+    return (
+        Environment(autoescape=True)
+        .from_string(text["html"])
+        .render(
+            library=library,
+            style=text["css"],
+            own_script=text["js"],
+            version=isogal.__version__,
+            maps=MAPS,
+            **values,
+        )
+    )
+
+
+def _plain(label: str) -> str:
+    """Return a label for matplotlib without its mathematics."""
+    return label.replace("$10^{-5}$ m/s²", "mGal")
+
+
+def _unit(label: str) -> str:
+    return label[label.rindex("(") + 1 : -1]

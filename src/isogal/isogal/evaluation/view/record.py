@@ -1,0 +1,87 @@
+"""What the page shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from isogal.evaluation.records import Runs
+from isogal.scenario import Scenario
+
+_PER_RUN = (
+    "error",
+    "covariance",
+    "unaided_error",
+    "fix_error",
+    "fix_covariance",
+    "fix_reason",
+    "posterior_error",
+    "posterior_covariance",
+    "fix_seconds",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that a node said."""
+
+    time: float
+    """s, of the same clock as the run's."""
+    level: str
+    """WARN, ERROR or STALE."""
+    source: str
+    """Who said it."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ViewedRun:
+    """One run, and what is said of it."""
+
+    runs: Runs
+    """Of one run."""
+    scenario: Scenario
+    title: str
+    subtitle: str = ""
+    events: Sequence[Event] | None = None
+    """None = what the nodes said was not recorded."""
+
+    @property
+    def missing(self) -> list[str]:
+        """Sentences that say what the record does not hold."""
+        detail, said = self.runs.detail, []
+        if detail is None:
+            said.append(
+                "Readings and candidates were not recorded: a study keeps them of run 0 only."
+            )
+        elif detail.candidate_batch.size == 0:
+            said.append(
+                f"Candidates were not recorded: the matcher {self.scenario.matcher.name} published"
+                " none."
+            )
+        if self.events is None:
+            said.append("What the nodes said (/diagnostics) was not recorded: a study has none.")
+        said.append(
+            "The matcher's posterior over the map is not recorded. Shown instead are its"
+            " candidates, the fix with the covariance of the measurements alone, and the"
+            " navigator's Gaussian posterior after it."
+        )
+        return said
+
+
+def one_run(runs: Runs, which: int) -> Runs:
+    """Return one run of a record, by its place in it; the details stay only with the first."""
+    values: dict[str, Any] = {item.name: getattr(runs, item.name) for item in fields(Runs)}
+    values |= {name: values[name][which : which + 1] for name in _PER_RUN}
+    return Runs(**(values | {"detail": runs.detail if which == 0 else None}))
+
+
+def subtitle_of(runs: Runs, scenario: Scenario) -> str:
+    """Return a line that says what was run."""
+    hours = float(np.ptp(runs.time)) / 3600.0
+    return (
+        f"Matcher {scenario.matcher.name}, batches of {scenario.matcher.batch_length} scans,"
+        f" {scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed},"
+        f" {hours:.2f} h"
+    )

@@ -1,0 +1,57 @@
+"""A recording as `isogal view` shows it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from isogal.errors import InputError
+from isogal.evaluation.view.record import Event, ViewedRun, subtitle_of
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import record_of
+from isogal_ros.messages.stamps import to_seconds
+
+if TYPE_CHECKING:
+    from isogal.maps.channels import RouteMap
+
+
+def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
+    """Return what a recording holds and the map that it was matched against.
+
+    Raises
+    ------
+    InputError
+        The bag cannot be read, does not say which scenario it is of, or has no true track.
+    """
+    reader = BagReader(bag)
+    scenario = reader.scenario()
+    if scenario is None:
+        raise InputError(f"{bag}: does not say which scenario it is of, so its map is not known")
+    collector = Collector(scenario)
+    collector.take_bag(reader)
+    field_map = map_for_scenario(scenario, build_trajectory(scenario))
+    viewed = viewed_run(collector, field_map, _title(bag))
+    if viewed is None:
+        raise InputError(
+            f"{bag}: no scan with both ground_truth/fix and nav/fix, which the view compares"
+        )
+    return viewed, field_map
+
+
+def viewed_run(
+    collector: Collector, field_map: "RouteMap", title: str, subtitle: str = ""
+) -> ViewedRun | None:
+    """Return what was collected so far; None before the first scan."""
+    runs = record_of(collector, field_map)
+    if runs is None:
+        return None
+    events = [Event(to_seconds(one.ns), one.level, one.name, one.text) for one in collector.said]
+    subtitle = subtitle or subtitle_of(runs, collector.scenario)
+    return ViewedRun(runs, collector.scenario, title, subtitle, events)
+
+
+def _title(bag: Path) -> str:
+    """Return the name of the run's folder, or of the bag."""
+    folder = bag.resolve()
+    return folder.parent.name if folder.name == "bag" else folder.name

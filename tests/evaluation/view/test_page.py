@@ -1,0 +1,177 @@
+"""The page of `isogal view`: what is in it, and what it does in a browser."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
+
+from helpers.browser import CHROMIUM, Browser, chromium
+from helpers.studies import small_scenario, wavy_map
+from isogal.evaluation.records import RunDetail
+from isogal.evaluation.view.page import Frame, write_view
+from isogal.evaluation.view.projection import Projection
+from isogal.evaluation.view.record import Event, ViewedRun, one_run
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")
+
+
+@pytest.fixture(scope="module")
+def viewed(make_runs) -> ViewedRun:
+    runs = make_runs(
+        runs=1,
+        detail=True,
+        latitude=np.radians(np.linspace(-38.0, -37.7, 121)),
+        longitude=np.radians(np.linspace(144.5, 144.9, 121)),
+        fix_reason=((None,) * 20 + ("the posterior has several peaks",) * 4,),
+    )
+    events = [
+        Event(60.0, "WARN", "pmht_mm_node", "</script> late"),
+        Event(61.0, "WARN", "pmht_mm_node", "</script> late"),
+        Event(900.0, "ERROR", "ins_sim_node", "stopped"),
+    ]
+    return ViewedRun(runs, small_scenario(), "A run <b>", "with a subtitle", events)
+
+
+@pytest.fixture(scope="module")
+def page(viewed, tmp_path_factory) -> Path:
+    return write_view(tmp_path_factory.mktemp("view") / "made" / "view.html", viewed, wavy_map())
+
+
+def numbers(page: Path) -> dict:
+    text = page.read_text(encoding="utf-8")
+    found = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_the_page_is_one_file_that_asks_nobody(page) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size < 4e6
+    frame = re.sub(r"(<script[^>]*>).*?</script>", r"\1", text, flags=re.DOTALL)
+    assert re.findall(r'(?:src|href)="(?!data:)[^"#]', frame) == []
+    assert "<h1>A run &lt;b&gt;</h1>" in text
+
+
+def test_the_numbers_are_those_of_the_run(page, viewed) -> None:
+    data, runs = numbers(page), viewed.runs
+    states, batches = data["states"], data["batches"]
+    np.testing.assert_allclose(states["error"], runs.horizontal_error[0], rtol=1e-4)
+    np.testing.assert_allclose(np.array(states["t"]) * 3600.0, runs.time, atol=1e-2)
+    moved = np.hypot(
+        np.subtract(states["aided_x"], states["x"]), np.subtract(states["aided_y"], states["y"])
+    )
+    np.testing.assert_allclose(1e3 * moved, runs.horizontal_error[0], rtol=5e-3, atol=0.1)
+    assert batches["reason"][19:21] == [None, "the posterior has several peaks"]
+    assert [len(found["x"]) for found in data["candidates"]] == [15] * 24
+    assert data["events"]["times"] == [2, 1]
+    assert data["events"]["text"] == ["</script> late", "stopped"]
+
+
+def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
+    assert [text.split(" ")[0] for text in viewed.missing] == ["The"]
+    study = ViewedRun(one_run(make_runs(runs=3, detail=True), 2), small_scenario(), "")
+    assert study.runs.detail is None
+    assert any("Readings and candidates were not recorded" in text for text in study.missing)
+    assert any("/diagnostics" in text for text in study.missing)
+    none: dict = {
+        name: np.empty(0, dtype=np.int64 if name[10:] in ("batch", "scan") else np.float64)
+        for name in RunDetail.__slots__
+    }
+    runs = make_runs(runs=1, detail=False)
+    silent = ViewedRun(one_run(runs, 0), small_scenario(), "", events=[])
+    object.__setattr__(silent.runs, "detail", RunDetail(**none))
+    assert "pmht-paper published none" in silent.missing[0]
+
+
+def test_a_live_page_is_complete_without_numbers(viewed) -> None:
+    runs = viewed.runs
+    frame = Frame.of("Live", "", 2.0, (runs.latitude, runs.longitude), wavy_map(), live=True)
+    text = frame.page(None)
+    assert ">null</script>" in text
+    assert 'data-live="true"' in text
+
+
+def test_places_on_the_map_are_where_the_metres_say() -> None:
+    project = Projection.of(np.radians([-38.0, -37.0]), np.radians([179.5, 180.5]))
+    x, y = project(np.radians(-38.0), np.radians(-179.5))
+    east, north = project.stretch(np.radians(-37.5))
+    assert (x, y) == (pytest.approx(88.4, abs=0.1), 0.0)
+    assert (east, north) == (pytest.approx(1e-3), pytest.approx(1e-3))
+
+
+def place(browser: Browser, figure: str) -> dict[str, float]:
+    browser.value(f"document.querySelector('#figure_{figure}').scrollIntoView({{block:'center'}})")
+    return browser.value(
+        f"(() => {{ const r = document.querySelector('#figure_{figure} .bk-Figure')"
+        ".getBoundingClientRect(); return {x: r.x, y: r.y, w: r.width, h: r.height}; })()"
+    )
+
+
+@needs_browser
+def test_the_page_in_a_browser(page, tmp_path) -> None:
+    index, model = "isogalView.index", "Bokeh.documents[0].get_model_by_name"
+    with chromium(tmp_path / "profile") as browser:
+        browser.open(page.as_uri())
+        assert browser.value(index) == 0
+
+        # by keyboard: a state on, the next fix, the end; the cursor and the map go along
+        browser.press("ArrowRight")
+        assert browser.value(index) == 1
+        browser.press("n")
+        assert browser.value("document.getElementById('clock').textContent") == "0:05:00"
+        assert browser.value(f"{model}('candidates').data.x.length") == 15
+        browser.press("End")
+        assert browser.value(index) == 120
+        assert browser.value(f"{model}('cursor').location") == pytest.approx(2.0)
+        middle = "(r => (r.start + r.end) / 2)"
+        assert browser.value(f"{middle}({model}('close_up').x_range)") == pytest.approx(
+            browser.value("isogalView.data.states.x[120]")
+        )
+
+        # the slider itself, and playing
+        browser.value("(s => {s.value = 40; s.dispatchEvent(new Event('input'))})(time)")
+        assert browser.value(index) == 40
+        browser.press(" ")
+        browser.until(f"{index} > 40")
+        browser.press(" ")
+        stopped = browser.value(index)
+        assert browser.value("play.textContent") == "Play"
+
+        # a click in a panel moves to its time; the pointer's line is that of all panels
+        at = place(browser, "errors")
+        browser.click(at["x"] + 0.5 * at["w"], at["y"] + 0.5 * at["h"])
+        browser.until(f"{index} !== {stopped}")
+        assert 45 <= browser.value(index) <= 75
+        assert browser.value(
+            f"(p => ['north', 'said'].every(n => {model}(n).toolbar.tools.some("
+            f"t => t.overlay === p)))({model}('errors').toolbar.tools.find("
+            "t => t.type === 'CrosshairTool').overlay)"
+        )
+
+        # dragging zooms in time, in all panels at once
+        left, right = (at["x"] + share * at["w"] for share in (0.4, 0.6))
+        y = at["y"] + 0.4 * at["h"]
+        browser.mouse("mousePressed", left, y, button="left", buttons=1, clickCount=1)
+        for share in (0.45, 0.5, 0.55, 0.6):
+            browser.mouse("mouseMoved", at["x"] + share * at["w"], y, button="left", buttons=1)
+        browser.mouse("mouseReleased", right, y, button="left", clickCount=1)
+        browser.until(f"{model}('time_range').start > 0.5")
+        assert browser.value(f"{model}('north').x_range === {model}('errors').x_range")
+        assert browser.value(f"{model}('time_range').end") < 1.5
+
+        # an entry of a key hides its line
+        browser.value("document.querySelector('[data-name=\"errors.unaided\"]').click()")
+        assert browser.value(f"{model}('errors.unaided').visible") is False
+
+        # a narrow window: nothing is wider than it
+        browser.resize(360, 700)
+        browser.until("document.querySelector('#figure_errors .bk-Figure').offsetWidth <= 360")
+        assert browser.value("document.documentElement.scrollWidth") <= 360
+        browser.picture(tmp_path / "narrow.png")
+        assert (tmp_path / "narrow.png").stat().st_size > 10_000
+        assert browser.told == []
+        assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
