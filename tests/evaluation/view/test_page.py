@@ -111,67 +111,77 @@ def place(browser: Browser, figure: str) -> dict[str, float]:
     )
 
 
+INDEX, MODEL = "isogalView.index", "Bokeh.documents[0].get_model_by_name"
+
+
 @needs_browser
 def test_the_page_in_a_browser(page, tmp_path) -> None:
-    index, model = "isogalView.index", "Bokeh.documents[0].get_model_by_name"
     with chromium(tmp_path / "profile") as browser:
         browser.open(page.as_uri())
-        assert browser.value(index) == 0
-
-        # by keyboard: a state on, the next fix, the end; the cursor and the map go along
-        browser.press("ArrowRight")
-        assert browser.value(index) == 1
-        browser.press("n")
-        assert browser.value("document.getElementById('clock').textContent") == "0:05:00"
-        assert browser.value(f"{model}('candidates').data.x.length") == 15
-        browser.press("End")
-        assert browser.value(index) == 120
-        assert browser.value(f"{model}('cursor').location") == pytest.approx(2.0)
-        middle = "(r => (r.start + r.end) / 2)"
-        assert browser.value(f"{middle}({model}('close_up').x_range)") == pytest.approx(
-            browser.value("isogalView.data.states.x[120]")
-        )
-
-        # the slider itself, and playing
-        browser.value("(s => {s.value = 40; s.dispatchEvent(new Event('input'))})(time)")
-        assert browser.value(index) == 40
-        browser.press(" ")
-        browser.until(f"{index} > 40")
-        browser.press(" ")
-        stopped = browser.value(index)
-        assert browser.value("play.textContent") == "Play"
-
-        # a click in a panel moves to its time; the pointer's line is that of all panels
-        at = place(browser, "errors")
-        browser.click(at["x"] + 0.5 * at["w"], at["y"] + 0.5 * at["h"])
-        browser.until(f"{index} !== {stopped}")
-        assert 45 <= browser.value(index) <= 75
-        assert browser.value(
-            f"(p => ['north', 'said'].every(n => {model}(n).toolbar.tools.some("
-            f"t => t.overlay === p)))({model}('errors').toolbar.tools.find("
-            "t => t.type === 'CrosshairTool').overlay)"
-        )
-
-        # dragging zooms in time, in all panels at once
-        left, right = (at["x"] + share * at["w"] for share in (0.4, 0.6))
-        y = at["y"] + 0.4 * at["h"]
-        browser.mouse("mousePressed", left, y, button="left", buttons=1, clickCount=1)
-        for share in (0.45, 0.5, 0.55, 0.6):
-            browser.mouse("mouseMoved", at["x"] + share * at["w"], y, button="left", buttons=1)
-        browser.mouse("mouseReleased", right, y, button="left", clickCount=1)
-        browser.until(f"{model}('time_range').start > 0.5")
-        assert browser.value(f"{model}('north').x_range === {model}('errors').x_range")
-        assert browser.value(f"{model}('time_range').end") < 1.5
-
-        # an entry of a key hides its line
-        browser.value("document.querySelector('[data-name=\"errors.unaided\"]').click()")
-        assert browser.value(f"{model}('errors.unaided').visible") is False
-
-        # a narrow window: nothing is wider than it
-        browser.resize(360, 700)
-        browser.until("document.querySelector('#figure_errors .bk-Figure').offsetWidth <= 360")
-        assert browser.value("document.documentElement.scrollWidth") <= 360
+        assert browser.value(INDEX) == 0
+        keyboard(browser)
+        slider(browser)
+        pointer(browser)
+        narrow(browser)
         browser.picture(tmp_path / "narrow.png")
         assert (tmp_path / "narrow.png").stat().st_size > 10_000
         assert browser.told == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+
+
+def keyboard(browser: Browser) -> None:
+    """A state on, the next fix, the end; the cursor and the map go along."""
+    browser.press("ArrowRight")
+    assert browser.value(INDEX) == 1
+    browser.press("n")
+    assert browser.value("document.getElementById('clock').textContent") == "0:05:00"
+    assert browser.value(f"{MODEL}('candidates').data.x.length") == 15
+    browser.press("End")
+    assert browser.value(INDEX) == 120
+    assert browser.value(f"{MODEL}('cursor').location") == pytest.approx(2.0)
+    middle = "(r => (r.start + r.end) / 2)"
+    assert browser.value(f"{middle}({MODEL}('close_up').x_range)") == pytest.approx(
+        browser.value("isogalView.data.states.x[120]")
+    )
+
+
+def slider(browser: Browser) -> None:
+    """The slider by itself, and playing."""
+    browser.value("(s => {s.value = 40; s.dispatchEvent(new Event('input'))})(time)")
+    assert browser.value(INDEX) == 40
+    browser.press(" ")
+    browser.until(f"{INDEX} > 40")
+    browser.press(" ")
+    assert browser.value("play.textContent") == "Play"
+
+
+def pointer(browser: Browser) -> None:
+    """A click in a panel moves to its time, dragging zooms in time in all panels; they share the
+    line under the pointer. An entry of a key hides its line."""
+    stopped, at = browser.value(INDEX), place(browser, "errors")
+    y = at["y"] + 0.5 * at["h"]
+    browser.click(at["x"] + 0.5 * at["w"], y)
+    browser.until(f"{INDEX} !== {stopped}")
+    assert 45 <= browser.value(INDEX) <= 75
+    assert browser.value(
+        f"(p => ['north', 'said'].every(n => {MODEL}(n).toolbar.tools.some("
+        f"t => t.overlay === p)))({MODEL}('errors').toolbar.tools.find("
+        "t => t.type === 'CrosshairTool').overlay)"
+    )
+    held = {"button": "left", "buttons": 1}
+    browser.mouse("mousePressed", at["x"] + 0.4 * at["w"], y, clickCount=1, **held)
+    for share in (0.45, 0.5, 0.55, 0.6):
+        browser.mouse("mouseMoved", at["x"] + share * at["w"], y, **held)
+    browser.mouse("mouseReleased", at["x"] + 0.6 * at["w"], y, button="left", clickCount=1)
+    browser.until(f"{MODEL}('time_range').start > 0.5")
+    assert browser.value(f"{MODEL}('north').x_range === {MODEL}('errors').x_range")
+    assert browser.value(f"{MODEL}('time_range').end") < 1.5
+    browser.value("document.querySelector('[data-name=\"errors.unaided\"]').click()")
+    assert browser.value(f"{MODEL}('errors.unaided').visible") is False
+
+
+def narrow(browser: Browser) -> None:
+    """In a narrow window nothing is wider than it."""
+    browser.resize(360, 700)
+    browser.until("document.querySelector('#figure_errors .bk-Figure').offsetWidth <= 360")
+    assert browser.value("document.documentElement.scrollWidth") <= 360

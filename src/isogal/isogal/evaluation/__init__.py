@@ -14,6 +14,8 @@ aids_model         sensors of height and velocity in the bound
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`
+view               the page of `isogal view`
+comparison         runs or studies side by side: `isogal compare`
 html_report        HTML reports in general: sections, tables, figures, numbers as text
 report_template    the report's page
 """

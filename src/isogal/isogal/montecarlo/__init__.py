@@ -8,5 +8,6 @@ store           finished chunks on disk
 workers         worker processes on this machine
 cluster         workers of a Dask cluster
 study           cases to results: what is on disk is taken, the rest computed
+viewing         a run of a finished study, as `isogal view` shows it
 progress        live progress on the standard error stream
 """

@@ -8,7 +8,9 @@ parts        which files has a bag?
 compressed   how are files read that were compressed as a whole?
 reader       how is a bag read, whole or cut off?
 collect      which messages does the record of a run need?
-record       how do they become that record?"""
+record       how do they become that record?
+viewing      what does `isogal view` show of a bag?
+following    how is a bag read while it is written?"""
 
 from isogal_ros.nodes.signals import end_quietly
 

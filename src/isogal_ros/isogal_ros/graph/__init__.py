@@ -12,5 +12,8 @@ recorded       what does a replay need of a bag?
 comparison     how do a replay's fixes differ from the recorded ones?
 evaluation     how good was the navigator?
 session        what are the steps of a run and of a replay, from input to report?
+watching       what has been recorded of a run that goes on?
+live_page      how is it served to a browser?
+dashboard      how is it shown in a terminal?
 console        what is the user told?
 commands       what do ``isogal run`` and ``isogal replay`` print and return?"""

@@ -10,9 +10,10 @@ from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import true_readings
+from isogal.maps.channels import RouteMap
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario, changed_scenario
-from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import prepare_folder
@@ -77,12 +78,7 @@ def run_session(
         A node failed.
     """
     to.say("Preparing the map and the route ...")
-    trajectory = build_trajectory(scenario)
-    build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
-    field_map = map_for_scenario(scenario, trajectory)
-    true_readings(
-        scenario.world, trajectory, true_map(scenario, trajectory, field_map)
-    )  # fails where the sensor's node would
+    trajectory, field_map = _checked(scenario)
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)
@@ -103,6 +99,15 @@ def run_session(
     collector.take_bag(BagReader(folder))
     summary = evaluate(collector, scenario, trajectory, field_map, out, outcome.wall_seconds)
     return RunResult(folder, False, seconds, summary)
+
+
+def _checked(scenario: Scenario) -> tuple[Trajectory, RouteMap]:
+    """Return route and map of a scenario; raises InputError where a node would fail with it."""
+    trajectory = build_trajectory(scenario)
+    build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
+    field_map = map_for_scenario(scenario, trajectory)
+    true_readings(scenario.world, trajectory, true_map(scenario, trajectory, field_map))
+    return trajectory, field_map
 
 
 def replay_session(

@@ -5,9 +5,9 @@ record      what the page shows: a run, what nodes said, what was not recorded
 projection  kilometres on the map
 payload     the numbers of the page, which change while a run is watched
 background  the map as a shaded picture and as contours
+keys        titles and keys of the figures
 maps        the two maps (Bokeh)
 times       the panels over time (Bokeh)
 page        the file
-compare     several studies side by side
 
 The page's style, its script and its frame are ``view.css``, ``view.js`` and ``view.html``."""

@@ -112,7 +112,7 @@
   function fitted(s) {
     // Half the width, km, that usually holds the protection level.
     const levels = values([s.level]).sort((p, q) => p - q);
-    const usual = levels.length ? levels[Math.floor(levels.length / 2)] : 1000;
+    const usual = levels.length ? levels[Math.floor(0.8 * (levels.length - 1))] : 1000;
     return Math.min(30, Math.max(0.2, (1.6 * usual) / 1000));
   }
 
