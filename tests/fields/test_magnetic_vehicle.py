@@ -5,7 +5,7 @@ import pytest
 
 from helpers.magnetics import aircraft
 from isogal.errors import InputError
-from isogal.fields.magnetic_vehicle import told_compensation
+from isogal.fields.magnetic_vehicle import prior_sigma, told_compensation
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.magnetics.compensation import Compensation
 from isogal.maps.field_map import FieldMap
@@ -96,3 +96,24 @@ def test_noise_of_the_vector_magnetometer_is_each_runs_own(field_map):
 def test_multiples_of_the_aircraft():
     scenario = scenario_of(*TOLD, "truth.magnetometer.aircraft.permanent=2x")
     assert scenario.world.magnetometer.aircraft.permanent == pytest.approx(2.0 * CRAFT.permanent)
+
+
+def test_terms_of_what_is_not_told(field_map):
+    plain = readings_of(field_map, *TRUE)
+    online = readings_of(field_map, *TRUE, "magnetometer.online=true")
+    assert online.shape == (*plain.shape, 19)
+    np.testing.assert_array_equal(online[..., 0], plain)
+    clean = readings_of(field_map)
+    own = online[..., 1:] @ CRAFT.coefficients()
+    assert np.ptp(plain - own - clean) < 3.0
+    started = readings_of(field_map, *TOLD, "magnetometer.online=true")
+    assert np.ptp(started[..., 0] - clean) < 3.0
+
+
+def test_prior_of_the_coefficients(tmp_path):
+    online = "magnetometer.online=true"
+    np.testing.assert_array_equal(prior_sigma(scenario_of(online)), 300.0)
+    own = Compensation(CRAFT.coefficients(), sigma=np.linspace(1.0, 200.0, 18))
+    own.write(tmp_path / "own.yaml")
+    told = prior_sigma(scenario_of(online, f"magnetometer.compensation={tmp_path / 'own.yaml'}"))
+    assert (told[0], told[-1]) == (3.0, 300.0)

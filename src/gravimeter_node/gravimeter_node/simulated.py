@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from isogal.fields.magnetic_vehicle import told_compensation
+from isogal.fields.magnetic_vehicle import assumed_compensation
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Scenario
@@ -28,6 +28,6 @@ def simulated_readings(scenario: Scenario, run: int) -> tuple[ByStamp, ByStamp |
     stamps = [from_seconds(time) for time in trajectory.time]
     felt = {stamps[i]: value for i, value in zip(found.index, found.felt[0], strict=True)}
     magnetic = world.measured_field == "magnetic" and world.magnetometer.aircraft.magnetic
-    if not magnetic and told_compensation(scenario) is None:
+    if not magnetic and assumed_compensation(scenario) is None:
         return felt, None
     return felt, dict(zip(stamps, found.vehicle.vector[0], strict=True))

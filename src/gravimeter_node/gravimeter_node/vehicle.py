@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from isogal.fields.magnetic_vehicle import told_compensation
+from isogal.fields.magnetic_vehicle import assumed_compensation
 from isogal.magnetics.stream import CompensatedStream
 from isogal_ros import topics
 from isogal_ros.messages.magnetometer import MagnetometerAdapter
@@ -20,14 +20,15 @@ class Vehicle:
     ----------
     node : GraphNode
     use : callable
-        Called with stamp (ns), total field without the vehicle (nT, NaN = none) and its variance.
+        Called with stamp (ns), total field without the vehicle (nT, NaN = none; with the terms of
+        what is left, where the matcher estimates it) and its variance.
     """
 
     def __init__(self, node: GraphNode, use: Callable[[int, Any, Any], None]) -> None:
         self._node, self._use = node, use
         self._heard = False
-        told = told_compensation(node.scenario)
-        self._stream = None if told is None else CompensatedStream(told)
+        told, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
+        self._stream = None if told is None else CompensatedStream(told, online)
         self._vectors: dict[int, Any] = {}
         self._adapter = MagnetometerAdapter()
         if told is not None and told.currents:
@@ -79,7 +80,7 @@ class Vehicle:
 
     def _pass_on(self) -> None:
         for clean, (ns, total, variance) in self._stream.ready() if self._stream else ():
-            silent = np.isnan(clean) and not np.isnan(total)
+            silent = np.isnan(clean).all() and not np.isnan(total)
             text = "no readings of the vector magnetometer" if silent else None
             self._node.health.concern("vector", text)
             self._use(ns, clean, variance)

@@ -29,8 +29,9 @@ class InsSimNode(GraphNode):
     answered."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "map_error",
-        "gravity", "height", "velocity", "matcher", "fusion", "truth",
+        "seed", "field", "route", "imu", "initial_error", "gravimeter", "magnetometer",
+        "altimeter", "map", "map_error", "gravity", "height", "velocity", "matcher", "fusion",
+        "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -8,7 +8,8 @@ package. So what no standard message has a place for is carried by one that desc
 content:
 
 - A reading of several channels is a PointCloud2 of one point, whose fields have names
-  (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name.
+  (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name. So is one
+  with the terms of what a magnetic vehicle adds (`isogal_ros.messages.magnetic_terms`).
 - So is all that a fix says, on ``pmht_mm/information`` (`isogal_ros.messages.whole_fix`):
   position, covariance and information arrive together or not at all. ``pmht_mm/fix`` is the
   position once more, for all others; the filter takes it where nobody publishes the whole.
@@ -75,6 +76,9 @@ MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
 SCALAR_FIELD = Topic("magnetometer/scalar", MagneticField)
 """Of a scalar instrument beside a vector one: the total field on z."""
 ANOMALY = Topic("magnetometer/anomaly", MagneticField)
+TERMS = Topic("magnetometer/terms", PointCloud2)
+"""In place of the anomaly where the matcher estimates what the vehicle adds: a reading with what
+that is made of (`isogal_ros.messages.magnetic_terms`)."""
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
@@ -97,7 +101,7 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
-    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
+    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
     FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
     PROTECTION_LEVEL, DIAGNOSTICS,
 )  # fmt: skip

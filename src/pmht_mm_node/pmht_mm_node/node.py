@@ -49,16 +49,8 @@ class PmhtMmNode(GraphNode):
         self._channels = field.channels is not None
         self._matcher, self._memory = build_matcher(self.scenario.matcher, self._channels), None
         self._map = map_for_scenario(self.scenario)
-        reduction, covariance = field.reduction(self.scenario), field.covariance(self.scenario)
-        self._builder = BatchBuilder(
-            self.scenario.matcher,
-            reduction,
-            self._matcher.context,
-            covariance,
-            self.scenario.gravimeter,
-            self.scenario.height,
-        )
-        warm_up(self._matcher, self._map, self.scenario, reduction)
+        self._builder = BatchBuilder.of(self.scenario, self._matcher.context)
+        warm_up(self._matcher, self._map, self.scenario, self._builder.reduction)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._first, self._scan)
         self._survival = Survival(self, self._map, self._matcher)

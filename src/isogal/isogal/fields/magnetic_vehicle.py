@@ -10,6 +10,8 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
+from isogal.magnetics.online import Assumed
+from isogal.magnetics.terms import COUNT
 from isogal.scenario import Aircraft, Scenario
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
@@ -63,6 +65,26 @@ def told_compensation(scenario: Scenario) -> Compensation | None:
     if settings.aircraft.magnetic:
         return Compensation(aircraft_of(settings.aircraft).coefficients())
     return None
+
+
+def prior_sigma(scenario: Scenario) -> Array:
+    """Return (18,) the 1-sigma of what is not told of the coefficients, nT: three times what a
+    calibration says of its own, where there is one."""
+    told, assumed = told_compensation(scenario), Assumed()
+    sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
+    if told is None or not told.sigma.size:
+        return sigma
+    return np.minimum(sigma, assumed.calibrated_share * told.sigma[:COUNT])
+
+
+def assumed_compensation(scenario: Scenario) -> Compensation | None:
+    """Return what is taken off the readings as they come: what is told, or nothing where the
+    matcher is to find it; None where nothing is done with them. Raises InputError as
+    `told_compensation`."""
+    told = told_compensation(scenario)
+    if told is None and scenario.measured_field == "magnetic" and scenario.magnetometer.online:
+        return Compensation(np.zeros(COUNT))
+    return told
 
 
 def aircraft_of(settings: Aircraft) -> MagneticAircraft:

@@ -12,10 +12,11 @@ from isogal.fields.datum_error import draw_datum_error
 from isogal.fields.magnetic_vehicle import (
     MAGNETOMETER,
     Vehicle,
+    assumed_compensation,
     simulate_vehicle,
-    told_compensation,
 )
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
+from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.seeds import generator
@@ -75,19 +76,23 @@ class ReadingSimulator:
 
 def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
     """Return (R, scans) simulated raw readings less what a scenario says that the vehicle adds to
-    them, by the vector magnetometer; the raw readings where it says nothing.
+    them, by the vector magnetometer; the raw readings where it says nothing. Where the matcher
+    estimates what is left, (R, scans, 1 + C) with the terms of each reading.
 
     Raises
     ------
     InputError
         The file of coefficients cannot be read, or `true_readings` refuses the map.
     """
-    told = told_compensation(scenario)
-    if told is None:
-        return readings.felt
+    assumed, felt = assumed_compensation(scenario), readings.felt
+    if assumed is None:
+        return felt
     i, vector = readings.index, readings.vehicle.vector
     rate = (vector[:, i] - vector[:, i - 1]) / trajectory.dt
-    return readings.felt - told.one(vector[:, i], rate, readings.felt)
+    clean = felt - assumed.one(vector[:, i], rate, felt)
+    if not scenario.magnetometer.online:
+        return clean
+    return np.concatenate([clean[..., None], terms(vector[:, i], rate, felt)], axis=-1)
 
 
 def true_readings(

@@ -9,6 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.magnetics.compensation import Compensation
+from isogal.magnetics.terms import terms
 
 LONGEST_GAP = 2.0
 """s between readings of the vector magnetometer over which it is not interpolated."""
@@ -17,6 +18,7 @@ MOST_WAITING = 5
 instruments are not on the same topic, so one may be far ahead of the other in a replay."""
 _KEPT = 1000
 """Readings of the vector magnetometer that are kept."""
+_NOTHING = np.full(3, np.nan)
 
 
 class CompensatedStream:
@@ -26,10 +28,12 @@ class CompensatedStream:
     ----------
     compensation : Compensation
         Currents, which are not in the stream, are taken not to flow.
+    online : bool
+        Whether the terms of what is left are wanted with each reading.
     """
 
-    def __init__(self, compensation: Compensation) -> None:
-        self._compensation = compensation
+    def __init__(self, compensation: Compensation, online: bool = False) -> None:
+        self._compensation, self._online = compensation, online
         self._vectors: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
         self._waiting: deque[tuple[float, float, Any]] = deque()
 
@@ -43,10 +47,10 @@ class CompensatedStream:
         """Take a reading, nT, of the scalar magnetometer, and what belongs to it."""
         self._waiting.append((time, total, item))
 
-    def ready(self) -> Iterator[tuple[float, Any]]:
+    def ready(self) -> Iterator[tuple[Any, Any]]:
         """Yield the readings that can be compensated, in the order they came: total field without
         the vehicle, nT, NaN where the vector magnetometer was not read, and what belongs to
-        it."""
+        it. With `online` the total field is an array (1 + C,) with the terms."""
         while self._waiting:
             time, total, item = self._waiting[0]
             late = time + self._compensation.lag
@@ -54,18 +58,27 @@ class CompensatedStream:
             if not due and len(self._waiting) <= MOST_WAITING:
                 return
             self._waiting.popleft()
-            yield total - self._own_field(late, total), item
+            yield self._clean(late, total), item
 
-    def _own_field(self, time: float, total: float) -> float:
-        """Return what the vehicle adds at a time of the vector magnetometer, nT."""
+    def _clean(self, time: float, total: float) -> Any:
+        """Return a total field without what the vehicle adds at a time of the vector
+        magnetometer, nT."""
+        vector, rate = self._at(time)
+        clean = total - float(self._compensation.one(vector, rate, np.asarray(total)))
+        if not self._online:
+            return clean
+        return np.append(clean, terms(vector, rate, np.asarray(total)))
+
+    def _at(self, time: float) -> tuple[Array, Array]:
+        """Return the vector at a time, nT, and its rate of change, nT/s."""
         # readings come in order, so that what is looked for is near the end
         after = len(self._vectors)
         while after and self._vectors[after - 1][0] >= time:
             after -= 1
         if after in (0, len(self._vectors)):
-            return float("nan")
+            return _NOTHING, _NOTHING
         (t0, v0), (t1, v1) = self._vectors[after - 1], self._vectors[after]
         if t1 - t0 > LONGEST_GAP:
-            return float("nan")
+            return _NOTHING, _NOTHING
         rate = (v1 - v0) / (t1 - t0)
-        return float(self._compensation.one(v0 + rate * (time - t0), rate, np.asarray(total)))
+        return v0 + rate * (time - t0), rate

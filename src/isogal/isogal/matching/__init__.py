@@ -7,6 +7,8 @@
     path                   where the navigator was, for readings that are late
     reading_noise          covariance of the readings' noise, as told
     channels               batches of readings that are several numbers each
+    expansion              readings with what else belongs to them: own field of a vehicle
+    parameters             constants that are estimated along
     usability              whether a batch can be used at all
     monitoring             what watches a matcher, and what it may ask of it
     information            from a posterior back to what the measurements alone said

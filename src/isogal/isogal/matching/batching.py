@@ -9,13 +9,15 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fields.measured import measured_field
 from isogal.matching.channels import channel_batch
+from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.matching.transitions import Bridge, across, backwards, carried, condition
-from isogal.scenario import Gravimeter, Height
+from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
@@ -32,6 +34,8 @@ class _Scan:
     sigma: float
     offset: float
     height: float
+    detail: Array | None = None
+    """What an `Expansion` needs beside the reading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +73,8 @@ class BatchBuilder:
         the white one; default: nothing.
     height : scenario.Height, optional
         What is known of the height that readings are reduced with; default: that it is exact.
+    expansion : Expansion, optional
+        Of readings that are more than one number, but for those of channels.
     """
 
     def __init__(
@@ -79,8 +85,10 @@ class BatchBuilder:
         covariance: Array | None = None,
         instrument: Gravimeter | None = None,
         height: Height | None = None,
+        expansion: Expansion | None = None,
     ) -> None:
         self.settings = settings
+        self.expansion = expansion
         self.reduction = reduction
         self.covariance = covariance
         self.instrument = instrument or Gravimeter()
@@ -92,6 +100,21 @@ class BatchBuilder:
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
+
+    @classmethod
+    def of(cls, scenario: Scenario, context: int = 0) -> "BatchBuilder":
+        """Return the builder of a scenario's batches for a matcher with a context; raises
+        InputError where the scenario cannot be used."""
+        field = measured_field(scenario)
+        return cls(
+            scenario.matcher,
+            field.reduction(scenario),
+            context,
+            field.covariance(scenario),
+            scenario.gravimeter,
+            scenario.height,
+            expansion_of(scenario),
+        )
 
     @property
     def ready(self) -> bool:
@@ -136,10 +159,12 @@ class BatchBuilder:
         reading (NaN = none) reduced with the navigator's state of the scan.
 
         A reading of several channels is (C,), NaN where a channel has none, and its noise is
-        `covariance` instead of sigma.
+        `covariance` instead of sigma; others are as the `Expansion` has them.
         """
-        place = latitude, longitude, np.array(velocity, float)
-        self._scans.append(_Scan(time, *place, reading, sigma, offset, height))
+        place, detail = (latitude, longitude, np.array(velocity, float)), None
+        if self.expansion is not None:
+            reading, detail = self.expansion.split(reading)
+        self._scans.append(_Scan(time, *place, reading, sigma, offset, height, detail))
         self._count += 1
         self._unused += 1
 
@@ -201,7 +226,7 @@ class BatchBuilder:
         new = min(self._unused, len(scans))
         self._unused = 0
         before = len(scans) - new - 1
-        several = self.covariance is not None
+        several = self.covariance is not None or np.ndim(scans[0].reading) > 0
         batch = Batch(
             time=times,
             latitude=latitude,
@@ -229,9 +254,16 @@ class BatchBuilder:
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
         if self.covariance is None:
-            return batch if self._lag.mean == 0.0 else self._late(batch, prior)
+            whole = batch if self._lag.mean == 0.0 else self._late(batch, prior)
+            return self._expanded(whole, scans)
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
         return channel_batch(batch, np.stack(readings), self.covariance)
+
+    def _expanded(self, batch: Batch, scans: list[_Scan]) -> Batch:
+        if self.expansion is None:
+            return batch
+        details = [scan.detail for scan in scans if scan.detail is not None]
+        return self.expansion.expand(batch, [scan.reading for scan in scans], details)
 
     def _noise(self, scans: list[_Scan], sigma: Array) -> Array | None:
         """Return (T, T) the covariance of the readings' noise and of errors of their height; None

@@ -92,14 +92,16 @@ def _block_diagonal(covariance: Array, scans: int, channels: int) -> Array:
 
 
 def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:
-    """Return the part of a batch that belongs to the first map, and that map; a batch of one
-    channel as it is.
+    """Return the part of a batch that belongs to the first map or beam, and that map; a batch of
+    one as it is.
 
     For what is shown of a batch: candidates on contours, the map's variability.
     """
     first = channels_of(field_map)[0]
-    if batch.channel is None:
+    each = batch.channel if batch.beam is None else batch.beam
+    if each is None:
         return batch, first
-    rows = np.flatnonzero(batch.channel == 0)
+    rows = np.flatnonzero(each == 0)
     new = int((rows >= len(batch) - batch.new).sum())
-    return replace(batch.part(rows), new=new, channel=None, reading_covariance=None), first
+    part = replace(batch.part(rows), new=new, channel=None, beam=None, reading_covariance=None)
+    return part, first

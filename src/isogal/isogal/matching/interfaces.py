@@ -17,6 +17,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import batch_covariance
+from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 
 LOST_SIGMA = (15e3, 0.5, 1e-4)
@@ -78,6 +79,11 @@ class Batch:
     backward: Array | None = None
     """(T, 7, 7), or (T, 4, 4) without attitude: error at each scan per unit of error at the batch
     end; None = not known."""
+    beam: Integers | None = None
+    """(T,) which of the beams of a sounder each row is of: rows of a scan share its stamp, and
+    each has the place that its beam has met; None = a scan is one row, or one for each channel."""
+    parameters: Parameters | None = None
+    """Constants that the readings contain and that the matcher estimates along; None = none."""
     reading_covariance: Array | None = None
     """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated, or
     readings one after the other; None = diag(sigma²)."""
@@ -109,7 +115,14 @@ class Batch:
     @property
     def scan_time(self) -> Array:
         """Stamps of the scans, each once."""
-        return self.time if self.channel is None else self.time[self.channel == 0]
+        each = self.channel if self.beam is None else self.beam
+        return self.time if each is None else self.time[each == 0]
+
+    @property
+    def rows_per_scan(self) -> int:
+        """How many rows share the stamp of a scan."""
+        each = self.channel if self.beam is None else self.beam
+        return 1 if each is None else int(each.max()) + 1
 
     def part(self, rows: int | Integers) -> "Batch":
         """Return the batch with some of its rows only: from a first one on, or those of (K,)
@@ -122,6 +135,8 @@ class Batch:
             **{name: getattr(self, name)[which] for name in PER_ROW},
             reading_rate=None if self.reading_rate is None else self.reading_rate[which],
             backward=None if self.backward is None else self.backward[which],
+            beam=None if self.beam is None else self.beam[which],
+            parameters=None if self.parameters is None else self.parameters.part(which),
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
             filter_path=None if path is None else path.part(which),
             cut=int((which < self.cut).sum()),

@@ -45,8 +45,8 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
         The name is unknown, an option is unknown or out of range, or the matcher does not take
         several channels.
     """
-    if channels and not _takes_channels(settings.name):
-        able = [name for name in plugins.names(plugins.MATCHERS) if _takes_channels(name)]
+    if channels and not _able(settings.name, "takes_channels"):
+        able = [name for name in plugins.names(plugins.MATCHERS) if _able(name, "takes_channels")]
         raise InputError(
             f"matcher.name: {settings.name} takes one number per scan; for readings of several"
             f" channels give {' or '.join(able)}"
@@ -55,8 +55,16 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
     return matcher
 
 
-def _takes_channels(name: str) -> bool:
-    return getattr(plugins.load(plugins.MATCHERS, name), "takes_channels", False)
+def require(name: str, ability: str, key: str) -> None:
+    """Raise InputError where a matcher does not have what a key of a scenario asks for: an
+    attribute of its class, as `takes_parameters`."""
+    if not _able(name, ability):
+        able = [name for name in plugins.names(plugins.MATCHERS) if _able(name, ability)]
+        raise InputError(f"{key}: matcher {name} does not have it; give {' or '.join(able)}")
+
+
+def _able(name: str, ability: str) -> bool:
+    return bool(getattr(plugins.load(plugins.MATCHERS, name), ability, False))
 
 
 def check_options(matcher: str, options: Mapping[str, Any], model: type[BaseModel]) -> Any:

@@ -23,8 +23,8 @@ def unusable(batch: Batch) -> str | None:
         return f"a batch needs at least 2 scans, has {len(batch)}"
     steps = np.diff(batch.time)
     if not (
-        (steps > 0.0) if batch.channel is None else (steps >= 0.0)
-    ).all():  # rows of several channels share a stamp
+        (steps > 0.0) if batch.rows_per_scan == 1 else (steps >= 0.0)
+    ).all():  # rows of several channels or beams share a stamp
         return "the stamps of the scans do not increase"
     for name in _FINITE:
         if not np.isfinite(getattr(batch, name)).all():

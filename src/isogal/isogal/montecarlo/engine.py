@@ -144,19 +144,8 @@ class _ClosedLoop:
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
-        field = measured_field(scenario)
-        self.reduction, covariance = field.reduction(scenario), field.covariance(scenario)
-        self.builders = [
-            BatchBuilder(
-                scenario.matcher,
-                self.reduction,
-                matcher.context,
-                covariance,
-                scenario.gravimeter,
-                scenario.height,
-            )
-            for _ in runs
-        ]
+        self.builders = [BatchBuilder.of(scenario, matcher.context) for _ in runs]
+        self.reduction = self.builders[0].reduction
         self.memories: list[Any] = [None for _ in runs]
         due = [scan for scan in range(1, self.scans + 1) if fix_due(scan, scenario.matcher)]
         self.batch_at = {scan: batch for batch, scan in enumerate(due)}

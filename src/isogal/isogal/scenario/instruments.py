@@ -132,6 +132,19 @@ class Magnetometer(Section):
     vector_sigma: NonNegative = Field(
         0.0, description="white noise of each component of the vector magnetometer, nT"
     )
+    online: bool = Field(
+        False,
+        description=(
+            "whether the matcher estimates along what the vehicle adds: from compensation or"
+            " aircraft on, or from nothing (a cold start)"
+        ),
+    )
+    coefficient_sigma: Positive = Field(
+        300.0,
+        description=(
+            "1-sigma of each coefficient of a vehicle that nobody has calibrated, nT; for online"
+        ),
+    )
     aircraft: Aircraft = Aircraft()
 
 

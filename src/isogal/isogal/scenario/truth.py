@@ -35,6 +35,7 @@ SHARED = (
     "imu.rate",
     "gravimeter.quantity",
     "gravimeter.interval",
+    "magnetometer.online",
     "gradiometer.components",
     "height.interval",
     "velocity.interval",

@@ -186,8 +186,12 @@ class MagneticReduction:
         return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return the anomaly: the total field less the main field at the navigator's position."""
-        return np.asarray(raw) - self._main(at)
+        """Return the anomaly: the total field less the main field at the navigator's position.
+        Of readings with the terms of what the vehicle adds (..., 1 + C), the first number."""
+        raw, main = np.asarray(raw), self._main(at)
+        if raw.ndim == main.ndim:
+            return raw - main
+        return np.concatenate([raw[..., :1] - main[..., None], raw[..., 1:]], axis=-1)
 
     def _main(self, at: State) -> Array:
         return self.main_field.value(at.latitude, at.longitude, at.height, self.year)

@@ -172,7 +172,9 @@ def _run(
 class _Feeder(GraphNode):
     """Publishes the recorded messages and hears all that the nodes answer."""
 
-    sections: ClassVar[Collection[str]] = ("field", "gravimeter", "gradiometer")
+    sections: ClassVar[Collection[str]] = (
+        "field", "gravimeter", "magnetometer", "altimeter", "gradiometer",
+    )  # fmt: skip
 
     def setup(self) -> None:
         self.collector = Collector(self.scenario)

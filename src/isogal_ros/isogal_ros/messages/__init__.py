@@ -13,5 +13,6 @@ candidates       how are a matcher's candidates?
 adapter          what do the messages of any field do, and which adapter has a field?
 gravimeter       what are the messages of a gravimeter?
 magnetometer     what are those of a magnetometer?
+magnetic_terms   what are they where the matcher estimates what the vehicle adds?
 altimeter        what are those of a clearance meter?
 gradiometer      what are those of a gradiometer?"""

@@ -9,7 +9,7 @@ from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Adapter, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_reading
 from isogal_ros.messages.stamps import set_stamp
 
@@ -21,8 +21,12 @@ TESLA = 1e-9
 _EARTH = QUANTITIES["magnetic_field"]
 
 
-def magnetic(scenario: Scenario) -> "MagnetometerAdapter":
+def magnetic(scenario: Scenario) -> Adapter:
     """Return the adapter of the field magnetic."""
+    if scenario.magnetometer.online:
+        from isogal_ros.messages.magnetic_terms import MagneticTermsAdapter
+
+        return MagneticTermsAdapter()
     return MagnetometerAdapter()
 
 

@@ -20,7 +20,7 @@ What the stages use:
     noise_model            residual covariance: sensor, correlated map error, bias
     filtered               readings that are a mean over the path
     map_error              sigma and correlation length of the map error, learnt
-    sensor_bias            bias and drift of the readings, learnt
+    sensor_bias            bias, drift and other constants of the readings, learnt
     delay                  readings that are later than told
     attitude               the attitude error that goes with position and velocity
     hypotheses             update of several hypotheses

@@ -47,6 +47,8 @@ class Pmht:
     settings: Settings
     name: str = "pmht"
     takes_channels: bool = True
+    takes_parameters: ClassVar[bool] = True
+    """Whether it estimates the parameters of a batch (`isogal.matching.parameters`)."""
     stride: ClassVar[int] = 5
     """New scans between fixes where nobody says otherwise: with fewer the result is the same, with
     more it waits longer for what the last readings say. Measured."""

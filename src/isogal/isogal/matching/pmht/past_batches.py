@@ -41,7 +41,7 @@ class PastBatch:
         """Remember a batch; no search would have matched so many readings before it."""
         information = fix.information if fix.published else None
         count = unsearched + batch.new
-        channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+        channels = batch.rows_per_scan
         enough = CONSTANTS.search_readings * channels
         searched = count >= enough or count + batch.new > len(batch)
         searched = searched or batch.backward is None
@@ -102,7 +102,7 @@ def without_fixes(history: tuple[PastBatch, ...]) -> list[Batch]:
 
 def _with_new(batch: Batch, new: int) -> Batch:
     """Return the batch with so many of its last readings new."""
-    channels = 1 if batch.channel is None else int(batch.channel.max()) + 1
+    channels = batch.rows_per_scan
     new = min(new, len(batch))
     before = len(batch) - new - 1
     if batch.backward is None or before < 0 or new == batch.new:

@@ -72,7 +72,8 @@ def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEst
     if not sigma > 0.0:
         sigma = CONSTANTS.unknown_bias_share * field_scale(channels_of(field_map)[0])
     drift = sigma / CONSTANTS.bias_drift_time_s if drift is None else drift
-    return BiasEstimate.unknown(float(batch.time[0]), sigma, drift, batch.delay_sigma)
+    more = batch.delay_sigma, batch.parameters
+    return BiasEstimate.unknown(float(batch.time[0]), sigma, drift, *more)
 
 
 def _bias(
@@ -88,9 +89,10 @@ def _bias(
     )
     if estimate is None and possible:
         estimate = unknown_bias(batch, field_map, settings)
-    if estimate is None and (batch.bias_walk > 0.0 or batch.delay_sigma > 0.0):
+    more = batch.delay_sigma, batch.parameters
+    if estimate is None and (batch.bias_walk > 0.0 or more != (0.0, None)):
         # no bias at first, but it will not stay so
-        estimate = BiasEstimate.unknown(float(batch.time[0]), 0.0, 0.0, batch.delay_sigma)
+        estimate = BiasEstimate.unknown(float(batch.time[0]), 0.0, 0.0, *more)
     return estimate
 
 

@@ -1,15 +1,15 @@
 """The readings' bias and drift, and how late they are, estimated from batch to batch beside the
 navigator's error.
 
-State: theta = (bias at a time, drift per second, and where it is in question the delay of the
-readings in s beyond what is told), Gaussian given the navigator's error x there
-(position, velocity and, where the batch knows it, attitude): theta = mean + gain x + N(0,
-covariance). The gain is what matters: a bias looks like a position error along the map's gradient,
-and what a batch leaves unknown of one goes together with what it leaves unknown of the other. For
-a batch the state is the linear part of what the readings contain beside the map:
-`reading_jacobian` by xi, and unit-variance columns of `nuisance_reading`, which the likelihood
-integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section 8.4) whose
-considered parameters are estimated after all.
+State: theta = (bias at a time, drift per second, where it is in question the delay of the readings
+in s beyond what is told, and the parameters of `isogal.matching.parameters`), Gaussian given the
+navigator's error x there (position, velocity and, where the batch knows it, attitude): theta =
+mean + gain x + N(0, covariance). The gain is what matters: a bias looks like a position error
+along the map's gradient, and what a batch leaves unknown of one goes together with what it leaves
+unknown of the other. For a batch the state is the linear part of what the readings contain beside
+the map: `reading_jacobian` by xi, and unit-variance columns of `nuisance_reading`, which the
+likelihood integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinski 1970, section
+8.4) whose considered parameters are estimated after all.
 
 A bias that walks has grown by w sqrt(D) u3 at the end of a batch, D after the last one, of which
 a share t / D was there at time t; around this line the walk is a Brownian bridge of covariance w²
@@ -22,18 +22,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import square_root, symmetric
+from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.transitions import unconditioned
 
+_DELAY = "delay"
+_NAMES: tuple[str, ...] = ("bias", "drift")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasEstimate:
-    """theta (k,), k = 2 or 3, given the navigator's error x (n,) at a time, n = 4 or 7. Map's
-    unit, s."""
+    """theta (k,), k = 2, 3 with a delay, more with parameters, given the navigator's error x (n,)
+    at a time, n = 4 or 7. Map's unit, s."""
 
     time: float
     mean: Array
@@ -45,14 +50,26 @@ class BiasEstimate:
     error: Array | None = None
     """(n, n) the navigator's covariance of x at that time if it has taken the fix that was
     published; None = there was none."""
+    names: tuple[str, ...] = _NAMES
+    """Of the first states, for the diagnostics."""
 
     @classmethod
     def unknown(
-        cls, time: float, bias_sigma: float, drift_sigma: float, delay_sigma: float = 0.0
+        cls,
+        time: float,
+        bias_sigma: float,
+        drift_sigma: float,
+        delay_sigma: float = 0.0,
+        parameters: Parameters | None = None,
     ) -> "BiasEstimate":
         """Return the prior at a time; without a delay where its sigma is 0."""
-        sigma = np.array([bias_sigma, drift_sigma, delay_sigma][: 3 if delay_sigma > 0.0 else 2])
-        return cls(time, np.zeros(len(sigma)), np.diag(sigma**2), np.zeros((len(sigma), 4)))
+        sigma, names = np.array([bias_sigma, drift_sigma]), _NAMES
+        if delay_sigma > 0.0:
+            sigma, names = np.append(sigma, delay_sigma), (*names, _DELAY)
+        if parameters is not None:
+            sigma, names = np.append(sigma, parameters.sigma), (*names, *parameters.names)
+        prior = np.diag(sigma**2)
+        return cls(time, np.zeros(len(sigma)), prior, np.zeros((len(sigma), 4)), names=names)
 
     def simplified(self, prior: tuple[float, float]) -> "BiasEstimate | None":
         """Return the state without what the readings say is not there: drift, or bias and drift
@@ -112,13 +129,14 @@ class BiasEstimate:
         states = gain.shape[1]
         back, drift = back[:states], drift[:states]
         if self._taken(last, back[:4] @ batch.prior @ back[:4].T + drift[:4] @ drift[:4].T):
-            return LinearBias(end, mean, gain @ back, gain @ drift, walk.added(own), walk)
+            both = gain @ back, gain @ drift
+            return LinearBias(end, mean, *both, walk.added(own), walk, self.names)
         # a batch is missing, or another correction was made than was published: how the errors go
         # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
         own = _root(own @ own.T + gain @ before @ gain.T)
         nothing = np.zeros((len(mean), 4)), np.zeros((len(mean), drift.shape[1]))
-        return LinearBias(end, mean, *nothing, walk.added(own), walk)
+        return LinearBias(end, mean, *nothing, walk.added(own), walk, self.names)
 
     def _taken(self, last: float, then: Array) -> bool:
         if not self.gain.any() or abs(last - self.time) > 1e-6:
@@ -137,7 +155,7 @@ class BiasEstimate:
             variance = variance + np.diag(self.gain @ self.error @ self.gain.T)
         return {
             name: float(value)
-            for k, what in enumerate(("bias", "drift", "delay")[: len(self.mean)])
+            for k, what in enumerate(self.names)
             for name, value in ((what, self.mean[k]), (f"{what}_sigma", np.sqrt(variance[k])))
         }
 
@@ -156,7 +174,7 @@ class _Walk:
         return self.density > 0.0 and self.end > self.start
 
     def added(self, own: Array) -> Array:
-        """Return the columns of theta's own noise (2, 2) with that of the walk, if it walks."""
+        """Return the columns of theta's own noise (k, k) with that of the walk, if it walks."""
         if not self.walks:
             return own
         column = np.zeros(len(own))
@@ -205,18 +223,24 @@ class LinearBias:
     own: Array
     """(k, k) or (k, k + 1)."""
     walk: _Walk
+    names: tuple[str, ...]
 
     def added_to(self, batch: Batch) -> Batch:
         """Return the batch whose readings are known to contain bias and drift, and to be late; u
         is more columns of its drift.
         """
-        # of bias, drift and delay, in each reading
+        # of bias, drift, delay and parameters, in each reading
         shares = np.stack([np.ones(len(batch)), batch.time - self.time], axis=1)
         moves = np.zeros((len(batch), 2, len(self.mean)))
-        if len(self.mean) == 3:
+        if _DELAY in self.names:
             shares = np.column_stack([shares, -by_delay(batch)])
             batch = later(batch, float(self.mean[2]))
             moves[:, :, 2] = batch.velocity
+        if batch.parameters is not None:
+            count = len(batch.parameters.sigma)
+            shares = np.column_stack([shares, batch.parameters.reading])
+            moves[:, :, -count:] = batch.parameters.moves
+            batch = _moved(batch, moves[:, :, -count:] @ self.mean[-count:])
         own, covariance = shares @ self.own, batch.reading_covariance
         if self.walk.walks:
             own[:, -1] *= self.walk.share(batch.time)
@@ -238,7 +262,8 @@ class LinearBias:
     def unmeasured(self, batch: Batch) -> BiasEstimate:
         """Return the state where the batch gave no fix: as carried."""
         gain, rest = _by_state(batch, self.by_error, self.by_nuisance)
-        return BiasEstimate(self.time, self.mean, symmetric(self.own @ self.own.T + rest), gain)
+        own = symmetric(self.own @ self.own.T + rest)
+        return BiasEstimate(self.time, self.mean, own, gain, names=self.names)
 
     def measured(
         self, batch: Batch, likelihood: BatchLikelihood, whole: Array, covariance: Array
@@ -276,7 +301,21 @@ class LinearBias:
             symmetric(self.own @ np.linalg.solve(inner, self.own.T) + rest),
             gain,
             covariance,
+            self.names,
         )
+
+
+def _moved(batch: Batch, off: Array) -> Batch:
+    """Return a batch whose places are known to be off by (T, 2) metres."""
+    if not off.any():
+        return batch
+    north, east = metres_per_radian(batch.latitude)
+    return replace(
+        batch,
+        latitude=batch.latitude - off[:, 0] / north,
+        longitude=batch.longitude - off[:, 1] / east,
+        end_place=batch.end,
+    )
 
 
 def _root(covariance: Array) -> Array:

@@ -1,0 +1,37 @@
+"""Constants that are estimated along with the navigator's error: what a magnetic vehicle adds to
+its readings, a wrong speed of sound (docs/mathematics.md, section 9.5)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """C unknown constants theta ~ N(0, diag(sigma²)), and what they do to the T rows of a batch:
+    reading = map(place - position theta) + reading theta + ..."""
+
+    names: tuple[str, ...]
+    """Of the first of them, as the diagnostics have them; may be fewer than C."""
+    sigma: Array
+    """(C,) before the first reading."""
+    reading: Array
+    """(T, C) by how much a row's reading is larger per unit of each, map's unit."""
+    position: Array | None = None
+    """(T, 2, C) by how much the batch's place of a row is off (north, east; m) per unit of each;
+    None = not at all."""
+
+    @property
+    def moves(self) -> Array:
+        """`position`, or zeros."""
+        if self.position is not None:
+            return self.position
+        rows, count = self.reading.shape
+        return np.zeros((rows, 2, count))
+
+    def part(self, rows: Integers) -> "Parameters":
+        """Return the parameters of some rows."""
+        position = None if self.position is None else self.position[rows]
+        return Parameters(self.names, self.sigma, self.reading[rows], position)
