@@ -59,17 +59,18 @@ def montecarlo(
 def _checked_case(settings: "Scenario", runs: int) -> "Case":
     """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
     used."""
-    from isogal.fields.measured import measured_field
-    from isogal.fields.scenario_map import map_for_scenario, true_map
+    from isogal.fields.scenario_map import maps_for_scenario, true_map
     from isogal.fields.simulator import true_readings
-    from isogal.matching.registry import build_matcher
+    from isogal.maps.several import each_map
+    from isogal.matching.registry import build_run_matcher
     from isogal.montecarlo.chunks import Case
     from isogal.sensors.trajectory import build_trajectory
 
-    build_matcher(settings.matcher, measured_field(settings).channels is not None)
+    build_run_matcher(settings)
     trajectory = build_trajectory(settings)
-    field_map = map_for_scenario(settings, trajectory)
-    true_readings(settings.world, trajectory, true_map(settings, trajectory, field_map))
+    field_map = maps_for_scenario(settings, trajectory)
+    for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
+        true_readings(one.world, trajectory, true_map(one, trajectory, its_map))
     return Case("montecarlo", settings, runs, field_map)
 
 

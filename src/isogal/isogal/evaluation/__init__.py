@@ -6,6 +6,7 @@ judgement          is a run worse than without aiding, or not what it claims?
 integrity          is the error within its protection level? exceedances, Poisson intervals
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
+bound_several      the joint bound of several fields
 bound_recursion    its linear model and its compiled recursion
 gravimeter_states  states of the bound for the slow errors of a gravimeter; its white noise
 navigability       how good can it be over an area, by heading?

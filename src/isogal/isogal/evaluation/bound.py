@@ -47,6 +47,7 @@ from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import TiledMap
 from isogal.matching.batching import fix_due
 from isogal.scenario import Scenario
@@ -80,7 +81,7 @@ class BoundResult:
 def posterior_cramer_rao(
     scenario: Scenario,
     trajectory: Trajectory,
-    field_map: RouteMap,
+    field_map: RunMap,
     *,
     batchwise: bool = False,
     map_share: Array | None = None,
@@ -96,16 +97,22 @@ def posterior_cramer_rao(
         Initial errors, IMU grade, gravimeter noise and the map error of the simulated truth.
     trajectory : Trajectory
         The true route.
-    field_map : FieldMap, TiledMap or ChannelMap
-        The map; its gradient is taken at the true positions.
+    field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
+        The map; its gradient is taken at the true positions. Of several fields the bound is the
+        joint one.
     batchwise : bool
         Return the bound of a navigator that learns what a batch's readings say only at the end of
         the batch, as any batch matcher does.
     map_share : (S,) array, optional
         1-sigma of the map's error at each scan in units of `map_error.sigma`; default: 1.
     """
-    world = scenario.world
-    model = bound_model(world, trajectory, field_map, batchwise=batchwise, map_share=map_share)
+    maps, each = each_map(field_map), scenario.each_field
+    if len(each) > 1:
+        from isogal.evaluation.bound_several import joint_bound  # which needs this module
+
+        return joint_bound(scenario, trajectory, maps, batchwise=batchwise)
+    world = each[0].world
+    model = bound_model(world, trajectory, maps[0], batchwise=batchwise, map_share=map_share)
     return _solve(world, trajectory, model)
 
 
@@ -119,6 +126,19 @@ def bound_model(
 ) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, which see."""
     scenario = scenario.world
+    readings = readings_of(scenario, trajectory, field_map, batchwise, map_share)
+    return _model(scenario, trajectory, readings)
+
+
+def readings_of(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RouteMap,
+    batchwise: bool = False,
+    map_share: Array | None = None,
+) -> Readings:
+    """Return how the readings of a scenario's field depend on the navigator's error; see
+    `posterior_cramer_rao`."""
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     field = measured_field(scenario)
     sensitivity = np.stack(
@@ -139,7 +159,7 @@ def bound_model(
     slope = height_slope(scenario, trajectory, scans)
     # an array of its own, of one layout: the recursion is compiled once
     share = np.full(len(scans), 1.0 if map_share is None else map_share)
-    return _model(scenario, trajectory, Readings(sensitivity, slope, noise, used, slow, share))
+    return Readings(sensitivity, slope, noise, used, slow, share)
 
 
 def _sensitivity(
@@ -189,21 +209,28 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
 
 def _model(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> BoundModel:
     segments = divide(scenario, trajectory)
-    channels = len(readings.noise)
-    gravity = true_residual_gravity(scenario, trajectory)
+    gravity = true_residual_gravity(scenario.felt_field, trajectory)
     model = FilterModel.from_scenario(scenario, gravity)
     auxiliary = model.auxiliary
-    m, slow = STATES + len(auxiliary), readings.slow.variance
-    start = np.zeros((m + channels + len(slow) + 2, m + channels + len(slow) + 2))
+    m, beside = STATES + len(auxiliary), field_variances(scenario, trajectory, readings)
+    start = np.zeros((m + len(beside), m + len(beside)))
     start[:m, :m] = initial_covariance(scenario, auxiliary)
-    bias = bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
-    start[m:, m:] = np.diag([scenario.map_error.sigma**2] * channels + [*slow, *np.square(bias)])
+    start[m:, m:] = np.diag(beside)
     aged = Ageing(
-        auxiliary_of(auxiliary), *ageing(segments, auxiliary), _correlation(scenario, segments)
+        auxiliary_of(auxiliary), *ageing(segments, auxiliary), map_correlation(scenario, segments)
     )
     scans = np.arange(1, len(readings.slope) + 1) * scenario.steps_per_scan
     aids = aids_model(scenario, model, segments, readings.slope, trajectory.height[scans])
     return BoundModel(start, segments, noise_density(scenario), aged, aids, readings)
+
+
+def field_variances(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> Array:
+    """Return the variances at the start of the states that a field has beside the navigator's: the
+    map's error in each channel, slow errors of the sensor, its bias and drift."""
+    channels = len(readings.noise)
+    bias = bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
+    of_map = [scenario.map_error.sigma**2] * channels
+    return np.array([*of_map, *readings.slow.variance, *np.square(bias)])
 
 
 def _solve(scenario: Scenario, trajectory: Trajectory, model: BoundModel) -> BoundResult:
@@ -221,7 +248,7 @@ def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, f
     return math.hypot(sensor.bias, datum.offset), math.hypot(sensor.drift, datum.tilt * speed)
 
 
-def _correlation(scenario: Scenario, segments: Segments) -> Array:
+def map_correlation(scenario: Scenario, segments: Segments) -> Array:
     """Return (S,) the correlation of the map's error between the ends of each stretch."""
     speed = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2])
     return np.exp(-speed * segments.dt / scenario.map_error.correlation_length)

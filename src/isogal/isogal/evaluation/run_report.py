@@ -20,17 +20,18 @@ from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
+from isogal.maps.several import each_map, first_map
 from isogal.scenario import Scenario
 
 if TYPE_CHECKING:
-    from isogal.maps.channels import RouteMap
+    from isogal.maps.several import RunMap
     from isogal.maps.tiled_map import ScalarMap
 
 
 def run_report(
     runs: Runs,
     scenario: Scenario,
-    field_map: "RouteMap",
+    field_map: "RunMap",
     bound: BoundResult,
     out_dir: str | Path,
     summary: dict[str, Any],
@@ -43,8 +44,8 @@ def run_report(
         One run is shown in detail; of many, the ensemble and the first run.
     scenario : Scenario
         What they were runs of.
-    field_map : FieldMap, TiledMap or ChannelMap
-        The map they were matched against; of several channels the first is shown.
+    field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
+        The map they were matched against; of several channels or fields the first is shown.
     bound : BoundResult
         `posterior_cramer_rao` of the scenario.
     out_dir : path
@@ -58,35 +59,48 @@ def run_report(
         Of the page.
     """
     bound_rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
-    many = len(runs) > 1
+    many, shown = len(runs) > 1, scenario.each_field[0]
     sections = [
         _accuracy(runs, bound_rms, many),
         integrity_section(runs, scenario.integrity, summary["integrity"]),
-        *_single(runs, scenario, channels_of(field_map)[0], many),
+        *_single(runs, shown, channels_of(first_map(field_map))[0], many),
         _declined(runs) if many else _batches(runs),
         _scenario(scenario, field_map),
     ]
     what = f"{len(runs)} runs" if many else "Run"
     subtitle = (
-        f"Matcher {scenario.matcher.name}, batches of {scenario.matcher.batch_length} scans, "
+        f"Matcher {shown.matcher.name}, batches of {shown.matcher.batch_length} scans, "
         f"{scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed}, "
         f"{runs.elapsed[-1] / 3600:.2f} h"
     )
-    sigma = f"{reading_sigma(scenario):g}".replace("e-0", "e-")
-    title = f"{what}: {scenario.measured_field} matching, sigma {sigma} {field_map.unit}"
+    title = f"{what}: {' and '.join(_measured(scenario, field_map))}"
     return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
 
 
-def _scenario(scenario: Scenario, field_map: "RouteMap") -> Section:
-    channels = len(channels_of(field_map))
-    first = (
-        f", the first of {channels} that are matched; figures show it alone"
-        if channels > 1
-        else ""
-    )
+def _measured(scenario: Scenario, field_map: "RunMap") -> list[str]:
+    """Return each field, with its noise."""
+    found = []
+    for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
+        sigma = f"{reading_sigma(one):g}".replace("e-0", "e-")
+        found.append(f"{one.measured_field} matching, sigma {sigma} {its_map.unit}")
+    return found
+
+
+def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
+    texts = []
+    for one in each_map(field_map):
+        channels = len(channels_of(one))
+        first = (
+            f", the first of {channels} that are matched; figures show it alone"
+            if channels > 1
+            else ""
+        )
+        texts.append(f"Map: {one.provenance or one.quantity}{first}.")
+    if len(texts) > 1:
+        texts.append(f"Figures of map and readings show the first, {scenario.field_names[0]}.")
     return Section(
         "Scenario",
-        [f"Map: {field_map.provenance or field_map.quantity}{first}."],
+        texts,
         listing=yaml.safe_dump(
             scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True
         ),

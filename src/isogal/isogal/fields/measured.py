@@ -94,6 +94,12 @@ def fields() -> dict[str, MeasuredField]:
     return {name: field_named(name) for name in plugins.names(plugins.FIELDS)}
 
 
+def require_one_field(scenario: Scenario) -> None:
+    """Raise InputError where a scenario has a list of fields, which not everything takes."""
+    if scenario.fields is not None:
+        raise InputError("fields: one field is needed here, not a list of fields")
+
+
 def measured_field(scenario: Scenario) -> MeasuredField:
     """Return the field that a scenario measures and matches.
 
@@ -101,8 +107,9 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     ------
     InputError
         `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
-        they do not count.
+        they do not count; or the scenario has several fields.
     """
+    require_one_field(scenario)
     field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
     for key in OF_ONE_NUMBER:
         if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(

@@ -12,6 +12,7 @@ from isogal.maps.channels import RouteMap
 from isogal.maps.corridor import CORRIDOR_MARGIN, Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
+from isogal.maps.several import FieldMaps, RunMap
 from isogal.maps.tiled_map import ScalarMap, TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -41,7 +42,8 @@ def map_for_scenario(
     Raises
     ------
     InputError
-        The map cannot be read, is of another quantity than is needed, or does not cover the route.
+        The map cannot be read, is of another quantity than is needed, or does not cover the route;
+        or the scenario has several fields.
     """
     if measured_field(scenario).channels is not None:
         return derived_maps(scenario, margin)
@@ -57,6 +59,15 @@ def map_for_scenario(
             raise
         raise InputError(f"{error}; below the ground it has none: see route.height") from None
     return field_map
+
+
+def maps_for_scenario(scenario: Scenario, trajectory: Trajectory | None = None) -> RunMap:
+    """Return the map of what a scenario measures, or those of its several fields; see
+    `map_for_scenario`."""
+    if scenario.fields is None:
+        return map_for_scenario(scenario, trajectory)
+    route = trajectory or build_trajectory(scenario)
+    return FieldMaps(tuple(map_for_scenario(one, route) for one in scenario.each_field))
 
 
 def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> RouteMap:

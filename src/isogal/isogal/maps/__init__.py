@@ -3,6 +3,7 @@
     field_map            the map in memory: value, gradient, error
     interpolation        the grid as compiled functions take it, and interpolation on it
     channels             several maps on one grid; types of map that functions take
+    several              the maps of several fields
     tiled_map            a map too large for the memory, read in tiles
     part_reader          how parts of a map are read
     corridor             the part of the Earth along a route

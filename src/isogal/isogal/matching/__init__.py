@@ -2,6 +2,7 @@
 
     interfaces             what a matcher is given and what it gives back
     registry               matchers by name (entry points `isogal.matchers`)
+    scans                  scans that have been collected
     batching               from scans, one by one, to batches
     transitions            the error at each scan per unit of that at the end; gaps between them
     path                   where the navigator was, for readings that are late
@@ -9,6 +10,8 @@
     channels               batches of readings that are several numbers each
     expansion              readings with what else belongs to them: own field of a vehicle
     parameters             constants that are estimated along
+    several                matchers of several fields as one
+    joint_batches          from scans of several fields to batches with a common end
     usability              whether a batch can be used at all
     monitoring             what watches a matcher, and what it may ask of it
     information            from a posterior back to what the measurements alone said

@@ -3,7 +3,7 @@ navigator's error does over it."""
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,36 +16,13 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
+from isogal.matching.scans import Collected, Scan, arrays_of
 from isogal.matching.transitions import Bridge, across, backwards, carried, condition
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
 from isogal.sensors.reduction import Reduction, State
-
-
-@dataclass(slots=True)
-class _Scan:
-    time: float
-    latitude: float
-    longitude: float
-    velocity: Array
-    reading: float | Array
-    sigma: float
-    offset: float
-    height: float
-    detail: Array | None = None
-    """What an `Expansion` needs beside the reading."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Collected:
-    """What a `BatchBuilder` has collected, for a checkpoint."""
-
-    scans: tuple[_Scan, ...]
-    count: int
-    unused: int
-    bridge: Bridge | None = None
 
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
@@ -75,6 +52,8 @@ class BatchBuilder:
         What is known of the height that readings are reduced with; default: that it is exact.
     expansion : Expansion, optional
         Of readings that are more than one number, but for those of channels.
+    marks : int
+        How many empty scans (`mark`) there may be in a batch beside its own.
     """
 
     def __init__(
@@ -86,6 +65,7 @@ class BatchBuilder:
         instrument: Gravimeter | None = None,
         height: Height | None = None,
         expansion: Expansion | None = None,
+        marks: int = 0,
     ) -> None:
         self.settings = settings
         self.expansion = expansion
@@ -94,17 +74,17 @@ class BatchBuilder:
         self.instrument = instrument or Gravimeter()
         self._height = height or Height()
         self._lag = Lag.of(self.instrument)
-        self._longest = settings.batch_length + context
+        self._longest = settings.batch_length + context + marks
         older = math.ceil(self._lag.reach / self.instrument.interval)
-        self._scans: deque[_Scan] = deque(maxlen=self._longest + older)
+        self._scans: deque[Scan] = deque(maxlen=self._longest + older)
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
 
     @classmethod
-    def of(cls, scenario: Scenario, context: int = 0) -> "BatchBuilder":
-        """Return the builder of a scenario's batches for a matcher with a context; raises
-        InputError where the scenario cannot be used."""
+    def of(cls, scenario: Scenario, context: int = 0, marks: int = 0) -> "BatchBuilder":
+        """Return the builder of a scenario's batches for a matcher with a context, with room for
+        marks; raises InputError where the scenario cannot be used."""
         field = measured_field(scenario)
         return cls(
             scenario.matcher,
@@ -114,6 +94,7 @@ class BatchBuilder:
             scenario.gravimeter,
             scenario.height,
             expansion_of(scenario),
+            marks,
         )
 
     @property
@@ -125,6 +106,12 @@ class BatchBuilder:
     def whole(self) -> bool:
         """Whether there are as many scans as a batch has: not where it began amid a run."""
         return len(self._scans) >= self.settings.batch_length
+
+    @property
+    def has_new(self) -> bool:
+        """Whether any reading has come since the last batch."""
+        newest = list(self._scans)[max(0, len(self._scans) - self._unused) :]
+        return any(np.isfinite(scan.reading).any() for scan in newest)
 
     @property
     def collected(self) -> Collected:
@@ -164,9 +151,20 @@ class BatchBuilder:
         place, detail = (latitude, longitude, np.array(velocity, float)), None
         if self.expansion is not None:
             reading, detail = self.expansion.split(reading)
-        self._scans.append(_Scan(time, *place, reading, sigma, offset, height, detail))
+        self._scans.append(Scan(time, *place, reading, sigma, offset, height, detail))
         self._count += 1
         self._unused += 1
+
+    def mark(self, end: "BatchBuilder") -> None:
+        """Add an empty scan where another builder's newest one is, unless this one has its newest
+        there: the batch is to end there. It is none of those that batches are counted by."""
+        newest = end._scans[-1]
+        if newest.time > self._scans[-1].time + 1e-9:
+            own = self._scans[-1]
+            nothing = np.nan * own.reading
+            sigma = self.instrument.sigma
+            self._scans.append(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
+            self._unused = min(self._unused + 1, len(self._scans))
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
         """Note that there were no inertial data between two times, and the navigator's covariance
@@ -196,7 +194,7 @@ class BatchBuilder:
         scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
         if not scans:
             return
-        latitude, longitude, velocity, times = _arrays(scans)
+        latitude, longitude, velocity, times = arrays_of(scans)
         shift = (self._errors(latitude, velocity, times, time)[1] @ jump)[:, :4]
         change = (self._jacobian(latitude, longitude, velocity) * shift).sum(axis=1)
         north, east = metres_per_radian(latitude)
@@ -216,7 +214,7 @@ class BatchBuilder:
             navigator is taken as level at the batch end.
         """
         scans = list(self._scans)[-self._longest :]
-        latitude, longitude, velocity, times = _arrays(scans)
+        latitude, longitude, velocity, times = arrays_of(scans)
         backward, joined, apart = self._errors(latitude, velocity, times, times[-1])
         prior = symmetric(prior)
         every, rest = condition(joined, prior, apart)
@@ -259,16 +257,16 @@ class BatchBuilder:
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
         return channel_batch(batch, np.stack(readings), self.covariance)
 
-    def _expanded(self, batch: Batch, scans: list[_Scan]) -> Batch:
+    def _expanded(self, batch: Batch, scans: list[Scan]) -> Batch:
         if self.expansion is None:
             return batch
         details = [scan.detail for scan in scans if scan.detail is not None]
         return self.expansion.expand(batch, [scan.reading for scan in scans], details)
 
-    def _noise(self, scans: list[_Scan], sigma: Array) -> Array | None:
+    def _noise(self, scans: list[Scan], sigma: Array) -> Array | None:
         """Return (T, T) the covariance of the readings' noise and of errors of their height; None
         where it is white."""
-        latitude, longitude, velocity, times = _arrays(scans)
+        latitude, longitude, velocity, times = arrays_of(scans)
         covariance = reading_covariance(self.instrument, times, sigma, velocity)
         up = np.array([scan.height for scan in scans])
         at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
@@ -281,7 +279,7 @@ class BatchBuilder:
         """Return a batch of readings that are late, each where the vehicle was at the time that it
         tells of (docs/mathematics.md, section 4.7)."""
         scans = list(self._scans)
-        latitude, longitude, velocity, times = _arrays(scans)
+        latitude, longitude, velocity, times = arrays_of(scans)
         path = Path(
             times, latitude, longitude, np.array([scan.height for scan in scans]), velocity
         )
@@ -322,15 +320,6 @@ class BatchBuilder:
         return self.reduction.jacobian(
             State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
         )
-
-
-def _arrays(scans: list[_Scan]) -> tuple[Array, Array, Array, Array]:
-    return (
-        np.array([scan.latitude for scan in scans]),
-        np.array([scan.longitude for scan in scans]),
-        np.array([scan.velocity for scan in scans]),
-        np.array([scan.time for scan in scans]),
-    )
 
 
 def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:

@@ -103,6 +103,8 @@ class Batch:
     """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
     those of what they tell of; None = those of the last row."""
+    beside: "tuple[Beside, ...]" = ()
+    """What other fields have read up to the same batch end."""
 
     def __len__(self) -> int:
         return self.time.shape[0]
@@ -126,7 +128,7 @@ class Batch:
 
     def part(self, rows: int | Integers) -> "Batch":
         """Return the batch with some of its rows only: from a first one on, or those of (K,)
-        indices. How many of them are new is kept.
+        indices. How many of them are new is kept; what other fields have read is not.
         """
         which = np.arange(rows, len(self)) if isinstance(rows, int) else rows
         covariance, path = self.reading_covariance, self.filter_path
@@ -140,6 +142,7 @@ class Batch:
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
             filter_path=None if path is None else path.part(which),
             cut=int((which < self.cut).sum()),
+            beside=(),
         )
 
     def back(self, elapsed: float) -> tuple[Array, Array]:
@@ -167,6 +170,18 @@ PER_ROW = (
     "nuisance_reading",
 )
 """Arrays of a `Batch` that have a row for each scan."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """The batch of another field."""
+
+    field: int
+    """Its place in the list of fields."""
+    batch: Batch
+    """Of the same navigator, and with the same end."""
+    field_map: Any
+    """What it is matched against."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,10 +7,12 @@ from pydantic import BaseModel, ValidationError
 
 from isogal import plugins
 from isogal.errors import InputError
+from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
-from isogal.matching.monitoring import Monitored
+from isogal.matching.monitoring import Monitor, Monitored
+from isogal.matching.several import JointMatcher, Rhythm
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.scenario import describe
+from isogal.scenario import Scenario, describe
 
 
 def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
@@ -19,15 +21,51 @@ def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
 
     Parameters and errors as for `load_matcher`.
     """
-    from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor
-    from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
-
     matcher = load_matcher(settings, channels)
     if not isinstance(matcher, Monitored):
         return matcher
+    return _watched(matcher, settings.map_sigma == 0.0)
+
+
+def _watched(matcher: Monitored, exact: bool) -> Matcher:
+    """Return a matcher with its monitors; `exact`: the map is said to have no error."""
+    from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor
+    from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
+
     watched = LostNavigatorMonitor(matcher)
     # who says that the map is exact leaves what else may be wrong no way to show
-    return watched if settings.map_sigma == 0.0 else AssumptionsMonitor(watched)
+    return watched if exact else AssumptionsMonitor(watched)
+
+
+def build_run_matcher(scenario: Scenario) -> Matcher:
+    """Return the matcher of a scenario's field, or of its several fields as one
+    (`several.JointMatcher`), watched as one.
+
+    Raises
+    ------
+    InputError
+        See `load_matcher`.
+    """
+    each = scenario.each_field
+    channels = [field_named(one.measured_field).channels is not None for one in each]
+    if len(each) == 1:
+        return build_matcher(each[0].matcher, channels[0])
+    matchers = tuple(
+        load_matcher(one.matcher, several) for one, several in zip(each, channels, strict=True)
+    )
+    joint = JointMatcher(matchers, scenario.field_names, Rhythm.of(each).lead)
+    exact = any(one.matcher.map_sigma == 0.0 for one in each)
+    return _watched(joint, exact) if isinstance(joint.first, Monitored) else joint
+
+
+def contexts_of(matcher: Matcher, fields: int) -> tuple[int, ...]:
+    """Return how many older scans a matcher wants of each field."""
+    inner: Any = matcher
+    while isinstance(inner, Monitor):
+        inner = inner.matcher
+    if isinstance(inner, JointMatcher):
+        return tuple(one.context for one in inner.matchers)
+    return (matcher.context,) * fields
 
 
 def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:

@@ -1,6 +1,7 @@
 """Monte Carlo: a scenario many times, as one array computation, spread over workers, kept on disk.
 
 engine          runs of a scenario in closed loop
+field_runs      the readings of one field in the loop
 aids            sensors of height and velocity in the loop
 recorder        what the loop leaves behind, collected while it runs
 chunks          cases, and the chunks of runs that workers compute

@@ -14,8 +14,9 @@ import numpy as np
 import isogal
 from isogal.evaluation.records import FORMAT, Runs
 from isogal.fields.scenario_map import true_map
-from isogal.maps.channels import AnyMap, RouteMap, channels_of
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.several import RunMap, each_map
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.montecarlo.engine import Progress, simulate
 from isogal.scenario import Scenario
@@ -47,7 +48,7 @@ class Case:
     name: str
     scenario: Scenario
     runs: int
-    field_map: RouteMap
+    field_map: RunMap
     aided: bool = True
     """False: no fix is ever taken; shows the inertial navigator and its filter by themselves."""
 
@@ -70,9 +71,14 @@ class Case:
             "map": map_digest(self.field_map),
             "aided": self.aided,
         }
-        if "map" in self.scenario.truth:
-            source = true_map(self.scenario, build_trajectory(self.scenario), self.field_map)
-            parts["true map"] = map_digest(source)
+        each = self.scenario.each_field
+        if any("map" in one.truth for one in each):
+            route = build_trajectory(self.scenario)
+            sources = [
+                map_digest(true_map(one, route, its_map))
+                for one, its_map in zip(each, each_map(self.field_map), strict=True)
+            ]
+            parts["true map"] = sources[0] if len(sources) == 1 else sources
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
 
 
@@ -107,7 +113,7 @@ class Unaided:
         return declined(batch, "unaided"), None
 
 
-def compute(chunk: Chunk, field_map: RouteMap, progress: Progress | None = None) -> Runs:
+def compute(chunk: Chunk, field_map: RunMap, progress: Progress | None = None) -> Runs:
     """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
     return simulate(
         chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress
@@ -147,9 +153,10 @@ def fitting(scenario: Scenario, duration: float) -> int:
     A run holds six IMU readings and the unaided track of every step, and about 100 numbers of
     every scan. All runs share the truth, the samples of the run being simulated, and the
     covariance of the map's error between all scans."""
-    intervals, scans = duration * scenario.navigation_rate, duration / scenario.gravimeter.interval
+    intervals, scans = duration * scenario.navigation_rate, duration / scenario.scan_interval
     samples = duration * scenario.imu.rate
-    shared = 8 * (40 * samples + (5 * scans**2 if scenario.map_error.sigma > 0.0 else 0.0))
+    wrong = sum(one.map_error.sigma > 0.0 for one in scenario.each_field)
+    shared = 8 * (40 * samples + 5 * wrong * scans**2)
     each = 8 * (9 * intervals + 100 * scans) + 200_000
     return max(1, int((MEMORY - shared) / each))
 
@@ -184,17 +191,17 @@ def _python_files(path: Path) -> list[Path]:
     return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
-_DIGESTS: dict[int, tuple[RouteMap, str]] = {}
+_DIGESTS: dict[int, tuple[RunMap, str]] = {}
 """By the id of the map. Maps do not change; they are kept here so that no other gets the same
 id."""
 
 
-def map_digest(field_map: RouteMap) -> str:
+def map_digest(field_map: RunMap) -> str:
     """Return a hash of a map's numbers, which identifies it to workers."""
     known = _DIGESTS.get(id(field_map))
     if known is None:
         digest = hashlib.sha256()
-        for channel in channels_of(field_map):
+        for channel in (one for each in each_map(field_map) for one in channels_of(each)):
             for part in channel.parts():
                 _digest(part, digest)
         known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])

@@ -6,7 +6,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.maps.channels import RouteMap
+from isogal.maps.several import RunMap
 from isogal.montecarlo.chunks import Chunk, compute, source_digest
 from isogal.montecarlo.workers import Report, WorkerError, throttled
 
@@ -14,7 +14,7 @@ TIMEOUT = 10.0
 """s to wait for the scheduler."""
 
 
-def remote(chunk: Chunk, field_map: RouteMap, topic: str) -> Runs:
+def remote(chunk: Chunk, field_map: RunMap, topic: str) -> Runs:
     """Compute a chunk on a Dask worker, which reports its progress under a topic."""
     from distributed import get_worker
 
@@ -29,7 +29,7 @@ def remote(chunk: Chunk, field_map: RouteMap, topic: str) -> Runs:
 
 
 def cluster_results(
-    chunks: Sequence[Chunk], maps: Mapping[str, RouteMap], address: str, report: Report
+    chunks: Sequence[Chunk], maps: Mapping[str, RunMap], address: str, report: Report
 ) -> Generator[tuple[Chunk, Runs], None, None]:
     """Compute chunks by the workers of a Dask cluster; yields them as they are finished.
 

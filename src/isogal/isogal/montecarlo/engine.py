@@ -16,9 +16,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import felt_gravity
 from isogal.fields.known_gravity import known_gravity
-from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario, true_map
-from isogal.fields.simulator import ReadingSimulator, compensated
+from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.fix import apply_fix
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import NavigatorRun
@@ -26,16 +24,18 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_difference
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
-from isogal.maps.channels import RouteMap
+from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.interfaces import Fix, Matcher
-from isogal.matching.registry import build_matcher
+from isogal.matching.interfaces import Batch, Fix, Matcher
+from isogal.matching.joint_batches import JointBatches
+from isogal.matching.registry import build_run_matcher, contexts_of
+from isogal.matching.several import Rhythm
 from isogal.montecarlo.aids import Aids
+from isogal.montecarlo.field_runs import FieldRuns
 from isogal.montecarlo.recorder import Recorder
 from isogal.scenario import Scenario
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 Progress = Callable[[float], None]
@@ -77,7 +77,7 @@ def simulate_unaided(
 def simulate(
     scenario: Scenario,
     runs: Sequence[int],
-    field_map: RouteMap | None = None,
+    field_map: RunMap | None = None,
     matcher: Matcher | None = None,
     progress: Progress | None = None,
     revised: Revised | None = None,
@@ -89,7 +89,7 @@ def simulate(
     scenario : Scenario
     runs : sequence of int
         Indices of the runs; they seed the random streams.
-    field_map : FieldMap, TiledMap or ChannelMap, optional
+    field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields, optional
         Default: the scenario's.
     matcher : Matcher, optional
         Default: the scenario's.
@@ -104,10 +104,8 @@ def simulate(
         The scenario, its map or its matcher cannot be used.
     """
     trajectory = build_trajectory(scenario)
-    field_map = field_map or map_for_scenario(scenario, trajectory)
-    matcher = matcher or build_matcher(
-        scenario.matcher, measured_field(scenario).channels is not None
-    )
+    field_map = field_map or maps_for_scenario(scenario, trajectory)
+    matcher = matcher or build_run_matcher(scenario)
     loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
     for scan in range(1, loop.scans + 1):
         loop.advance(scan)
@@ -124,7 +122,7 @@ class _ClosedLoop:
         scenario: Scenario,
         runs: Sequence[int],
         trajectory: Trajectory,
-        field_map: RouteMap,
+        field_map: RunMap,
         matcher: Matcher,
         revised: Revised | None,
     ) -> None:
@@ -132,25 +130,39 @@ class _ClosedLoop:
         self.field_map, self.matcher, self.revised = field_map, matcher, revised
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
-        world = scenario.world
-        known = known_gravity(scenario, trajectory)
-        self.imu = simulate_imu(world, trajectory, runs, felt_gravity(world, trajectory, runs))
+        world, of_gravity = scenario.world, scenario.felt_field
+        known = known_gravity(of_gravity, trajectory)
+        felt = felt_gravity(of_gravity.world, trajectory, runs)
+        self.imu = simulate_imu(world, trajectory, runs, felt)
         self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
-        source = true_map(scenario, trajectory, field_map)
-        readings = ReadingSimulator(world, trajectory, source, runs)
-        self.felt = compensated(scenario, trajectory, readings)
+        each = scenario.each_field
+        own = scenario.steps_per_scan
+        self.fields = [
+            FieldRuns(one, trajectory, its_map, runs, one.steps_per_scan // own)
+            for one, its_map in zip(each, each_map(field_map), strict=True)
+        ]
         self.model = FilterModel.from_scenario(scenario, known)
         self.aids = Aids(scenario, trajectory, runs, self.model, self.imu)
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
-        self.builders = [BatchBuilder.of(scenario, matcher.context) for _ in runs]
-        self.reduction = self.builders[0].reduction
+        self.rhythm = rhythm = Rhythm.of(each)
+        contexts = contexts_of(matcher, len(each))
+        self.batches = [
+            JointBatches(
+                [
+                    BatchBuilder.of(one, contexts[k], rhythm.marks(k, one))
+                    for k, one in enumerate(each)
+                ],
+                rhythm.lead,
+            )
+            for _ in runs
+        ]
         self.memories: list[Any] = [None for _ in runs]
-        due = [scan for scan in range(1, self.scans + 1) if fix_due(scan, scenario.matcher)]
+        due = self._due()
         self.batch_at = {scan: batch for batch, scan in enumerate(due)}
         ends = np.array(due, dtype=np.int64)
-        self.recorder = Recorder(trajectory, self.index, ends, len(self.builders))
+        self.recorder = Recorder(trajectory, self.index, ends, len(self.batches))
         self.recorder.write_state(0, self.state)
 
     def advance(self, scan: int) -> None:
@@ -160,14 +172,24 @@ class _ClosedLoop:
         if scan in self.batch_at:
             before = self.state.copy()
             batch = self.batch_at[scan]
-            self._aid([self._match(run, batch) for run in range(len(self.builders))], scan)
+            self._aid([self._match(run, batch) for run in range(len(self.batches))], scan)
             self._correct_batches(before, scan)
             self.anchor = (self.state.copy(), scan)
         self.recorder.write_state(scan, self.state)
 
     def record(self) -> Runs:
         """Return the record of the runs."""
-        return self.recorder.record(self.unaided, self.field_map)
+        return self.recorder.record(self.unaided, first_map(self.field_map))
+
+    def _due(self) -> list[int]:
+        """Return the scans at which a batch ends."""
+        lead = self.fields[self.rhythm.lead].scenario
+        every = lead.steps_per_scan // self.scenario.steps_per_scan
+        return [
+            scan
+            for scan in range(every, self.scans + 1, every)
+            if fix_due(scan // every, lead.matcher)
+        ]
 
     def _propagate(self, state: FilterState, which: Any, scan: int) -> None:
         """Advance some of the runs from the scan before to this one."""
@@ -175,29 +197,34 @@ class _ClosedLoop:
 
     def _read(self, scan: int) -> None:
         position, velocity = self.state.position, self.state.velocity
-        estimate = State(
-            position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1]
-        )
-        reading = self.reduction.reduce(self.felt[:, scan - 1], estimate)
-        for run, builder in enumerate(self.builders):
-            builder.add_scan(
-                self._time(scan),
-                position[run, 0],
-                position[run, 1],
-                velocity[run, :2],
-                reading[run],
-                self.scenario.gravimeter.sigma,
-                height=position[run, 2],
-            )
-        self.recorder.write_reading(scan - 1, reading, self.state)
+        for k, field in enumerate(self.fields):
+            reading = field.reduced(scan, self.state)
+            if reading is None:
+                continue
+            for run, batches in enumerate(self.batches):
+                batches.builders[k].add_scan(
+                    self._time(scan),
+                    position[run, 0],
+                    position[run, 1],
+                    velocity[run, :2],
+                    reading[run],
+                    field.scenario.gravimeter.sigma,
+                    height=position[run, 2],
+                )
+            if k == 0:
+                self.recorder.write_reading(scan - 1, reading, self.state)
 
     def _match(self, run: int, batch: int) -> Fix:
-        task = self.builders[run].build(self.state.batch_prior[run])
+        task = self.batches[run].build(self.state.batch_prior[run], self._near)
         start = clock.perf_counter()
-        near = self.field_map.near(task.latitude, task.longitude)
+        near = self._near(self.rhythm.lead, task)
         fix, self.memories[run] = self.matcher.match(task, near, self.memories[run])
         self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
         return fix
+
+    def _near(self, field: int, batch: Batch) -> Any:
+        """Return the map of a field around a batch."""
+        return self.fields[field].field_map.near(batch.latitude, batch.longitude)
 
     def _aid(self, fixes: list[Fix], scan: int) -> None:
         """Apply the fixes of all runs: at the batch end, or in retrodiction those of each scan
@@ -235,10 +262,10 @@ class _ClosedLoop:
 
     def _correct_batches(self, before: FilterState, scan: int) -> None:
         """Carry what the fixes at a scan changed in the navigators back to their batches."""
-        for run, builder in enumerate(self.builders):
+        for run, batches in enumerate(self.batches):
             change = batch_difference(self.state.estimate_of(run), before.estimate_of(run))
             if change.any():
-                builder.correct(self._time(scan), change)
+                batches.correct(self._time(scan), change)
 
     def _time(self, scan: int) -> float:
         return float(self.trajectory.time[self.index[scan]])

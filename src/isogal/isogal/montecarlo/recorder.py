@@ -91,11 +91,12 @@ class Recorder:
 
     def _detail(self, field_map: RouteMap) -> RunDetail:
         shown = channels_of(field_map)[0]
+        used = np.isfinite(self._seen[:, 0])  # the first of several fields has not each scan
         return RunDetail(
-            scan_time=self.time[1:],
-            reading=self._reading,
-            map_value=shown.value(self.latitude[1:], self.longitude[1:]),
-            map_value_navigator=shown.value(self._seen[:, 0], self._seen[:, 1]),
-            feature_variability=self._variability,
+            scan_time=self.time[1:][used],
+            reading=self._reading[used],
+            map_value=shown.value(self.latitude[1:][used], self.longitude[1:][used]),
+            map_value_navigator=shown.value(self._seen[used, 0], self._seen[used, 1]),
+            feature_variability=self._variability[used],
             **RunDetail.flatten(self._candidates),
         )

@@ -20,7 +20,7 @@ from typing import Any
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.maps.channels import RouteMap
+from isogal.maps.several import RunMap
 from isogal.montecarlo.chunks import Chunk, compute
 from isogal.threads import VARIABLES
 
@@ -60,7 +60,7 @@ def throttled(send: Callable[[float], Any]) -> Callable[[float], None]:
 def serve(connection: Connection) -> None:
     """Compute the chunks that come through the pipe until the parent closes it: the work of a
     worker process."""
-    maps: dict[str, RouteMap] = {}
+    maps: dict[str, RunMap] = {}
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             chunk, field_map = connection.recv()
@@ -96,7 +96,7 @@ class _Worker:
         theirs.close()
         return cls(process, ours)
 
-    def give(self, chunk: Chunk, maps: Mapping[str, RouteMap]) -> None:
+    def give(self, chunk: Chunk, maps: Mapping[str, RunMap]) -> None:
         new = chunk.map_key not in self.maps
         self.chunk = chunk
         # a worker that has died is noticed by the end of its pipe
@@ -115,7 +115,7 @@ class _Worker:
 
 
 def local_results(
-    chunks: Sequence[Chunk], maps: Mapping[str, RouteMap], workers: int, report: Report
+    chunks: Sequence[Chunk], maps: Mapping[str, RunMap], workers: int, report: Report
 ) -> Generator[tuple[Chunk, Runs], None, None]:
     """Compute chunks by so many processes; yields them as they are finished.
 
@@ -162,9 +162,7 @@ def local_results(
 class _Pool:
     """Workers, and the chunks that wait for one."""
 
-    def __init__(
-        self, chunks: Sequence[Chunk], maps: Mapping[str, RouteMap], workers: int
-    ) -> None:
+    def __init__(self, chunks: Sequence[Chunk], maps: Mapping[str, RunMap], workers: int) -> None:
         self.workers: list[_Worker] = []
         self.waiting = list(reversed(chunks))
         self._maps = maps

@@ -12,6 +12,7 @@ instruments  which keys describe the gravimeter, magnetometer, altimeter and gra
 aids         which keys describe height and velocity from sensors?
 world        which keys describe the map and its error?
 matcher      which keys describe the map matcher?
+fields       how does a scenario have several fields?
 truth        where do the true values differ from those that are assumed?
 fusion       which keys describe the navigator's filter?
 integrity    which keys describe the protection level?

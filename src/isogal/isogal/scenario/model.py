@@ -1,13 +1,13 @@
 """The whole scenario."""
 
 import math
-from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from isogal import plugins
 from isogal.scenario.aids import Height, Velocity
+from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
@@ -21,7 +21,7 @@ from isogal.scenario.world import Gravity, Map, MapError
 
 FASTEST_STEPS = 10.0
 """Hz: up to this rate every IMU sample is a step of the navigator, unless it is told another."""
-FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
+_OF_GRAVITY = ("gravity", "disturbance", "gradient")
 
 
 class Scenario(Section):
@@ -48,6 +48,13 @@ class Scenario(Section):
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
     integrity: Integrity = Integrity()
+    fields: tuple[dict[str, Any], ...] | None = Field(
+        None,
+        description=(
+            "several fields in one run: a list of entries with keys field, name, sigma, interval,"
+            " gravimeter, map, map_error, matcher, truth, seed; null = field alone"
+        ),
+    )
     truth: dict[str, Any] = Field(
         default_factory=dict,
         description=(
@@ -55,6 +62,14 @@ class Scenario(Section):
             f" {', '.join(TRUE_SECTIONS)}; 3x = three times what is assumed"
         ),
     )
+
+    @model_validator(mode="after")
+    def _possible_fields(self) -> "Scenario":
+        if self.fields is not None and any(
+            one.matcher.mode == "retrodiction" for one in scenarios_of(self)
+        ):
+            raise ValueError("matcher.mode: retrodiction takes one field, not a list of fields")
+        return self
 
     @model_validator(mode="after")
     def _whole_scans(self) -> "Scenario":
@@ -96,12 +111,40 @@ class Scenario(Section):
     def world(self) -> "Scenario":
         """The scenario as it really is: the section `truth` merged into the others. What is
         simulated comes from there, what is assumed from the scenario itself."""
-        return true_scenario(self) if self.truth else self
+        if not self.truth or self.fields is None:
+            return true_scenario(self) if self.truth else self
+        # what is true of readings and maps is so of the entries
+        parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+        for key, value in self.truth.items():
+            parts[key in OF_FIELDS][key] = value
+        true = true_scenario(self.model_copy(update={"truth": parts[0]}))
+        return true.model_copy(update={"truth": parts[1]})
+
+    @property
+    def each_field(self) -> "tuple[Scenario, ...]":
+        """The scenario of each field by itself; of one field the scenario as it is."""
+        return (self,) if self.fields is None else scenarios_of(self)
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """What each field is called."""
+        if self.fields is None:
+            return (self.measured_field,)
+        return tuple(entry.called for entry in read_entries(self.fields))
+
+    @property
+    def felt_field(self) -> "Scenario":
+        """The scenario of the field whose map is one of gravity, which the inertial sensors feel;
+        of the first where there is none."""
+        every = self.each_field
+        return next((one for one in every if one.measured_field in _OF_GRAVITY), every[0])
 
     @property
     def measured_field(self) -> str:
         """Name of the field that is measured and matched, one of
-        `isogal.fields.measured.fields`."""
+        `isogal.fields.measured.fields`; of several the first."""
+        if self.fields is not None:
+            return str(self.fields[0]["field"])
         return self.field or self.gravimeter.quantity
 
     @property
@@ -111,7 +154,7 @@ class Scenario(Section):
             return max(1, round(self.imu.rate / self.fusion.rate))
         if self.imu.rate <= FASTEST_STEPS:
             return 1
-        of_scan = round(self.gravimeter.interval * self.imu.rate)
+        of_scan = self._samples_per_scan
         return max(n for n in range(1, math.floor(self.imu.rate) + 1) if of_scan % n == 0)
 
     @property
@@ -121,8 +164,20 @@ class Scenario(Section):
 
     @property
     def steps_per_scan(self) -> int:
-        """Steps of the navigator from one gravimeter reading to the next."""
-        return round(self.gravimeter.interval * self.imu.rate) // self.samples_per_step
+        """Steps of the navigator from one gravimeter reading to the next; of several fields the
+        largest number that all of their intervals are multiples of."""
+        return self._samples_per_scan // self.samples_per_step
+
+    @property
+    def scan_interval(self) -> float:
+        """Time of these steps, s."""
+        return self.steps_per_scan / self.navigation_rate
+
+    @property
+    def _samples_per_scan(self) -> int:
+        if self.fields is None:
+            return round(self.gravimeter.interval * self.imu.rate)
+        return math.gcd(*(round(x * self.imu.rate) for x in intervals_of(self.fields)))
 
     @property
     def steps_per_height(self) -> int:

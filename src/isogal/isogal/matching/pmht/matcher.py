@@ -24,6 +24,7 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.assess import assess
+from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.learn import learn
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.memory import Memory, VarianceFactor
@@ -128,6 +129,22 @@ class Pmht:
     def without_hypotheses(self, memory: Memory | None) -> Memory | None:
         """Return a memory that takes the navigator's own covariance for its prior."""
         return None if memory is None else replace(memory, hypotheses=None)
+
+    def carrying(self, memory: Memory, hypotheses: Mixture | None) -> Memory:
+        """Return a memory with other hypotheses about the end of the last batch."""
+        return replace(memory, hypotheses=hypotheses)
+
+    def given(
+        self, memory: Memory | None, batch: Batch, hypotheses: Mixture | None
+    ) -> Memory | None:
+        """Return a memory with hypotheses about the end of a batch that is still to be matched."""
+        if memory is None and hypotheses is None:
+            return None
+        return replace(memory or Memory.before(batch), hypotheses=None, current=hypotheses)
+
+    def after_others(self, memory: Memory, taken: Array, covariance: Array) -> Memory:
+        """Return the memory of a navigator that has taken fixes of other fields as well."""
+        return memory.after_others(taken, covariance)
 
     def likelihood(
         self, batch: Batch, field_map: AnyMap, memory: Memory, place: tuple[Array, Array]

@@ -54,6 +54,9 @@ class Memory:
     """(4, 4) the navigator's covariance there, before any fix."""
     hypotheses: Mixture | None = None
     """About the navigator's error there; None = its own prior is all there is."""
+    current: Mixture | None = None
+    """About its error at the end of the next batch, by readings of another field up to there;
+    counts before `hypotheses`."""
     disagreements: int = 0
     """Batches in a row that did not agree with the map."""
     outlier_times: frozenset[float] = frozenset()
@@ -74,6 +77,15 @@ class Memory:
         """Return the memory of a matcher whose first batch this is."""
         return cls(float(batch.time[0]), batch.prior)
 
+    def after_others(self, taken: Array, covariance: Array) -> "Memory":
+        """See `isogal.matching.several.Sharing`."""
+        if self.bias is None:
+            return self
+        states = self.bias.gain.shape[1]
+        error = None if self.bias.error is None else covariance[:states, :states]
+        mean = self.bias.mean + self.bias.gain @ taken[:states]
+        return replace(self, bias=replace(self.bias, mean=mean, error=error))
+
     def with_bias(self, bias: BiasEstimate | None) -> "Memory":
         """Return the memory with another belief about the readings' bias."""
         return replace(self, bias=bias)
@@ -81,6 +93,8 @@ class Memory:
 
 def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
     """Return the prior of xi: hypotheses carried to the batch end, or the navigator's own."""
+    if memory is not None and memory.current is not None:
+        return memory.current
     if memory is None or memory.hypotheses is None:
         return Mixture.gaussian(np.zeros(4), batch.prior)
     gain, rest = _forecast(batch, float(batch.time[-1]) - memory.time)

@@ -40,6 +40,7 @@ class PastBatch:
     ) -> "PastBatch":
         """Remember a batch; no search would have matched so many readings before it."""
         information = fix.information if fix.published else None
+        batch = replace(batch, beside=())
         count = unsearched + batch.new
         channels = batch.rows_per_scan
         enough = CONSTANTS.search_readings * channels
@@ -158,6 +159,9 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
         Without the scans before a gap in the inertial data: what they say of the error at the end
         is by the navigator's own covariance.
     """
+    beside = tuple(
+        replace(one, batch=seen_from(one.batch, shift, covariance)) for one in batch.beside
+    )
     back = error_before(batch)[None]
     batch = batch.part(batch.cut) if batch.cut else batch
     position = unconditioned(batch, batch.transition, batch.nuisance_position)
@@ -184,4 +188,5 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
         back_transition=None if batch.back_transition is None else back[0],
         back_nuisance=None if batch.back_nuisance is None else back_nuisance[0],
         attitude=(level[0], level_nuisance[0]),
+        beside=beside,
     )

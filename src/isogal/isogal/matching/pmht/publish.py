@@ -139,11 +139,13 @@ def _remembered(state: State) -> Memory:
 def _unmatched(state: State) -> Memory:
     """Return the memory after a batch that could not be matched."""
     batch, before = state.batch, state.memory or Memory.before(state.batch)
+    alone = before.hypotheses is None and before.current is None
     return replace(
         before,
         time=float(batch.time[-1]),
         prior=batch.prior,
-        hypotheses=None if before.hypotheses is None else state.prior,
+        hypotheses=None if alone else state.prior,
+        current=None,
         bias=None if state.bias is None else state.bias.unmeasured(batch),
     )
 

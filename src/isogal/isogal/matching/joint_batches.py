@@ -1,0 +1,72 @@
+"""From scans of several fields, one by one, to batches with a common end.
+
+Each field has a `BatchBuilder` of its own; the field with the least time between its fixes says
+when a batch ends, for all of them. Where another field has no scan at that stamp, an empty one
+marks it, so that its batch ends there, too."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from isogal.arrays import Array
+from isogal.matching.batching import BatchBuilder, Collected
+from isogal.matching.interfaces import Batch, Beside
+
+MapNear = Callable[[int, Batch], Any]
+"""Returns the map of a field around a batch."""
+
+
+class JointBatches:
+    """Collects the scans of one run.
+
+    Parameters
+    ----------
+    builders : sequence of BatchBuilder
+        Of each field.
+    lead : int
+        See `isogal.matching.several.Rhythm`.
+    """
+
+    def __init__(self, builders: Sequence[BatchBuilder], lead: int = 0) -> None:
+        self.builders, self._lead = tuple(builders), lead
+
+    @property
+    def ready(self) -> bool:
+        """Whether the newest scans end a batch that has not been built yet."""
+        return self.builders[self._lead].ready
+
+    @property
+    def collected(self) -> tuple[Collected, ...]:
+        """What has been collected of each field; scans are shared."""
+        return tuple(builder.collected for builder in self.builders)
+
+    def restore(self, collected: Sequence[Collected]) -> None:
+        """Go on from what was collected earlier."""
+        for builder, one in zip(self.builders, collected, strict=True):
+            builder.restore(one)
+
+    def correct(self, time: float, jump: Array) -> None:
+        """See `BatchBuilder.correct`."""
+        for builder in self.builders:
+            builder.correct(time, jump)
+
+    def build(self, prior: Array, near: MapNear) -> Batch:
+        """Return the batch of the first field, with those of others that have new readings beside
+        it.
+
+        Parameters
+        ----------
+        prior : (7, 7) array
+            The navigator's covariance at the end.
+        near : callable
+        """
+        batch = self.builders[self._lead].build(prior)
+        beside = []
+        for field, builder in enumerate(self.builders):
+            if field == self._lead or not builder.whole:
+                continue
+            builder.mark(self.builders[self._lead])
+            if builder.has_new:
+                other = builder.build(prior)
+                beside.append(Beside(field, other, near(field, other)))
+        return replace(batch, beside=tuple(beside)) if beside else batch

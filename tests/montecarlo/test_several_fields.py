@@ -1,0 +1,145 @@
+"""Several fields in the closed loop: a list of one changes nothing, two are better than the better
+one, each has its own rate."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.batches import field_map_of, wavy
+from helpers.command_line import answer, refusal
+from helpers.navigators import ROUTE
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.maps.several import FieldMaps
+from isogal.montecarlo.chunks import Case, fitting
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario, validate_scenario
+
+GRAVITY_MAP = field_map_of(wavy)
+MAGNETIC_MAP = replace(
+    field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north)),
+    unit="nT",
+    quantity="magnetic_anomaly",
+)
+GRAVITY = {"field": "disturbance", "map_error": {"sigma": 1e-5}, "matcher": {"map_sigma": 1e-5}}
+MAGNETIC = {
+    "field": "magnetic", "sigma": 5.0, "map_error": {"sigma": 10.0}, "matcher": {"map_sigma": 10.0}
+}  # fmt: skip
+MAPS = {"disturbance": GRAVITY_MAP, "magnetic": MAGNETIC_MAP}
+
+
+def scenario(*fields: dict[str, Any], duration: float = 900.0) -> Scenario:
+    return validate_scenario(
+        {
+            "route": ROUTE.model_copy(update={"duration": duration}).model_dump(),
+            "initial_error": {"position": 300.0},
+            "gravity": {"field": "normal"},
+            "matcher": {"batch_length": 15},
+            "fields": list(fields),
+        }
+    )
+
+
+def ran(*fields: dict[str, Any], runs: int = 2, **keys: Any) -> Runs:
+    maps = FieldMaps(tuple(MAPS[one["field"]] for one in fields))
+    return simulate(scenario(*fields, **keys), range(runs), maps)
+
+
+def assert_equal(one: Runs, other: Runs) -> None:
+    for name in ("error", "covariance", "unaided_error", "fix_error", "fix_covariance"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert one.fix_reason == other.fix_reason
+
+
+@pytest.fixture(scope="module")
+def gravity() -> Runs:
+    return ran(GRAVITY)
+
+
+@pytest.fixture(scope="module")
+def two() -> Runs:
+    return ran(GRAVITY, MAGNETIC)
+
+
+def test_a_list_of_one_is_bit_equal_to_its_keys(gravity):
+    listed = scenario(GRAVITY)
+    (alone,) = listed.each_field
+    assert alone.fields is None
+    assert_equal(gravity, simulate(alone, range(2), GRAVITY_MAP))
+
+
+def test_two_fields_know_more_than_one(gravity, two):
+    spread = [np.trace(one.covariance, axis1=2, axis2=3)[:, -1] for one in (gravity, two)]
+    assert (spread[1] < 0.8 * spread[0]).all()
+    assert two.published.all()
+    error, covariance = two.posterior_error[:, -1], two.posterior_covariance[:, -1]
+    nees = np.einsum("ri,rij,rj->r", error, np.linalg.inv(covariance), error)
+    assert (nees < 18.0).all()  # one in ten thousand
+
+
+def test_a_run_does_not_depend_on_those_beside_it(two):
+    alone = ran(GRAVITY, MAGNETIC, runs=1)
+    np.testing.assert_array_equal(alone.error[0], two.error[0])
+
+
+def test_each_field_has_its_own_rate(two):
+    """Twice as many readings of the magnetometer: batches end with it, scans are recorded at its
+    rate, and the gravimeter's are those of its own rate."""
+    fast = ran(GRAVITY, MAGNETIC | {"interval": 5.0}, runs=1)
+    np.testing.assert_allclose(np.diff(fast.time), 5.0)
+    np.testing.assert_allclose(np.diff(two.time), 10.0)
+    assert fast.fix_time[0] == 75.0  # fifteen scans of the faster one
+    np.testing.assert_allclose(np.diff(fast.fix_time), 25.0)
+    assert fast.detail is not None
+    np.testing.assert_allclose(np.diff(fast.detail.scan_time), 10.0)
+    assert np.isfinite(fast.detail.reading).all()
+    assert two.detail is not None
+    np.testing.assert_array_equal(fast.unaided_error[0, ::2], two.unaided_error[0])
+
+
+def test_slow_scans_that_miss_the_batch_ends_count():
+    """A field whose scans are never at a batch end: its readings are matched all the same."""
+    slow = ran(GRAVITY, MAGNETIC | {"interval": 35.0, "matcher": {"batch_length": 5}}, runs=1)
+    gravity = ran(GRAVITY, runs=1)
+    np.testing.assert_allclose(np.diff(slow.fix_time), 50.0)
+    later = slow.fix_time > 300.0
+    apart = np.trace(slow.posterior_covariance, axis1=2, axis2=3) / np.trace(
+        gravity.posterior_covariance, axis1=2, axis2=3
+    )
+    assert (apart[:, later] < 0.95).all()
+    assert np.abs(slow.posterior_error[:, later]).max() < 300.0
+
+
+def test_maps_and_truths_identify_a_case():
+    both = scenario(GRAVITY, MAGNETIC)
+    maps = FieldMaps((GRAVITY_MAP, MAGNETIC_MAP))
+    case = Case("two", both, 3, maps)
+    other = replace(MAGNETIC_MAP, values=1.01 * MAGNETIC_MAP.values)
+    assert case.key != replace(case, field_map=FieldMaps((GRAVITY_MAP, other))).key
+    assert fitting(both, 900.0) > 1
+
+
+def test_what_takes_one_field_says_so():
+    with pytest.raises(InputError, match="one field is needed here"):
+        map_for_scenario(scenario(GRAVITY, MAGNETIC))
+
+
+def test_command_line(tmp_path):
+    """Gravity and terrain of the synthetic map, from the command to its report."""
+    path = tmp_path / "two.yaml"
+    path.write_text(
+        "fields:\n- {field: gravity, matcher: {map_sigma: 0}}\n"
+        "- {field: terrain, sigma: 20, interval: 20, matcher: {map_sigma: 5}}\n"
+        "route: {duration: 900, height: 4500}\ngravity: {field: normal}\n"
+        "map: {continuation: none}\nmatcher: {batch_length: 15}\n"
+    )
+    out = tmp_path / "out"
+    command = ["montecarlo", "--scenario", path, "--runs", 1, "--workers", 1, "--out", out]
+    answer(*command)
+    page = (out / "report.html").read_text()
+    assert "gravity matching" in page
+    assert "terrain matching, sigma 20 m" in page
+    assert "fields: must have an entry" in refusal(*command, "--set", "fields=[]")
