@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.matching.batching import BatchBuilder, Collected
+from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.registry import build_matcher
+from isogal.matching.scans import Collected
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError

@@ -7,8 +7,8 @@ import numpy as np
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap
-from isogal.matching.batching import Collected
 from isogal.matching.interfaces import Batch, Matcher
+from isogal.matching.scans import Collected
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 from typing import Any
 
 from isogal.arrays import Array
-from isogal.matching.batching import BatchBuilder, Collected
+from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Batch, Beside
+from isogal.matching.scans import Collected
 
 MapNear = Callable[[int, Batch], Any]
 """Returns the map of a field around a batch."""
