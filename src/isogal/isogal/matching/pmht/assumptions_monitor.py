@@ -115,18 +115,10 @@ def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
     show if they were right."""
     mean, covariance = bank.believed()
     delay = float(mean[-1])
-    moved = replace(
-        _delayed(batch, delay),
-        beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
-    )
+    moved = replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
     shown = with_delay(batch.velocity[-1])
     wide = CONSTANTS.doubted_prior_factor * (shown @ covariance @ shown.T)
     return seen_from(moved, mean[:-1], wide), shown @ mean
-
-
-def _delayed(batch: Batch, delay: float) -> Batch:
-    """Return a batch whose readings are late (s)."""
-    return replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
 
 
 def _told(batch: Batch, fix: Fix, mean: Array, covariance: Array, widening: Array) -> Fix:

@@ -14,7 +14,7 @@ from isogal.matching.path import Path
 
 def later(batch: Batch, delay: float) -> Batch:
     """Return a batch whose readings tell of places that were passed a time (s) before those of
-    its rows."""
+    its rows; so do those of other fields beside it, and what they were reduced with."""
     if delay == 0.0:
         return batch
     path = Path(batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity)
@@ -25,7 +25,12 @@ def later(batch: Batch, delay: float) -> Batch:
         longitude=np.asarray(at.longitude),
         velocity=np.stack([at.v_north, at.v_east], axis=-1),
         end_place=batch.end,
+        beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
     )
+
+
+def _delayed(batch: Batch, delay: float) -> Batch:
+    return replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
 
 
 def by_delay(batch: Batch) -> Array:
