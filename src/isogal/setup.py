@@ -5,6 +5,7 @@ from setuptools import setup
 PACKAGE = "isogal"
 
 setup(
+    license="Apache-2.0",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

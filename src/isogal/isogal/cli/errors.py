@@ -18,6 +18,20 @@ INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 BROKEN_PIPE = 141  # 128 + SIGPIPE
 
 
+EXTRAS = {
+    "rasterio": "maps",
+    "ppigrf": "survey",
+    "dask": "dask",
+    "distributed": "dask",
+    "bokeh": "view",
+    "PIL": "view",
+    "filterpy": "reference",
+    "mcap": "ros",
+    "zstandard": "ros",
+}
+"""Packages that a plain installation does without, and the extra that brings each along."""
+
+
 def note(message: str) -> None:
     """Print ``isogal: message`` as one line on the standard error stream."""
     print(f"isogal: {' '.join(message.split())}", file=sys.stderr)
@@ -33,7 +47,8 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that ends with one line, without a traceback, where a user causes it to
     fail.
 
-    InputError, and a file that cannot be read or written, exit with status 2, Ctrl-C with 130, a
+    InputError, a package that is not installed, and a file that cannot be read or written, exit with
+    status 2, Ctrl-C with 130, a
     closed pipe (``isogal ... | head``) silently with 141. Everything else is a defect of Isogal
     and keeps its traceback."""
 
@@ -43,6 +58,13 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
         except InputError as error:
             fail(str(error))
+        except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
+            if package not in EXTRAS:
+                raise
+            fail(
+                f"this needs the Python package {package}: pip install 'isogal[{EXTRAS[package]}]'"
+            )
         except KeyboardInterrupt:
             fail("interrupted", INTERRUPTED)
         except BrokenPipeError:
