@@ -2,6 +2,7 @@
 # requirements.lock for the demo, requirements-development.lock besides for tests and checks.
 #   make demo           the default scenario as four node processes and a recorder; see out/demo/
 #   make test [ARGS="tests/cli -k help"]   the test suite
+#   make wheel-test   build and install the library alone, and match a track with it
 #   make lint | format | lock | clean
 # A particular interpreter: make PYTHON=/path/to/python3.12 demo
 
@@ -10,7 +11,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint format install install-development lock clean
+.PHONY: demo test wheel-test lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -19,6 +20,10 @@ demo: install
 # and so their fixtures, together, in the order of tests/conftest.py: what takes long first.
 test: install-development
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+# The library as anybody gets it: wheel and sdist built and installed without ROS.
+wheel-test:
+	@.ci/wheel-test
 
 lint: install-development
 	@$(BIN)/ruff check .

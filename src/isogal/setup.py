@@ -6,6 +6,7 @@ PACKAGE = "isogal"
 
 setup(
     license="Apache-2.0",
+    python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -3,7 +3,9 @@
 import ast
 import re
 import sys
+import tomllib
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -44,14 +46,14 @@ def pip_only() -> set[str]:
 
 def setup_arguments(package: Path) -> dict[str, Any]:
     """Return the literal arguments of the setup() call, and those that are the variable
-    PACKAGE."""
+    PACKAGE; where there is a pyproject.toml, what it says in their form."""
     tree = ast.parse((package / "setup.py").read_text(encoding="utf-8"))
     call = next(
         node
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
     )
-    arguments = {}
+    arguments = _pyproject_arguments(package)
     for keyword in call.keywords:
         if isinstance(keyword.value, ast.Name) and keyword.value.id == "PACKAGE":
             arguments[str(keyword.arg)] = package.name
@@ -61,6 +63,45 @@ def setup_arguments(package: Path) -> dict[str, Any]:
         except ValueError:
             continue  # find_packages() and data files are not literals
     return arguments
+
+
+def _pyproject_arguments(package: Path) -> dict[str, Any]:
+    path = package / "pyproject.toml"
+    if not path.is_file():
+        return {}
+    project = project_table(package)
+    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
+    found = re.search(
+        r'^__version__ = "(.+)"$',
+        (package / package.name / "__init__.py").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
+    assert found is not None
+    return {
+        "name": project["name"],
+        "description": project["description"],
+        "version": found[1],
+        "entry_points": {
+            group: [f"{name} = {target}" for name, target in entries.items()]
+            for group, entries in groups.items()
+        },
+    }
+
+
+def project_table(package: Path) -> dict[str, Any]:
+    """Return what a package's pyproject.toml says of it."""
+    text = (package / "pyproject.toml").read_text(encoding="utf-8")
+    table: dict[str, Any] = tomllib.loads(text)["project"]
+    return table
+
+
+def requirement_names(lines: Iterable[str]) -> set[str]:
+    """Return the names of required distributions, in lower case."""
+    return {
+        re.split(r"[\[<>=!~; ]", line, maxsplit=1)[0].lower()
+        for line in lines
+        if line[:1].isalpha()
+    }
 
 
 def dependencies(package: Path) -> set[str]:

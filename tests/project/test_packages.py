@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import isogal
 from helpers.packages import (
     APT,
     NAMES,
@@ -18,8 +19,11 @@ from helpers.packages import (
     executables,
     imports,
     pip_only,
+    project_table,
+    requirement_names,
     setup_arguments,
 )
+from isogal.cli.errors import EXTRAS
 
 
 def test_there_are_packages() -> None:
@@ -37,6 +41,41 @@ def test_package_xml_and_setup_agree(package: Path) -> None:
     assert manifest["name"] == package.name
     assert manifest["license"] == "Apache-2.0"
     assert root.findtext("export/build_type") == "ament_python"
+
+
+def test_all_have_the_version_of_the_library() -> None:
+    assert {setup_arguments(package)["version"] for package in PACKAGES} == {isogal.__version__}
+
+
+LIBRARY = ROOT / "src" / "isogal"
+# Import name -> name of the distribution, where they differ.
+DISTRIBUTIONS = {
+    "yaml": "pyyaml",
+    "PIL": "pillow",
+    "distributed": "dask",
+    "mcap_ros2": "mcap-ros2-support",
+}
+
+
+def test_pip_installs_what_the_library_imports() -> None:
+    project = project_table(LIBRARY)
+    extras = project["optional-dependencies"]
+    declared = requirement_names(
+        [*project["dependencies"], *(line for lines in extras.values() for line in lines)]
+    )
+    needed = {
+        DISTRIBUTIONS.get(name, name).lower()
+        for name in imports(LIBRARY) - ROS - {"isogal_ros", "setuptools"}
+    }
+    assert needed <= declared
+    wanted = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
+    core = requirement_names(project["dependencies"])
+    assert core <= requirement_names(wanted)
+    # what a plain installation does without is named when it is missed
+    assert {DISTRIBUTIONS.get(name, name) for name in EXTRAS} <= declared
+    for name, extra in EXTRAS.items():
+        assert DISTRIBUTIONS.get(name, name) in requirement_names(extras[extra])
+    assert needed - core <= {DISTRIBUTIONS.get(name, name) for name in EXTRAS}
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)

@@ -26,8 +26,9 @@ EXTRAS = {
     "bokeh": "view",
     "PIL": "view",
     "filterpy": "reference",
-    "mcap": "ros",
-    "zstandard": "ros",
+    "mcap": "bags",
+    "mcap_ros2": "bags",
+    "zstandard": "bags",
 }
 """Packages that a plain installation does without, and the extra that brings each along."""
 
@@ -47,10 +48,9 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that ends with one line, without a traceback, where a user causes it to
     fail.
 
-    InputError, a package that is not installed, and a file that cannot be read or written, exit with
-    status 2, Ctrl-C with 130, a
-    closed pipe (``isogal ... | head``) silently with 141. Everything else is a defect of Isogal
-    and keeps its traceback."""
+    InputError, a package that is not installed, and a file that cannot be read or written, exit
+    with status 2, Ctrl-C with 130, a closed pipe (``isogal ... | head``) silently with 141.
+    Everything else is a defect of Isogal and keeps its traceback."""
 
     @functools.wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
