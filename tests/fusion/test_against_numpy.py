@@ -79,6 +79,7 @@ def filter_start(random: np.random.Generator, runs: int, sigma: np.ndarray) -> F
         random.normal(0.0, 1e-8, (runs, 3)),
         np.zeros((runs, 0)),
         covariance,
+        np.zeros(runs),
     )
 
 

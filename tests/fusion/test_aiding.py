@@ -5,7 +5,7 @@ import pytest
 
 from helpers.navigators import error_between, fly
 from isogal.fusion.aiding import update_height, update_velocity, velocity_reading
-from isogal.fusion.navigator import propagate
+from isogal.fusion.navigator import propagate, widen
 from isogal.fusion.nominal import move
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Fusion, Height, Velocity
@@ -134,3 +134,23 @@ def test_who_stands_still_has_no_velocity():
     update_velocity(state, it.model, 0, settings, np.array([0.02, 0.0, 0.0]))
     assert np.linalg.norm(state.velocity[0]) < 0.01
     assert np.sqrt(state.covariance[0, 3, 3]) < 0.011
+
+
+def test_a_contradicted_aid_is_not_used_any_more_but_a_standstill_is():
+    it = fly(velocity=Velocity(kind="dvl", standstill_speed=0.1))
+    state, settings = it.start.copy(), Velocity(kind="dvl", standstill_speed=0.1)
+    widen(state, 0, np.diag([1e4, 1e4, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    before = state.copy()
+    seen = update_velocity(state, it.model, 0, settings, np.array([22.0, 0.0, 0.0]))
+    assert not seen.accepted
+    assert seen.contradicted
+    for array, old in zip(state.arrays(), before.arrays(), strict=True):
+        np.testing.assert_array_equal(array, old)
+    state.velocity[0] = 0.0
+    assert update_velocity(state, it.model, 0, settings, np.zeros(3)).accepted
+    # only the run that was contradicted
+    both = fly(runs=(0, 1), velocity=Velocity(kind="dvl"))
+    widen(both.start, 0, np.eye(7))
+    reading = np.array([22.0, 0.0, 0.0])
+    used = [update_velocity(both.start, both.model, run, settings, reading) for run in (0, 1)]
+    assert [one.contradicted for one in used] == [True, False]

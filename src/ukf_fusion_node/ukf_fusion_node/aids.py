@@ -162,7 +162,9 @@ def _unlikely_pressure(pressure: float, seen: Innovation, settings: Height) -> s
 
 
 def _unlikely_velocity(seen: Innovation) -> str:
-    """Say what is wrong with a velocity that cannot be right."""
+    """Say what is wrong with a velocity that cannot be right, or is not used."""
+    if seen.contradicted:
+        return "fixes contradicted the navigator: the velocity aid is not used any more"
     size, expected = (float(np.linalg.norm(one)) for one in (seen.measured, seen.expected))
     text = f"speed of {size:.2f} m/s where {expected:.2f} m/s was expected"
     if abs(size / max(expected, 1e-3) / _KNOTS - 1.0) < 0.05:

@@ -77,6 +77,22 @@ def test_a_navigator_that_is_worse_than_told_becomes_less_certain(field_map):
         assert np.linalg.eigvalsh(fix.widened / scale / scale[:, None])[0] > -1e-9
 
 
+def test_a_speed_log_in_an_untold_current_is_no_longer_used(field_map):
+    """0.5 m/s for 2500 s are 1.2 km."""
+    log = {"kind": "log", "scale": 0.0, "current_sigma": 0.0}
+    keys = {"velocity": log, "truth": {"velocity": {"current_sigma": 0.5}}, "runs": (2,)}
+    record, fixes = flown(field_map, **keys)
+    alone, _ = flown(field_map, watched=False, **keys)
+    widened = [fix for fix in fixes if fix.widened is not None]
+    assert len(widened) == 1
+    assert not widened[0].published
+    assert "velocity aid" in widened[0].reason
+    late = record.elapsed > 1500.0
+    assert alone.horizontal_error[0, late].max() > 500.0
+    assert record.horizontal_error[0, late].max() < 350.0
+    assert nees(record, 1500.0)[0] < 4.0
+
+
 def test_nothing_changes_while_all_is_as_told(field_map):
     record, fixes = flown(field_map)
     alone, others = flown(field_map, watched=False)

@@ -30,6 +30,8 @@ class Innovation:
     """(m,) what the navigator expected in the measured axes."""
     measured: Array
     """(m,)."""
+    contradicted: bool = False
+    """Whether it was not used because fixes have contradicted the navigator."""
 
 
 def update_height(
@@ -69,6 +71,9 @@ def update_velocity(
     NaN = not measured), in place; None where it has no number.
 
     A reading slower than `standstill_speed` means that the vehicle stands still on the ground.
+    Others are not used once fixes have contradicted the navigator (`widen`): its own velocity has
+    no error that fixes do not correct in time, an aid that is not what it says pulls it away from
+    the truth again and again.
 
     Parameters
     ----------
@@ -84,6 +89,8 @@ def update_velocity(
         H, expected = _at_rest(state, run)
         return _applied(state, run, H, expected, np.zeros(3), standing)
     H, expected = _through(state, model, run)
+    if state.contradicted[run]:
+        return Innovation(False, np.nan, expected[axes], measured, contradicted=True)
     R = np.eye(len(axes)) * settings.number("sigma") ** 2
     if covariance is not None:
         told = np.asarray(covariance)[np.ix_(axes, axes)]

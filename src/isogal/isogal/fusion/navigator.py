@@ -227,7 +227,8 @@ def update_position(
 
 def widen(state: FilterState, run: int, covariance: Array) -> None:
     """Add a covariance (7, 7) to that of one run's batch states, in place: the navigator was found
-    lost."""
+    lost, or not to be what it says. From then on its velocity aid is not used."""
+    state.contradicted[run] = 1.0
     state.covariance[run][np.ix_(BATCH, BATCH)] += covariance
 
 

@@ -33,6 +33,9 @@ class FilterState:
     covariance: Array
     """(R, 15 + M, 15 + M) of the filter's error state (`isogal.inertial.error_state`), then of the
     auxiliary states."""
+    contradicted: Array
+    """(R,) 1 = fixes have contradicted the navigator, whose velocity aid is no longer used; 0 =
+    they have not."""
 
     def __len__(self) -> int:
         return self.position.shape[0]
@@ -51,6 +54,7 @@ class FilterState:
             np.zeros((runs, 3)),
             np.zeros((runs, len(auxiliary))),
             covariance,
+            np.zeros(runs),
         )
 
     def copy(self) -> "FilterState":
@@ -77,7 +81,7 @@ class FilterState:
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""
-        return (*self.nominal, self.covariance)
+        return (*self.nominal, self.covariance, self.contradicted)
 
     def nominal_of(self, run: int) -> Nominal:
         """Return the mean of one run; it shares the arrays."""

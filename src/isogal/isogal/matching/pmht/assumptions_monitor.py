@@ -7,6 +7,7 @@ batches are matched as its navigator would have them, and the real navigator is 
 believes, mean and covariance (docs/mathematics.md, section 8.8).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -14,10 +15,17 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, batch_covariance
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import measurement_only, replaced
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, Information, Matcher
+from isogal.matching.interfaces import (
+    LOST_COVARIANCE,
+    Batch,
+    Fix,
+    Information,
+    Matcher,
+    declined,
+)
 from isogal.matching.matrices import positive_part
 from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
@@ -25,6 +33,10 @@ from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.error_hypotheses import ErrorHypotheses, with_delay
 from isogal.matching.pmht.past_batches import error_before, posterior_of, seen_from
+
+CONTRADICTED_COVARIANCE = batch_covariance(500.0, 0.5, 1e-4, 1e-3)
+"""(7, 7) what an aid that is not what it says may have done to the navigator besides what fixes
+have shown: a current or a scale factor error, while fixes told little."""
 
 
 class Forgetful(Matcher, Protocol):
@@ -47,6 +59,8 @@ class Trial:
     """(7, 7) of the navigator at the last batch end, after its fix."""
     in_doubt: bool = False
     """Whether the navigator believes what the hypotheses say, and not what it was told."""
+    aided: bool = False
+    """Whether other sensors have told the navigator its velocity."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +72,11 @@ class AssumptionsMonitor(Monitor):
     def match(self, batch: Batch, field_map: AnyMap, memory: Trial | None) -> tuple[Fix, Trial]:
         """Match one batch; see `interfaces.Matcher`."""
         trial = memory or Trial()
-        bank = _carried(batch, trial)
+        bank, aided = _carried(batch, trial)
+        aided = aided or trial.aided
         if bank is None:
             fix, inner = self.matcher.match(batch, field_map, trial.memory)
-            return fix, Trial(inner)
+            return fix, Trial(inner, aided=trial.aided)
         seen, shown = batch, np.zeros(BATCH_STATES)
         if trial.in_doubt:
             seen, shown = _as_seen(batch, bank)
@@ -86,28 +101,46 @@ class AssumptionsMonitor(Monitor):
             whole, spread = bank.believed()
             mean, posterior = whole[:-1], spread[:-1, :-1]
             widening = positive_part(before.believed()[1][:-1, :-1] - own, np.sqrt(np.diag(own)))
+            if aided and not trial.in_doubt:
+                return _contradicted(batch, before, fix.diagnostics), Trial(inner)
             fix = _told(batch, fix, mean, posterior, widening)
         else:
             mean, posterior = posterior_of(prior, told)
-        return fix, Trial(inner, bank.moved(mean), posterior, in_doubt)
+        return fix, Trial(inner, bank.moved(mean), posterior, in_doubt, aided)
 
 
-def _carried(batch: Batch, trial: Trial) -> ErrorHypotheses | None:
-    """Return the hypotheses at the end of a batch, before its fix; None where the batch does not
-    know the attitude, or its numbers are of no navigator."""
+def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses | None, bool]:
+    """Return the hypotheses at the end of a batch, before its fix, and whether the navigator has
+    been aided since the last; no hypotheses where the batch does not know the attitude, or its
+    numbers are of no navigator."""
     if batch.attitude is None:
-        return None
+        return None, False
     prior = joint_prior(batch)
     try:
         np.linalg.cholesky(prior)
         if trial.hypotheses is None or trial.posterior is None:
-            return ErrorHypotheses.before(prior)
-        forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
-        growth = prior - forward @ trial.posterior @ forward.T
-        growth = positive_part(growth, np.sqrt(np.diag(prior)))
+            return ErrorHypotheses.before(prior), False
+        forward, growth, aided = _since(batch, trial.posterior, prior)
     except np.linalg.LinAlgError:
-        return None
-    return trial.hypotheses.grown(forward, growth)
+        return None, False
+    return trial.hypotheses.grown(forward, growth), aided
+
+
+def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, bool]:
+    """Return (7, 7) the navigator's error at a batch end per unit of that at the one before,
+    (7, 7) what its covariance has grown by beside that, and whether something has aided it.
+
+    Where it knows more than its dynamics explain, other sensors have aided it: its error E after
+    them is (I - KH) times that before, and I - KH = P_after P_before^-1 (Groves 2013, eq. 3.60).
+    """
+    forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
+    scale = np.sqrt(np.diag(prior))
+    unaided = forward @ posterior @ forward.T
+    unaided = unaided + positive_part(prior - unaided, scale)
+    kept = np.linalg.solve(unaided / scale / scale[:, None], prior / scale / scale[:, None]).T
+    forward = (kept * scale[:, None] / scale) @ forward
+    aided = bool(np.trace(kept) < BATCH_STATES - CONSTANTS.aided_states)
+    return forward, positive_part(prior - forward @ posterior @ forward.T, scale), aided
 
 
 def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
@@ -119,6 +152,18 @@ def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
     shown = with_delay(batch.velocity[-1])
     wide = CONSTANTS.doubted_prior_factor * (shown @ covariance @ shown.T)
     return seen_from(moved, mean[:-1], wide), shown @ mean
+
+
+def _contradicted(batch: Batch, before: ErrorHypotheses, figures: Mapping[str, float]) -> Fix:
+    """Return the fix that tells an aided navigator that it is not where it says: it no longer uses
+    the aid and grows so uncertain that all that fixes have shown may be true. The fix itself was
+    matched near the wrong place."""
+    mean, covariance = (part[..., :-1] for part in before.believed())
+    apart = covariance[:-1] + np.outer(mean, mean) - joint_prior(batch)
+    own = np.sqrt(np.diag(joint_prior(batch)))
+    widened = positive_part(apart, own) + CONTRADICTED_COVARIANCE
+    reason = "fixes contradict the navigator, which no longer uses its velocity aid"
+    return replace(declined(batch, reason, **figures), widened=widened)
 
 
 def _told(batch: Batch, fix: Fix, mean: Array, covariance: Array, widening: Array) -> Fix:

@@ -230,6 +230,9 @@ class Constants:
     doubted_prior_factor: float = 2.0
     """Of the covariance that batches are matched with while what was told is in doubt: what a fix
     says holds about its prior. Measured."""
+    aided_states: float = 0.1
+    """Of the navigator's seven, that are known by something else than its dynamics, from which on
+    it counts as aided."""
     telling_information: float = 0.04
     """In units of the navigator's own, of the directions of a fix that are judged: in others what
     is left is how far its likelihood is from a Gaussian. Measured."""
