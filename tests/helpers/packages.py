@@ -31,7 +31,7 @@ APT = {
 ROS = {
     *("rclpy", "ament_index_python", "launch", "launch_ros", "rosidl_runtime_py"),
     *("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "rcl_interfaces"),
-    *("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "lifecycle_msgs"),
+    *("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "lifecycle_msgs", "tf2_msgs"),
 }
 
 

@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.imu import fill_imu, fill_noise
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
@@ -42,6 +42,8 @@ class Outputs:
         for message in (self._m_imu, self._m_truth, self._m_ins):
             message.header.frame_id = BASE
         self._m_imu.orientation_covariance[0] = -1.0  # no orientation
+        interval = vehicle.trajectory.dt / vehicle.samples.shape[1]
+        fill_noise(self._m_imu, node.scenario.imu.sensors, interval)
 
     def publish(self, k: int, ns: int) -> None:
         """Publish step k: the clock, then the IMU's samples of the step, so that the filter works

@@ -31,6 +31,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, Range
 from std_msgs.msg import Float64, Float64MultiArray
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among ROS 2's wheels: without it there are no transforms
+    TFMessage = None
+
 INS_SIM = "ins_sim_node"
 GRAVIMETER = "gravimeter_node"
 PMHT_MM = "pmht_mm_node"
@@ -45,6 +50,15 @@ LOSSLESS = QoSProfile(
 )
 """Of every topic: a slow reader holds the writer up instead of losing messages. A reader that is
 best effort holds up nobody."""
+
+
+LATCHED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of /tf_static, as tf2 has it: who comes late hears it, too."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +97,17 @@ CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
+OF_INSTRUMENTS = (
+    FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN,
+    FULL_GRADIENT, GRADIENT,
+)  # fmt: skip
+"""Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
 INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,))
 """Before each fix: all of it, as `isogal_ros.messages.whole_fix` describes."""
+POSE = Topic("pmht_mm/pose", PoseWithCovarianceStamped)
+"""After each fix the same in the frame ``map``, for filters that take poses; none where a batch
+gave no fix."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
 INITIAL_POSE = Topic("initialpose", PoseWithCovarianceStamped)
 """Where the vehicle is, from a user: the filter starts anew there."""
@@ -97,13 +119,16 @@ v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot c
 NAV_PATH = Topic("nav/path", Path)
 PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
 """m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
+TF = None if TFMessage is None else Topic("/tf", TFMessage)
+TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage)
+TRANSFORMS = () if TF is None else (TF,)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
     MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
-    FIX, INFORMATION, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
-    PROTECTION_LEVEL, DIAGNOSTICS,
+    FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
+    PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

@@ -8,7 +8,8 @@ from isogal.inertial.rotations import from_matrix
 from isogal.matching.interfaces import Batch, Fix
 from isogal_ros import topics
 from isogal_ros.messages.candidates import candidates_cloud
-from isogal_ros.messages.frames import BASE
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.pose import fill_pose
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
@@ -27,6 +28,8 @@ class Outputs:
         self._whole = node.advertise(topics.INFORMATION)
         self._m_fix, self._m_whole = topics.FIX.type(), topics.INFORMATION.type()
         self._m_fix.header.frame_id = BASE
+        self._pose, self._m_pose = node.advertise(topics.POSE), topics.POSE.type()
+        self._m_pose.header.frame_id, self._frame = MAP, map_frame(node.scenario)
 
     def publish(self, ns: int, batch: Batch, fix: Fix, nav: NavSample) -> None:
         """Publish what a batch has given with the navigator's estimate at its end."""
@@ -53,4 +56,8 @@ class Outputs:
         self._whole.publish(self._m_whole)
         fill_fix(self._m_fix, ns, fix.latitude, fix.longitude, height, full, code)
         self._fix.publish(self._m_fix)
+        if fix.published:
+            place = fix.latitude, fix.longitude, height
+            fill_pose(self._m_pose, ns, self._frame, place, fix.covariance)
+            self._pose.publish(self._m_pose)
         self.fixes += 1

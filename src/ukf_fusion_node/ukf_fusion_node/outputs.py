@@ -16,6 +16,7 @@ from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
+from ukf_fusion_node.transforms import Transforms
 
 
 class Outputs:
@@ -33,6 +34,7 @@ class Outputs:
         self._m_odom = topics.NAV_ODOM.type(child_frame_id=BASE)
         self._m_path = topics.NAV_PATH.type()
         self._m_fix.header.frame_id = BASE
+        self._transforms = Transforms(node)
         self._m_odom.header.frame_id = self._m_path.header.frame_id = MAP
 
     def publish(self, ns: int, state: FilterState, angular_rate: Array) -> None:
@@ -53,6 +55,7 @@ class Outputs:
         self._covariance.publish(self._m_covariance)
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
         self._fix.publish(self._m_fix)
+        self._transforms.publish(ns, self._m_odom.pose.pose)
         self._extend_path(ns)
 
     def _extend_path(self, ns: int) -> None:

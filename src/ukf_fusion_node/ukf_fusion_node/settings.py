@@ -4,7 +4,10 @@ import math
 
 from pydantic import Field
 
+from isogal_ros.messages.altimeter import ALTIMETER
 from isogal_ros.messages.frames import BASE
+from isogal_ros.messages.gravimeter import PLATFORM
+from isogal_ros.messages.magnetometer import MAGNETOMETER
 from isogal_ros.nodes.base import NodeSettings
 
 Triple = tuple[float, float, float]
@@ -26,6 +29,16 @@ class UkfFusionSettings(NodeSettings):
         10.0,
         gt=0.0,
         description="longest gap between IMU samples that is bridged without an error, s",
+    )
+    publish_tf: bool = Field(
+        True, description="publish map to odom and odom to base_link on /tf (needs tf2_msgs)"
+    )
+    sensor_frames: tuple[str, ...] = Field(
+        (PLATFORM, ALTIMETER, MAGNETOMETER),
+        description=(
+            "frames published on /tf_static at base_link, unturned; empty where the vehicle's own"
+            " description does it"
+        ),
     )
     path_interval: float = Field(60.0, gt=0.0, description="time between the poses of nav/path, s")
     start_time: float = Field(

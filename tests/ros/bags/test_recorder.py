@@ -45,6 +45,7 @@ def test_every_topic_is_recorded(recording, scenario) -> None:
         counts["/pmht_mm/fix"]
         == counts["/pmht_mm/candidates"]
         == counts["/pmht_mm/information"]
+        == counts["/pmht_mm/pose"]
         == batches
     )
     assert (

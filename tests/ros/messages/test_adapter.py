@@ -10,7 +10,7 @@ from isogal.fields.measured import fields
 from isogal.scenario import load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
-from isogal_ros.messages.adapter import adapter_of, all_topics
+from isogal_ros.messages.adapter import adapter_of, all_topics, topics_in_use
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds, to_ns
 
@@ -106,3 +106,14 @@ def test_reduced_readings_that_cannot_be_used(name) -> None:
         adapter.fill_reduced(message, 0, value, variance, (0.0, 0.0))
         with pytest.raises(BadMessageError, match=words):
             adapter.read_reduced(message)
+
+
+def test_topics_of_sensors_that_are_not_there_are_not_in_use() -> None:
+    plain = set(topics_in_use(load_scenario()))
+    assert {topics.FELT, topics.GRAVITY, topics.DISTURBANCE, topics.POSE} <= plain
+    assert not plain & {topics.TERRAIN, topics.SCALAR_FIELD, topics.BAROMETER, topics.VELOCITY}
+    aided = load_scenario(None, ["height.source=barometer", "velocity.kind=log"])
+    assert {topics.BAROMETER, topics.VELOCITY} <= set(topics_in_use(aided))
+    magnetic = set(topics_in_use(load_scenario(None, ["field=magnetic", "gravimeter.sigma=1"])))
+    assert {topics.MAGNETIC_FIELD, topics.SCALAR_FIELD, topics.ANOMALY} <= magnetic
+    assert topics.GRAVITY not in magnetic

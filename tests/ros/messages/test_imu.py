@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu
 
+from isogal.scenario import load_scenario
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.imu import fill_imu, read_imu
+from isogal_ros.messages.imu import fill_imu, fill_noise, read_imu
 
 finite = st.floats(-50.0, 50.0)
 vectors = st.tuples(finite, finite, finite).map(np.array)
@@ -57,3 +58,14 @@ def bad_imu(**changes) -> Imu:
 def test_samples_that_cannot_be_used(message, words) -> None:
     with pytest.raises(BadMessageError, match=words):
         read_imu(message)
+
+
+def test_the_covariance_is_the_white_noise_of_a_sample() -> None:
+    errors = load_scenario(None, ["imu.grade=tactical"]).imu.sensors
+    message = Imu()
+    fill_noise(message, errors, 0.01)
+    of_force = np.reshape(message.linear_acceleration_covariance, (3, 3))
+    of_rate = np.reshape(message.angular_velocity_covariance, (3, 3))
+    np.testing.assert_allclose(np.diag(of_rate), 100.0 * np.square(errors.gyroscope.random_walk))
+    assert np.all(np.diag(of_force) >= 100.0 * np.square(errors.accelerometer.random_walk))
+    assert np.count_nonzero(of_force) == np.count_nonzero(of_rate) == 3

@@ -14,7 +14,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.writer import BagWriter
-from isogal_ros.messages.adapter import all_topics
+from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.stamps import peek_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
@@ -62,7 +62,7 @@ class RecorderNode(GraphNode):
         self.get_logger().info(f"records into {self.writer.path}")
         self._now = 0
         self._written = 0
-        for topic in all_topics(self.scenario):
+        for topic in topics_in_use(self.scenario):
             self._record(topic)
 
     def _record(self, topic: Topic) -> None:

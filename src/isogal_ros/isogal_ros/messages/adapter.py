@@ -76,3 +76,19 @@ def all_topics(scenario: Scenario) -> tuple[Topic, ...]:
         adapter = adapter_of(scenario, field.name)
         found |= dict.fromkeys((adapter.raw, adapter.reduced))
     return tuple(found)
+
+
+def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
+    """Return the topics of a graph without those of instruments and aids that the scenario does
+    not have."""
+    instrument = of_instrument(measured_field(scenario).instrument)
+    adapters = [adapter_of(scenario, field.name) for field in instrument]
+    own = {topic for adapter in adapters for topic in (adapter.raw, adapter.reduced)}
+    others = {*topics.OF_INSTRUMENTS} - own
+    if topics.MAGNETIC_FIELD in own:
+        others.discard(topics.SCALAR_FIELD)
+    if scenario.height.source == "scenario":
+        others.add(topics.BAROMETER)
+    if scenario.velocity.kind == "none":
+        others.add(topics.VELOCITY)
+    return tuple(topic for topic in all_topics(scenario) if topic not in others)

@@ -12,9 +12,9 @@ import numpy as np
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
 
-MAP, BASE, GEODETIC = "map", "base_link", "wgs84"
-"""Frames of the navigation, of the vehicle, and of geodetic coordinates. Those of the instruments
-are in their adapters' modules."""
+MAP, ODOM, BASE, GEODETIC = "map", "odom", "base_link", "wgs84"
+"""Frames of the navigation, of dead reckoning, of the vehicle, and of geodetic coordinates. Those
+of the instruments are in their adapters' modules."""
 
 FRD_FLU = np.array([1.0, -1.0, -1.0])
 """Factors of the components of a vector FRD that give it FLU, and the reverse."""

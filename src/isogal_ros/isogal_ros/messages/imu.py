@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.scenario import ImuErrors
+from isogal.sensors.imu_model import noise_density
 from isogal_ros.messages.checks import BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.stamps import set_stamp
@@ -26,6 +28,14 @@ def fill_imu(message: Any, ns: int, specific_force: Array, angular_rate: Array) 
     force, rate = message.linear_acceleration, message.angular_velocity
     force.x, force.y, force.z = (specific_force * FRD_FLU).tolist()
     rate.x, rate.y, rate.z = (angular_rate * FRD_FLU).tolist()
+
+
+def fill_noise(message: Any, errors: ImuErrors, interval: float) -> None:
+    """Write the white noise that a data sheet says into the covariances, per sample of an interval
+    (s). Biases and what else is not white have no place in them."""
+    variance = noise_density(errors, interval) ** 2 / interval
+    message.linear_acceleration_covariance = np.diag(variance[:3]).ravel()
+    message.angular_velocity_covariance = np.diag(variance[3:]).ravel()
 
 
 def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:

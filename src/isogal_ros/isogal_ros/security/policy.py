@@ -13,7 +13,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.messages.adapter import Adapter, adapter_of, all_topics
+from isogal_ros.messages.adapter import Adapter, adapter_of, topics_in_use
 from isogal_ros.topics import Topic
 
 ENCLAVES = "/isogal"
@@ -44,8 +44,8 @@ def published(name: str, scenario: Scenario) -> set[Topic]:
             *(topic for a in instrument for topic in (a.raw, a.reduced)),
             *_beside(adapter_of(scenario)),
         },
-        topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.CANDIDATES),
-        topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH, topics.PROTECTION_LEVEL),
+        topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.POSE, topics.CANDIDATES),
+        topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH, topics.PROTECTION_LEVEL, *_transforms()),
         RECORDER: (),
     }  # fmt: skip
     return {*own[name], topics.DIAGNOSTICS}
@@ -60,9 +60,13 @@ def subscribed(name: str, scenario: Scenario) -> set[Topic]:
         topics.GRAVIMETER: (topics.TRUTH_FIX, adapter.raw, *_beside(adapter), *NAVIGATION),
         topics.PMHT_MM: (adapter.reduced, *NAVIGATION),
         topics.UKF_FUSION: (topics.IMU, topics.FIX, topics.INFORMATION, topics.INITIAL_POSE),
-        RECORDER: all_topics(scenario),
+        RECORDER: topics_in_use(scenario),
     }
     return set(own[name])
+
+
+def _transforms() -> tuple[Topic, ...]:
+    return tuple(topic for topic in (topics.TF, topics.TF_STATIC) if topic is not None)
 
 
 def _beside(adapter: Adapter) -> tuple[Topic, ...]:

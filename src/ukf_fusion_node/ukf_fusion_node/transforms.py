@@ -1,0 +1,100 @@
+"""Frames of the vehicle as transforms (REP-105): ``odom`` to ``base_link``, which never jumps, and
+``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+
+from isogal.arrays import Array
+from isogal.inertial.rotations import from_matrix, matrix
+from isogal_ros import topics
+from isogal_ros.messages.frames import BASE, MAP, ODOM
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.nodes.base import GraphNode
+
+Pose = tuple[Array, Array]
+"""Position (3,) m and rotation (3, 3) of a child frame in its parent."""
+
+
+def compose(first: Pose, second: Pose) -> Pose:
+    """Return a pose given in a frame whose own pose is `first`."""
+    return first[0] + first[1] @ second[0], first[1] @ second[1]
+
+
+def inverse(pose: Pose) -> Pose:
+    """Return the pose of the parent in the child."""
+    return -(pose[1].T @ pose[0]), pose[1].T
+
+
+class DeadReckoning:
+    """What the navigator's motion adds up to without its corrections.
+
+    From one state to the next, the motion in the vehicle's own frame is added to the pose in
+    ``odom``; a correction changes the state of a stamp and adds nothing. So the pose in ``odom``
+    drifts as inertial navigation does, and what fixes have told is between ``map`` and ``odom``.
+    At the start both frames are the same."""
+
+    def __init__(self) -> None:
+        self._ns: int | None = None
+        self._in_map: Pose = (np.zeros(3), np.eye(3))
+        self._in_odom: Pose = (np.zeros(3), np.eye(3))
+
+    def take(self, ns: int, position: Array, quaternion: Array) -> tuple[Pose, Pose]:
+        """Take the pose of ``base_link`` in ``map`` (quaternion w first) at a stamp, a second time
+        where it was corrected; return (``map`` to ``odom``, ``odom`` to ``base_link``)."""
+        now = position.copy(), matrix(quaternion)
+        if self._ns is None:
+            self._in_odom = now
+        elif ns > self._ns:
+            moved = compose(inverse(self._in_map), now)
+            self._in_odom = compose(self._in_odom, moved)
+            self._in_odom = self._in_odom[0], matrix(from_matrix(self._in_odom[1]))
+        self._ns, self._in_map = ns, now
+        return compose(now, inverse(self._in_odom)), self._in_odom
+
+
+class Transforms:
+    """Publishes them on /tf and /tf_static; nothing where tf2_msgs is not installed, or where the
+    parameter publish_tf says so."""
+
+    def __init__(self, node: GraphNode) -> None:
+        self._publisher: Any = None
+        if topics.TF is None or topics.TF_STATIC is None or not node.settings.publish_tf:
+            return
+        self._track, self._type = DeadReckoning(), topics.TF.type
+        self._messages = transform(MAP, ODOM), transform(ODOM, BASE)
+        self._publisher = node.advertise(topics.TF)
+        self._static = node.create_publisher(
+            topics.TF_STATIC.type, topics.TF_STATIC.name, topics.LATCHED
+        )
+        frames = [transform(BASE, frame) for frame in node.settings.sensor_frames]
+        self._static.publish(topics.TF_STATIC.type(transforms=frames))
+
+    def publish(self, ns: int, pose: Any) -> None:
+        """Publish the transforms of a stamp from the pose of nav/odom."""
+        if self._publisher is None:
+            return
+        point, q = pose.position, pose.orientation
+        poses = self._track.take(
+            ns, np.array([point.x, point.y, point.z]), np.array([q.w, q.x, q.y, q.z])
+        )
+        for message, (position, rotation) in zip(self._messages, poses, strict=True):
+            fill(message, ns, position, rotation)
+        self._publisher.publish(self._type(transforms=list(self._messages)))
+
+
+def transform(parent: str, child: str) -> TransformStamped:
+    """Return a transform that moves and turns nothing."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id = parent
+    message.transform.rotation.w = 1.0
+    return message
+
+
+def fill(message: TransformStamped, ns: int, position: Array, rotation: Array) -> None:
+    """Write a pose of the child in its parent."""
+    set_stamp(message.header.stamp, ns)
+    translation, q = message.transform.translation, message.transform.rotation
+    translation.x, translation.y, translation.z = position.tolist()
+    q.w, q.x, q.y, q.z = from_matrix(rotation).tolist()
