@@ -37,6 +37,8 @@ ANSWERS = (
     topics.PROTECTION_LEVEL,
     topics.FIX,
     topics.INFORMATION,
+    topics.POSE,
+    *topics.TRANSFORMS,
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
