@@ -126,16 +126,20 @@ def test_match_takes_both_magnetometers(tmp_path, coefficients):
     readings, _ = fly(flight, aircraft(), Circumstances(anomaly=100.0, noise=0.02), seed=2)
     place = 56.0 + flight.north / 111_200.0, -4.0 + flight.east / 62_200.0
     level = intensity(*place, 500.0, 2025.0) - INTENSITY  # of the model, not that of the helper
+    level = level + readings.time  # and a daily variation of a nT each second
     felt = Readings(readings.time, readings.total + level, readings.vector, "flight")
+    (tmp_path / "base.csv").write_text("time,scalar\n-400,-400\n400,400\n")
     path = write_flight(tmp_path / "flight.csv", flight, felt, latitude=place[0] + 300 / 111_200)
     words = ("match", "--map", tmp_path / "map.nc", "--track", path, "--sensor-sigma", 1,
              "--map-sigma", 0, "--spacing", 100, "--prior-sigma", 500, "--batch-length", "all",
              "--json", "--out", tmp_path / "fixes.json")  # fmt: skip
-    answer(*words, "--compensation", coefficients)
+    answer(*words, "--compensation", coefficients, "--base", tmp_path / "base.csv")
     fix = json.loads((tmp_path / "fixes.json").read_text())[0]
     there = np.interp(fix["time"], flight.time, place[0])
     assert 111_200.0 * (fix["latitude"] - there) == pytest.approx(0.0, abs=60.0)
     assert "no column 'value'" in refusal(*words)
+    mgal = ("--base", tmp_path / "base.csv", "--track-unit", "mGal")
+    assert "--base: is in nT, --track-unit is mGal" in refusal(*words, *mgal)
 
 
 @pytest.mark.parametrize(

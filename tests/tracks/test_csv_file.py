@@ -1,5 +1,7 @@
 """Tracks in CSV files: what is read, and the line with which other files are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,8 @@ from hypothesis import strategies as st
 
 from helpers.tracks import field_of, made_track, write_csv
 from isogal.errors import InputError
-from isogal.tracks.csv_file import read_csv_track, read_csv_tracks
+from isogal.magnetics.diurnal import BaseStation
+from isogal.tracks.csv_file import CsvTrack, read_csv_track, read_csv_tracks
 
 GOOD = "time,latitude,longitude,value\n0,1,2,3\n1,1,2,4\n2,1,2,5\n"
 
@@ -180,3 +183,15 @@ def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
     np.testing.assert_array_equal(tracks[0].value, [3, 5])
     with pytest.raises(InputError, match="holds 2 lines"):
         read_csv_track(file_of(tmp_path, text))
+
+
+def test_a_base_stations_variation_is_taken_off():
+    station = BaseStation(np.array([0.0, 100.0]), np.array([50_000.0, 50_020.0]), "base")
+    track = CsvTrack(
+        "t", np.array([0.0, 50.0]), *np.zeros((2, 2)), np.array([5.0, 7.0]), None, None
+    )
+    np.testing.assert_allclose(track.less_variation(station).value, [15.0, 7.0])
+    with pytest.raises(InputError, match="needs the track's column time"):
+        replace(track, timed=False).less_variation(station)
+    with pytest.raises(InputError, match="does not cover"):
+        replace(track, time=np.array([0.0, 200.0])).less_variation(station)

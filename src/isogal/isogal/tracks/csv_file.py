@@ -3,13 +3,14 @@ optionally time, sigma, offset and line."""
 
 import difflib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.magnetics.diurnal import BaseStation
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.tracks.text_rows import (
     DUMMIES,
@@ -59,6 +60,13 @@ class CsvTrack:
     def corridor(self, margin: float) -> Corridor:
         """Return the part of the Earth within a margin (m) of the track."""
         return corridor_of(np.radians(self.latitude), np.radians(self.longitude), margin)
+
+    def less_variation(self, station: BaseStation) -> "CsvTrack":
+        """Return the track without the daily variation of a base station, values in nT; raises
+        InputError where the file has no times or the station was not on at them."""
+        if not self.timed:
+            raise InputError(f"{self.where}: a base station needs the track's column time")
+        return replace(self, value=self.value - station.variation(self.time, self.where))
 
     def track(self, factor: float, sensor_sigma: float | None, reduction: str = "none") -> Track:
         """Return the track, with values in the map's unit inside.

@@ -106,11 +106,20 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvT
 
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
-    if chosen.compensation is not None:
-        return [_compensated(chosen.track, chosen.compensation)]
-    if is_recording(chosen.track):
+    if chosen.compensation is None and is_recording(chosen.track):
+        if chosen.base is not None:
+            raise InputError(f"--base: goes with a text file, not with a bag ({chosen.track})")
         return [read_recording(chosen.track, chosen.fix_topic)]
-    return read_csv_tracks(chosen.track, crs)
+    if chosen.compensation is not None:
+        tracks = [_compensated(chosen.track, chosen.compensation)]
+    else:
+        tracks = read_csv_tracks(chosen.track, crs)
+    if chosen.base is None:
+        return tracks
+    from isogal.tracks.magnetic_flight import read_base_station
+
+    station = read_base_station(chosen.base)
+    return [one.less_variation(station) for one in tracks]
 
 
 def _compensated(path: Path, coefficients: Path) -> "CsvTrack":

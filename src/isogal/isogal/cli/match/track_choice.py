@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from isogal.errors import InputError
+
 
 @dataclass(frozen=True)
 class TrackChoice:
@@ -66,6 +68,17 @@ class TrackChoice:
             ),
         ),
     ] = None
+    base: Annotated[
+        Path | None,
+        typer.Option(
+            "--base",
+            metavar="FILE.csv",
+            help=(
+                "Base station near by, with the columns time (on the track's clock) and scalar"
+                " (nT): the daily variation that it measured is taken off the track's values."
+            ),
+        ),
+    ] = None
     spacing: Annotated[
         float | None,
         typer.Option(
@@ -76,8 +89,12 @@ class TrackChoice:
     ] = None
 
     def resolved(self) -> "TrackChoice":
-        """Return the same with what a compensation says of the track's values."""
-        if self.compensation is None:
+        """Return the same with what a compensation or a base station says of the track's values;
+        raises InputError where they are in another unit than a base station's."""
+        if self.base is not None and self.track_unit not in (None, "nT"):
+            raise InputError(f"--base: is in nT, --track-unit is {self.track_unit}")
+        if self.compensation is None and self.base is None:
             return self
-        said = self.reduction or "main-field", self.track_unit or "nT"
-        return replace(self, reduction=said[0], track_unit=said[1])
+        reduction = "main-field" if self.compensation is not None else None
+        unit = self.track_unit or "nT"
+        return replace(self, reduction=self.reduction or reduction, track_unit=unit)
