@@ -95,7 +95,8 @@ def test_jacobian_against_finite_differences(name, at):
     ]  # of latitude, longitude, height, velocity
     for slope, step, unit in zip(expected, STEPS.values(), units.T, strict=True):
         ends = [
-            reduction.reduce(raw, State(*(np.array(at) + sign * step * unit))) for sign in (1, -1)
+            reduction.reduce(raw, State(*(np.array(at[:5]) + sign * step * unit)))
+            for sign in (1, -1)
         ]
         # to 0.5 % of what one sigma of a good sensor is worth over 1 km, 1 m/s or 100 m
         assert slope * 10 * step == pytest.approx(

@@ -35,7 +35,7 @@ class Outputs:
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, *nav.velocity[:2])
+                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
                 dated = on_date(reduction, to_seconds(ns))
                 value = dated.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(

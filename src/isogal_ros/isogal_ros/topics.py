@@ -28,7 +28,15 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, Range
+from sensor_msgs.msg import (
+    FluidPressure,
+    Imu,
+    LaserScan,
+    MagneticField,
+    NavSatFix,
+    PointCloud2,
+    Range,
+)
 from std_msgs.msg import Float64, Float64MultiArray
 
 try:
@@ -95,11 +103,17 @@ TERMS = Topic("magnetometer/terms", PointCloud2)
 that is made of (`isogal_ros.messages.magnetic_terms`)."""
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
+SOUNDINGS = Topic("altimeter/points", PointCloud2)
+"""Of an altimeter with several beams, in place of the range: where they meet the ground."""
+FAN = Topic("altimeter/scan", LaserScan)
+"""The same as ranges by angle, if `altimeter.message` says so."""
+FOOTPRINTS = Topic("altimeter/footprints", PointCloud2)
+"""In place of the terrain: its height under each beam (`isogal_ros.messages.soundings`)."""
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 OF_INSTRUMENTS = (
     FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN,
-    FULL_GRADIENT, GRADIENT,
+    SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT,
 )  # fmt: skip
 """Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
@@ -126,9 +140,9 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
-    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, FULL_GRADIENT, GRADIENT,
-    FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH,
-    PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
+    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN, FOOTPRINTS,
+    FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM,
+    NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

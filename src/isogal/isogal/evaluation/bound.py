@@ -26,6 +26,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.evaluation.aids_model import aids_model, height_slope
+from isogal.evaluation.beam_model import beam_channels
 from isogal.evaluation.bound_recursion import Ageing, BoundModel, Readings, riccati
 from isogal.evaluation.gravimeter_states import (
     SlowStates,
@@ -141,15 +142,16 @@ def readings_of(
     `posterior_cramer_rao`."""
     scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
     field = measured_field(scenario)
-    sensitivity = np.stack(
-        [_sensitivity(scenario, trajectory, one, scans) for one in channels_of(field_map)], axis=1
-    )
+    maps = channels_of(field_map)
+    if field.name == "terrain" and scenario.altimeter.sounds:
+        sensitivity, noise, *shares = beam_channels(scenario, trajectory, maps[0], scans)
+    else:
+        each = [_sensitivity(scenario, trajectory, one, scans) for one in maps]
+        sensitivity, shares = np.stack(each, axis=1), [np.ones(len(maps)), np.ones(len(maps))]
+        noise = np.array([effective_noise_variance(scenario.gravimeter, maps[0].quantisation)])
     sensitivity[without_readings(scenario.gravimeter, trajectory, scans)] = np.nan
-    noise = np.array(
-        [effective_noise_variance(scenario.gravimeter, channels_of(field_map)[0].quantisation)]
-    )
     if (covariance := field.covariance(scenario)) is not None:
-        rounding = np.array([one.quantisation for one in channels_of(field_map)]) ** 2 / 12.0
+        rounding = np.array([one.quantisation for one in maps]) ** 2 / 12.0
         noise, turn = np.linalg.eigh(effective_noise(scenario.gravimeter, covariance, rounding))
         sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
     used = np.ones(len(scans), dtype=np.bool_)
@@ -159,7 +161,7 @@ def readings_of(
     slope = height_slope(scenario, trajectory, scans)
     # an array of its own, of one layout: the recursion is compiled once
     share = np.full(len(scans), 1.0 if map_share is None else map_share)
-    return Readings(sensitivity, slope, noise, used, slow, share)
+    return Readings(sensitivity, slope, noise, used, slow, share, *shares)
 
 
 def _sensitivity(
@@ -203,7 +205,8 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
     nothing = np.full((scans, 1, 4), np.nan)
     used = np.ones(scans, dtype=np.bool_)
     slow, ones = SlowStates.none(scans), np.ones(scans)
-    readings = Readings(nothing, ones, np.ones(1), used, slow, ones)
+    each = np.ones(1)
+    readings = Readings(nothing, ones, each, used, slow, ones, each, each)
     return _solve(scenario, trajectory, _model(scenario, trajectory, readings))
 
 
@@ -227,9 +230,9 @@ def _model(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> Bo
 def field_variances(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> Array:
     """Return the variances at the start of the states that a field has beside the navigator's: the
     map's error in each channel, slow errors of the sensor, its bias and drift."""
-    channels = len(readings.noise)
-    bias = bias_and_drift(scenario, trajectory) if channels == 1 else (0.0, 0.0)
-    of_map = [scenario.map_error.sigma**2] * channels
+    one = measured_field(scenario).channels is None
+    bias = bias_and_drift(scenario, trajectory) if one else (0.0, 0.0)
+    of_map = scenario.map_error.sigma**2 * readings.map_variance
     return np.array([*of_map, *readings.slow.variance, *np.square(bias)])
 
 

@@ -32,6 +32,10 @@ class Readings(NamedTuple):
     """Of the sensor."""
     map_share: Array
     """(S,) the map's error in a reading, in units of its 1-sigma."""
+    map_variance: Array
+    """(C,) of the map's error in each channel, in units of `map_error.sigma`²."""
+    common: Array
+    """(C,) how much of bias, drift, slow errors and the navigator's height is in each channel."""
 
 
 class Ageing(NamedTuple):
@@ -69,7 +73,7 @@ def riccati(  # type: ignore[no-untyped-def]
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
     geometry, force, rotation, rate, dt, per_scan = segments
-    sensitivity, _, noise, used, slow, map_share = readings
+    sensitivity, _, noise, used, slow, map_share, _, common = readings
     n, filtered = start.shape[0], slow.filter_time > 0.0
     first = n - 2 - slow.variance.shape[0]  # of the slow states
     m = first - noise.shape[0]
@@ -94,7 +98,7 @@ def riccati(  # type: ignore[no-untyped-def]
         c = aged.map_correlation[k]
         for j in range(m, first):
             transition[j, j] = c
-            half_noise[j, j] = start[m, m] * (1.0 - c**2) / (1.0 + c**2)
+            half_noise[j, j] = start[j, j] * (1.0 - c**2) / (1.0 + c**2)
         fill_slow(transition, half_noise, slow, m, dt)
         propagate(P, transition, half_noise, work)
         propagate(alone, transition, half_noise, work)
@@ -116,11 +120,11 @@ def riccati(  # type: ignore[no-untyped-def]
                 if math.isnan(told):
                     continue
                 for i in range(STATES, m):
-                    row[i] = aids.by_height[scan, i - STATES]
+                    row[i] = aids.by_height[scan, i - STATES] * common[c]
                 for i in range(first, n - 2):
-                    row[i] = slow.share[scan, i - first]
+                    row[i] = slow.share[scan, i - first] * common[c]
                 row[n - 3 if filtered else m + c] = map_share[scan]
-                row[n - 2] = 1.0
+                row[n - 2] = common[c]
                 update(P, row, noise[c])
             if used[scan]:
                 for i in range(n):

@@ -103,10 +103,11 @@ class _Field:
             row = np.zeros(size)
             row[:4] = sensitivity
             by_height = self.aids.by_height[k]
-            row[STATES : STATES + len(by_height)] = by_height
-            row[first + len(readings.noise) : end - 2] = readings.slow.share[k]
+            common = readings.common[channel]
+            row[STATES : STATES + len(by_height)] = common * by_height
+            row[first + len(readings.noise) : end - 2] = common * readings.slow.share[k]
             row[end - 3 if filtered else first + channel] = readings.map_share[k]
-            row[end - 2] = 1.0
+            row[end - 2] = common
             found.append((row, float(noise)))
         return found
 

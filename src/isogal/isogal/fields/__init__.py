@@ -3,6 +3,8 @@
     measured         what a field is; fields by name (entry points `isogal.fields`)
     simulator        simulated readings: truth from the map, map error, noise
     magnetic_vehicle  what a magnetic vehicle adds, and what is said of it
+    beams            soundings of an altimeter with several beams
+    error_root       samples of a map's error at any places
     datum_error      a map's wrong datum: offset and tilt
     scenario_map     the map of what a scenario measures
     source_map       the map that a scenario names

@@ -2,13 +2,15 @@
 outliers, bias and drift."""
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.fields.beams import simulate_soundings
 from isogal.fields.datum_error import draw_datum_error
+from isogal.fields.error_root import error_root
 from isogal.fields.magnetic_vehicle import (
     MAGNETOMETER,
     Vehicle,
@@ -26,8 +28,8 @@ from isogal.sensors.platform import levelling_error
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
-KEPT_SCANS = 2000
-"""Of a route at most, for its matrices to stay in memory (32 MB each)."""
+ALTIMETER = "altimeter"
+"""Instrument that may have several beams."""
 
 
 class ReadingSimulator:
@@ -41,7 +43,19 @@ class ReadingSimulator:
         self.index = i = scan_index(scenario, trajectory)
         """(scans,) index into the trajectory of each scan."""
         field = _measured(scenario, field_map)
-        channels = field.channels
+        self._world = scenario, trajectory, field_map, runs
+        several = field.instrument == ALTIMETER and scenario.altimeter.sounds
+        felt = self._soundings() if several else self._readings(field)
+        felt = field.reduction(scenario).report(felt)
+        for row, run in enumerate(runs):
+            felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
+        self.felt = felt
+        """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
+        scans, B, 3) of an altimeter with B beams."""
+
+    def _readings(self, field: MeasuredField) -> Array:
+        scenario, trajectory, field_map, runs = self._world
+        i, channels = self.index, field.channels
         truth = true_readings(scenario, trajectory, field_map)
         where = scenario, trajectory, i, runs, truth.shape[1:]
         felt = truth + field.sign * draw_map_error(*where)
@@ -55,14 +69,16 @@ class ReadingSimulator:
             for run in runs
         ]
         felt = felt + np.stack(noise)
-        self._world = scenario, trajectory, field_map, runs
         if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]
-        felt = field.reduction(scenario).report(felt)
-        for row, run in enumerate(runs):
-            felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
-        self.felt = felt
-        """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels."""
+        return felt
+
+    def _soundings(self) -> Array:
+        scenario, trajectory, field_map, runs = self._world
+        i, white = self.index, np.zeros(len(self.index))
+        noise = [_noise(scenario, run, trajectory, i, white) for run in runs]
+        common = np.stack(noise) - draw_datum_error(scenario, trajectory, i, runs)
+        return simulate_soundings(scenario, trajectory, field_map, i, runs, common)
 
     @cached_property
     def vehicle(self) -> Vehicle:
@@ -197,8 +213,8 @@ def between_scans(
     return whole
 
 
-def _noise(scenario: Scenario, run: int, trajectory: Trajectory, index: Integers) -> Array:
-    settings, time, scans = scenario.gravimeter, trajectory.time[index], len(index)
+def _white(scenario: Scenario, run: int, scans: int) -> Array:
+    settings = scenario.gravimeter
     noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
         scans
     )
@@ -208,6 +224,19 @@ def _noise(scenario: Scenario, run: int, trajectory: Trajectory, index: Integers
         noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(
             scans
         )
+    return noise
+
+
+def _noise(
+    scenario: Scenario,
+    run: int,
+    trajectory: Trajectory,
+    index: Integers,
+    white: Array | None = None,
+) -> Array:
+    """Return (scans,) the noise of a run, with another white part if one is given."""
+    settings, time = scenario.gravimeter, trajectory.time[index]
+    noise = _white(scenario, run, len(index)) if white is None else white
     offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
     noise = noise + settings.bias * offset + settings.drift * rate * time
     instrument = settings, scenario.seed, run, trajectory, index
@@ -230,22 +259,8 @@ def draw_map_error(
     size = (len(index), *channels)
     if sigma == 0.0:
         return np.zeros((len(runs), *size))
-    places = np.stack([trajectory.latitude[index], trajectory.longitude[index]]).tobytes()
-    root_of = _root if len(index) <= KEPT_SCANS else _root.__wrapped__
-    root = root_of(places, sigma, length)
+    root = error_root(trajectory.latitude[index], trajectory.longitude[index], sigma, length)
     # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
     return np.stack(
         [root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs]
     )
-
-
-@lru_cache(maxsize=1)
-def _root(places: bytes, sigma: float, length: float) -> Array:
-    """Return (N, N) a square root of the map error's covariance at places, (2, N) rad as bytes."""
-    from isogal.earth.frames import geodetic_to_ecef
-
-    latitude, longitude = np.frombuffer(places).reshape(2, -1)
-    points = geodetic_to_ecef(latitude, longitude, 0.0)
-    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
-    correlation = np.exp(-distance / length) + 1e-12 * np.eye(len(points))
-    return np.asarray(np.linalg.cholesky(sigma**2 * correlation))

@@ -21,7 +21,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.fields.simulator import KEPT_SCANS
+from isogal.fields.error_root import KEPT_PLACES
 from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
@@ -109,7 +109,7 @@ def draw_horizontal_error(
     if sigma == 0.0:
         return stations, np.zeros((len(runs), len(stations), 2))
     plane = _plane(trajectory)
-    given = _given if len(index) <= KEPT_SCANS else _given.__wrapped__
+    given = _given if len(index) <= KEPT_PLACES else _given.__wrapped__
     gain, root = given(plane[index].tobytes(), plane[stations].tobytes(), length)
     drawn = [
         # a product for each run: its numbers must not depend on how many runs are computed

@@ -8,7 +8,8 @@
     path                   where the navigator was, for readings that are late
     reading_noise          covariance of the readings' noise, as told
     channels               batches of readings that are several numbers each
-    expansion              readings with what else belongs to them: own field of a vehicle
+    expansion              readings with what else belongs to them: own field of a vehicle,
+                           footprints of several beams
     parameters             constants that are estimated along
     several                matchers of several fields as one
     joint_batches          from scans of several fields to batches with a common end

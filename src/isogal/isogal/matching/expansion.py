@@ -9,11 +9,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.magnetic_vehicle import prior_sigma
-from isogal.matching.interfaces import Batch
+from isogal.matching.interfaces import PER_ROW, Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.registry import require
 from isogal.scenario import Scenario
+from isogal.sensors.beams import PARTS
 
 
 class Expansion(Protocol):
@@ -41,6 +43,10 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     if scenario.measured_field == "magnetic" and scenario.magnetometer.online:
         require(scenario.matcher.name, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
+    altimeter = scenario.altimeter
+    if scenario.measured_field == "terrain" and altimeter.sounds:
+        require(scenario.matcher.name, "takes_parameters", "altimeter.beams, scale_sigma")
+        return Soundings(altimeter.count, altimeter.scale_sigma)
     return None
 
 
@@ -67,3 +73,72 @@ class OwnField:
     def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
         """Return the batch with the coefficients as parameters."""
         return replace(batch, parameters=Parameters((), self._sigma, np.stack(details)))
+
+
+class Soundings:
+    """Terrain heights under several beams, each at its own place (docs/mathematics.md, section
+    2.7).
+
+    Parameters
+    ----------
+    beams : int
+        B.
+    scale_sigma : float
+        1-sigma of the scale error of all ranges; 0 = there is none.
+    """
+
+    def __init__(self, beams: int, scale_sigma: float) -> None:
+        self._beams, self._scale_sigma = beams, scale_sigma
+
+    def split(self, reading: Any) -> tuple[Any, Array]:
+        """Return the heights (B,), and their footprints (B, 3) m north, east and down of the
+        vehicle."""
+        found = np.broadcast_to(reading, (self._beams, PARTS))
+        met = np.isfinite(found).all(axis=-1)
+        return np.where(met, found[:, 0], np.nan), np.where(met[:, None], found[:, 1:], 0.0)
+
+    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+        """Return the batch with a row for each beam, at the place of its footprint."""
+        count, foot = self._beams, np.concatenate(details)
+
+        def spread(array: Array) -> Array:
+            return np.repeat(array, count, axis=0)
+
+        north, east = metres_per_radian(spread(batch.latitude))
+        rows: dict[str, Any] = {name: spread(getattr(batch, name)) for name in PER_ROW}
+        whole = replace(
+            batch,
+            **rows,
+            new=batch.new * count,
+            cut=batch.cut * count,
+            backward=None if batch.backward is None else spread(batch.backward),
+            reading_rate=None,
+            reading_covariance=_with_common(batch, count),
+            beam=np.tile(np.arange(count), len(batch)),
+            end_place=batch.end,
+        )
+        parameters = None
+        if self._scale_sigma > 0.0:
+            parameters = Parameters(
+                ("range_scale",),
+                np.array([self._scale_sigma]),
+                -foot[:, 2:],
+                foot[:, :2, None],
+            )
+        return replace(
+            whole,
+            latitude=whole.latitude + foot[:, 0] / north,
+            longitude=whole.longitude + foot[:, 1] / east,
+            reading=np.concatenate([np.broadcast_to(value, count) for value in values]),
+            parameters=parameters,
+        )
+
+
+def _with_common(batch: Batch, count: int) -> Array | None:
+    """Return (T B, T B) the noise's covariance where that of a scan is correlated with others: the
+    white part is each beam's own, the rest is common."""
+    if batch.reading_covariance is None:
+        return None
+    common = batch.reading_covariance - np.diag(batch.sigma**2)
+    whole = np.repeat(np.repeat(common, count, axis=0), count, axis=1)
+    return np.asarray(whole + np.diag(np.repeat(batch.sigma**2, count)))

@@ -9,6 +9,7 @@ from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.state import FilterState
+from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
@@ -56,6 +57,11 @@ class FieldRuns:
             return None
         position, velocity = state.position, state.velocity
         estimate = State(
-            position[:, 0], position[:, 1], position[:, 2], velocity[:, 0], velocity[:, 1]
+            position[:, 0],
+            position[:, 1],
+            position[:, 2],
+            velocity[:, 0],
+            velocity[:, 1],
+            matrix(state.attitude),
         )
         return np.asarray(self._reduction.reduce(self._felt[:, own - 1], estimate))

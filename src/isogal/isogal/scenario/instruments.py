@@ -149,10 +149,67 @@ class Magnetometer(Section):
 
 
 class Altimeter(Section):
-    """Range of the altimeter that measures the clearance above ground; for the field `terrain`."""
+    """Range and beams of the altimeter that measures the clearance above ground; for the field
+    `terrain`."""
+
+    errors: ClassVar[tuple[str, ...]] = ("scale_sigma",)
 
     min_range: NonNegative = Field(0.0, description="m, readings below are none")
     max_range: Positive = Field(20000.0, description="m, readings above are none")
+    beams: int = Field(
+        1, ge=1, le=64, description="how many, in a fan across the track; 1 = straight down"
+    )
+    opening: float = Field(
+        90.0, gt=0.0, le=150.0, description="deg between the outermost beams of the fan"
+    )
+    directions: tuple[tuple[float, float], ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=64,
+        description=(
+            "instead of a fan, azimuth (clockwise from forward) and angle from straight down of"
+            " each beam, deg; null = the fan"
+        ),
+    )
+    message: Literal["points", "scan"] = Field(
+        "points",
+        description=(
+            "of the nodes: points are a PointCloud2 on altimeter/points, scan is a LaserScan of"
+            " the fan on altimeter/scan"
+        ),
+    )
+    scale_sigma: NonNegative = Field(
+        0.0,
+        le=0.1,
+        description=(
+            "1-sigma of a constant scale error of all ranges, as by a wrong speed of sound; it is"
+            " estimated along"
+        ),
+    )
+
+    @property
+    def sounds(self) -> bool:
+        """Whether readings are soundings with a direction each, not one clearance."""
+        return self.beams > 1 or self.directions is not None or self.scale_sigma > 0.0
+
+    @property
+    def count(self) -> int:
+        """How many beams there are."""
+        return self.beams if self.directions is None else len(self.directions)
+
+    @model_validator(mode="after")
+    def _downward(self) -> "Altimeter":
+        for azimuth, slant in self.directions or ():
+            if not (0.0 <= slant <= 75.0 and abs(azimuth) <= 360.0):
+                raise ValueError(
+                    "directions: azimuth from -360 to 360 and angle from straight down from 0 to"
+                    f" 75 deg, not ({azimuth:g}, {slant:g})"
+                )
+        if self.directions is not None and self.message == "scan":
+            raise ValueError("message: scan is of a fan; directions needs points")
+        if self.directions is not None and self.beams > 1:
+            raise ValueError("beams: says nothing where directions gives the beams")
+        return self
 
     @model_validator(mode="after")
     def _some_range(self) -> "Altimeter":

@@ -15,5 +15,6 @@ platform        its platform, where that is not level
 lag             its low-pass filter and delay
 magnetometer    the anomaly of the total magnetic field
 altimeter       terrain height by the clearance above ground
+beams           an altimeter that has several beams
 gradiometer     components of the gravity gradient tensor
 """

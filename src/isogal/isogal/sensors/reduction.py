@@ -22,6 +22,8 @@ class State(NamedTuple):
     v_north: ArrayLike
     """m/s."""
     v_east: ArrayLike
+    attitude: Array | None = None
+    """(..., 3, 3) body to north, east, down, for instruments that look aside; None = not known."""
 
 
 class Reduction(Protocol):

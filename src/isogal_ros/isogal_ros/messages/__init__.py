@@ -15,4 +15,5 @@ gravimeter       what are the messages of a gravimeter?
 magnetometer     what are those of a magnetometer?
 magnetic_terms   what are they where the matcher estimates what the vehicle adds?
 altimeter        what are those of a clearance meter?
+soundings        what are those of one with several beams?
 gradiometer      what are those of a gradiometer?"""

@@ -9,7 +9,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.scenario import Altimeter, Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Adapter, Place
 from isogal_ros.messages.checks import BadMessageError, require_reading
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
 from isogal_ros.messages.stamps import set_stamp
@@ -18,9 +18,14 @@ ALTIMETER, GROUND = "altimeter_link", "ground"
 """Frame names: of the instrument, and of the point below it."""
 
 
-def terrain(scenario: Scenario) -> "AltimeterAdapter":
+def terrain(scenario: Scenario) -> Adapter:
     """Return the adapter of the field terrain."""
-    return AltimeterAdapter(scenario.altimeter)
+    if not scenario.altimeter.sounds:
+        return AltimeterAdapter(scenario.altimeter)
+    from isogal_ros.messages.soundings import PointsAdapter, ScanAdapter
+
+    kind = PointsAdapter if scenario.altimeter.message == "points" else ScanAdapter
+    return kind(scenario.altimeter)
 
 
 class AltimeterAdapter:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
 from isogal.matching.path import Path
 
@@ -17,6 +18,14 @@ def later(batch: Batch, delay: float) -> Batch:
     its rows; so do those of other fields beside it, and what they were reduced with."""
     if delay == 0.0:
         return batch
+    if batch.beam is not None:  # rows of a scan share its stamp, but not its place
+        north, east = metres_per_radian(batch.latitude)
+        return replace(
+            batch,
+            latitude=batch.latitude - delay * batch.velocity[:, 0] / north,
+            longitude=batch.longitude - delay * batch.velocity[:, 1] / east,
+            beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
+        )
     path = Path(batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity)
     at = path.at(batch.time - delay)
     return replace(

@@ -1,0 +1,163 @@
+"""Simulated soundings of several beams: where each meets the ground, and what is wrong with its
+range (docs/mathematics.md, section 2.7)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.fields.error_root import error_root
+from isogal.inertial.rotations import matrix
+from isogal.maps.channels import RouteMap
+from isogal.scenario import Scenario
+from isogal.seeds import generator
+from isogal.sensors.beams import beam_directions
+from isogal.sensors.trajectory import Trajectory
+
+MOST = 5000
+"""Soundings of a run at most whose map errors are drawn together."""
+_ROUNDS, _CLOSE = 60, 1e-4
+"""Steps along a beam at most until it meets the ground, and how closely (m)."""
+
+
+class Footprints:
+    """Where the B beams of a route's scans meet the ground.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trajectory : Trajectory
+    field_map : RouteMap
+        Of terrain height.
+    index : (S,) array
+        Scans by their index in the trajectory.
+
+    Raises
+    ------
+    InputError
+        The vehicle is not above the ground, or a beam leaves the map.
+    """
+
+    def __init__(
+        self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, index: Integers
+    ) -> None:
+        self.body = beam_directions(scenario.altimeter)
+        """(B, 3) directions, body axes."""
+        attitude = matrix(trajectory.attitude[index])
+        self._ray = np.einsum("sij,bj->sbi", attitude, self.body)
+        self._map, self._height = field_map, trajectory.height[index][:, None]
+        self._place = trajectory.latitude[index][:, None], trajectory.longitude[index][:, None]
+        self._axes = [one[:, None] for one in metres_per_radian(trajectory.latitude[index])]
+        self.range = self.met(0.0)
+        """(S, B) m, over the terrain of the map."""
+
+    def places(self, length: Array) -> tuple[Array, Array]:
+        """Return latitude and longitude (S, B) rad at lengths (S, B) m along the beams."""
+        north, east = self._axes
+        return (
+            self._place[0] + length * self._ray[..., 0] / north,
+            self._place[1] + length * self._ray[..., 1] / east,
+        )
+
+    def met(self, higher: Array | float) -> Array:
+        """Return (S, B) the lengths of the beams to a terrain that is higher than the map by (S,
+        B) m there."""
+        down = self._ray[..., 2]
+        length = np.zeros(down.shape)
+        slope = -down  # of the clearance at the beam's end, per m along it
+        before = change = np.zeros(down.shape)
+        for step in range(_ROUNDS):
+            clearance = self._height - length * down - self._value(length) - higher
+            if step == 0 and (clearance <= 0.0).any():
+                self._refuse(clearance)
+            if np.abs(clearance).max() < _CLOSE:
+                return length
+            if step:
+                # a secant, but never steeper than a slope of the ground along the beam allows
+                moved = np.where(np.abs(change) > 1e-9, change, 1.0)
+                found = np.where(np.abs(change) > 1e-9, (clearance - before) / moved, slope)
+                slope = np.clip(found, -4.0, -0.2 * down)
+            before, change = clearance, -clearance / slope
+            length = np.maximum(length + change, 0.0)
+        raise InputError(
+            f"altimeter: a beam does not meet the terrain of map {self._map.provenance} clearly;"
+            " give a smaller opening"
+        )
+
+    def _value(self, length: Array) -> Array:
+        latitude, longitude = self.places(length)
+        value = self._map.value(latitude, longitude)
+        if not np.isfinite(value).all():
+            s, b = np.unravel_index(int(np.argmin(np.isfinite(value))), value.shape)
+            raise InputError(
+                f"map {self._map.provenance}: does not cover beam {b} of the altimeter at latitude"
+                f" {np.degrees(latitude[s, b]):.4f}, longitude {np.degrees(longitude[s, b]):.4f}"
+                " deg"
+            )
+        return value
+
+    def _refuse(self, clearance: Array) -> None:
+        s = int(np.argmin(clearance.min(axis=1)))
+        raise InputError(
+            f"route.height: the vehicle is {-float(clearance[s].min()):.0f} m below the terrain at"
+            f" latitude {np.degrees(self._place[0][s, 0]):.4f}, longitude"
+            f" {np.degrees(self._place[1][s, 0]):.4f} deg"
+        )
+
+
+def simulate_soundings(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RouteMap,
+    index: Integers,
+    runs: Sequence[int],
+    common: Array,
+) -> Array:
+    """Return (R, S, B, 3) what the beams report, m to the ground in body axes, before the
+    instrument's rounding.
+
+    Parameters
+    ----------
+    common : (R, S) array
+        m by which all beams of a scan find the ground too deep: tide, drift, the map's datum.
+    """
+    foot = Footprints(scenario, trajectory, field_map, index)
+    settings, steep = scenario.gravimeter, foot.body[:, 2]
+    higher = _map_error(scenario, foot, runs)
+    felt = np.empty((len(runs), *foot.range.shape, 3))
+    for row, run in enumerate(runs):
+        length = foot.range if scenario.map_error.sigma == 0.0 else foot.met(higher[row])
+        random = generator(scenario.seed, run, "beam_noise")
+        noise = settings.sigma * random.standard_normal(length.shape)
+        if settings.outlier_fraction > 0.0:
+            random = generator(scenario.seed, run, "beam_outliers")
+            hit = random.random(length.shape) < settings.outlier_fraction
+            wild = settings.outlier_sigma * random.standard_normal(length.shape)
+            noise = noise + hit * settings.sigma * wild
+        scale = generator(scenario.seed, run, "sound_speed").standard_normal()
+        scale = 1.0 + scenario.altimeter.scale_sigma * scale
+        measured = scale * length + (noise + common[row][:, None]) / steep
+        felt[row] = measured[..., None] * foot.body
+    return felt
+
+
+def _map_error(scenario: Scenario, foot: Footprints, runs: Sequence[int]) -> Array:
+    """Return (R, S, B) m by how much the ground is higher than the map where the beams meet it."""
+    sigma = scenario.map_error.sigma
+    if sigma == 0.0:
+        return np.zeros((len(runs), *foot.range.shape))
+    if foot.range.size > MOST:
+        raise InputError(
+            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
+            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
+            " route"
+        )
+    root = error_root(*foot.places(foot.range), sigma, scenario.map_error.correlation_length)
+    return np.stack(
+        [
+            root @ generator(scenario.seed, run, "map_error").standard_normal(foot.range.size)
+            for run in runs
+        ]
+    ).reshape(len(runs), *foot.range.shape)

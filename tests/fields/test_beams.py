@@ -1,0 +1,143 @@
+"""Soundings of several beams: where they meet the ground, and what is made of them."""
+
+import numpy as np
+import pytest
+
+from helpers.sea_floor import DVL, FAN, SOUNDING, sea_floor
+from isogal.errors import InputError
+from isogal.fields.beams import Footprints
+from isogal.fields.measured import measured_field
+from isogal.fields.simulator import ReadingSimulator
+from isogal.inertial.rotations import matrix
+from isogal.maps.field_map import FieldMap
+from isogal.scenario import load_scenario
+from isogal.sensors.beams import beam_directions, thinned
+from isogal.sensors.reduction import State
+from isogal.sensors.trajectory import build_trajectory
+
+
+@pytest.fixture(scope="module")
+def floor():
+    return sea_floor()
+
+
+def scenario_of(*items):
+    return load_scenario(None, [*SOUNDING, *items])
+
+
+def readings_of(field_map, *items, runs=(0, 1)):
+    scenario = scenario_of(*items)
+    return ReadingSimulator(scenario.world, build_trajectory(scenario), field_map, list(runs))
+
+
+def test_directions():
+    fan = beam_directions(scenario_of("altimeter.beams=3", "altimeter.opening=60").altimeter)
+    half = np.array([0.0, 0.5, np.sqrt(0.75)])
+    np.testing.assert_allclose(fan, [[0, 0, 1], half * (1, -1, 1), half], atol=1e-12)
+    four = beam_directions(scenario_of(DVL).altimeter)
+    np.testing.assert_allclose(four[:, 2], np.cos(np.radians(30.0)))
+    np.testing.assert_allclose(four.sum(axis=0)[:2], 0.0, atol=1e-12)
+
+
+def test_a_beam_of_a_slope_by_hand():
+    # a plane that rises by 0.2 per metre to the east; the vehicle heads north, its beams aside
+    latitude, longitude = (
+        np.radians(np.arange(-0.1, 0.1, 0.001)),
+        np.radians(np.arange(0, 0.2, 0.001)),
+    )
+    east = 6378137.0 * (longitude - longitude[100])
+    plane = FieldMap(latitude, longitude, 0.2 * east + 0.0 * latitude[:, None], "m", "height")
+    scenario = scenario_of(
+        "route.start=[0.0, 0.1]", "route.end=[0.05, 0.1]", "route.height=100",
+        "altimeter.directions=[[90, 45], [-90, 45]]",
+    )  # fmt: skip
+    trajectory = build_trajectory(scenario)
+    foot = Footprints(scenario, trajectory, plane, np.array([20]))
+    # r cos 45 = 100 - 0.2 r sin 45 to the east, + to the west
+    expected = 100.0 * np.sqrt(2.0) / np.array([1.2, 0.8])
+    np.testing.assert_allclose(foot.range[0], expected, rtol=1e-3)
+
+
+def test_a_sounding_without_noise_is_the_map_at_its_footprint(floor):
+    for pattern in (FAN, (DVL,)):
+        items = (*pattern, "gravimeter.sigma=1e-4")
+        scenario = scenario_of(*items)
+        trajectory, found = build_trajectory(scenario), readings_of(floor, *items)
+        i = found.index
+        at = State(
+            trajectory.latitude[i], trajectory.longitude[i], trajectory.height[i],
+            *trajectory.velocity[i, :2].T, matrix(trajectory.attitude[i]),
+        )  # fmt: skip
+        reduced = measured_field(scenario).reduction(scenario).reduce(found.felt[0], at)
+        foot = Footprints(scenario, trajectory, floor, i)
+        np.testing.assert_allclose(
+            reduced[..., 0], floor.value(*foot.places(foot.range)), atol=2e-3
+        )
+        assert np.ptp(reduced[..., 1:3]) > 100.0
+
+
+def test_errors_of_all_beams_and_of_each(floor):
+    clean = readings_of(floor, *FAN, "gravimeter.sigma=1e-4").felt[..., 2]
+    tide = readings_of(floor, *FAN, "gravimeter.sigma=1e-4", "gravimeter.bias=5").felt[..., 2]
+    off = tide - clean
+    assert np.abs(off).max() > 0.5
+    np.testing.assert_allclose(off, off[:, :1, :1] + 0.0 * off, atol=2e-3)
+    np.testing.assert_allclose(np.ptp(off, axis=(1, 2)), 0.0, atol=2e-3)
+    scale = readings_of(floor, *FAN, "gravimeter.sigma=1e-4", "altimeter.scale_sigma=0.01")
+    ratio = scale.felt[..., 2] / clean
+    assert np.abs(ratio - 1.0).max() > 1e-3
+    np.testing.assert_allclose(np.ptp(ratio, axis=(1, 2)), 0.0, atol=1e-5)
+    noise = readings_of(floor, *FAN).felt[..., 2] - clean
+    assert np.std(noise) == pytest.approx(0.5, rel=0.2)
+    assert np.abs(np.corrcoef(noise[0].T)[0, 1:]).max() < 0.8
+    single = readings_of(floor, *FAN, runs=(1,)).felt
+    np.testing.assert_array_equal(single[0], readings_of(floor, *FAN).felt[1])
+
+
+def test_the_maps_error_counts_where_the_beams_meet_the_ground(floor):
+    error = ("map_error.sigma=3", "map_error.correlation_length=5000", "gravimeter.sigma=1e-4")
+    found = readings_of(floor, *FAN, *error, runs=range(8)).felt[..., 2]
+    off = found - readings_of(floor, *FAN, "gravimeter.sigma=1e-4", runs=range(8)).felt[..., 2]
+    assert 1.0 < np.std(off[:, 0, 0]) < 6.0
+    # correlated over 5 km, and the beams are 200 m apart
+    assert np.std(off[:, 0, 0] - off[:, 0, 1]) < 0.5 * np.std(off[:, 0, 0])
+
+
+def test_out_of_range_and_missing(floor):
+    far = readings_of(floor, *FAN, "altimeter.max_range=120", "gravimeter.missing_fraction=0.3")
+    none = np.isnan(far.felt).any(axis=-1)
+    assert none.all(axis=-1).any()  # missing scans
+    assert none[..., -1].mean() > none[..., 0].mean()  # the slanting beams are longer
+
+
+@pytest.mark.parametrize(
+    ("items", "said"),
+    [
+        (("altimeter.directions=[[0, 80]]",), "angle from straight down"),
+        (("altimeter.beams=3", DVL), "says nothing where directions"),
+        ((DVL, "altimeter.message=scan"), "directions needs points"),
+        (("altimeter.beams=3", "truth.altimeter.beams=4"), "truth.altimeter.beams"),
+    ],
+)
+def test_bad_patterns_are_refused(items, said):
+    with pytest.raises(InputError, match=said):
+        scenario_of(*items).world  # noqa: B018
+
+
+def test_what_cannot_be_simulated_is_refused(floor):
+    with pytest.raises(InputError, match="below the terrain"):
+        readings_of(floor, *FAN, "route.height=-320")
+    with pytest.raises(InputError, match="cannot be late"):
+        readings_of(floor, *FAN, "gravimeter.delay=5")
+    with pytest.raises(InputError, match="does not cover beam"):
+        readings_of(sea_floor(half=1200.0), *FAN, "altimeter.opening=150")
+
+
+def test_soundings_of_a_real_instrument_are_thinned():
+    vectors = np.array([[0.0, y, 50.0] for y in np.linspace(-80, 80, 41)])
+    vectors[3] = np.nan
+    found = thinned(vectors, 5)
+    assert np.isfinite(found).all()
+    assert (np.diff(np.abs(found[:, 1])) >= 0.0).all()
+    assert np.isnan(thinned(vectors[:2], 5)[2:]).all()
+    np.testing.assert_array_equal(thinned(vectors[:5], 5), vectors[:5])
