@@ -15,23 +15,14 @@ from typing import Any
 import numpy as np
 
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros.bags.reader import BagReader
 from isogal_ros.faults.process_faults import PROCESS_FAULTS
 from isogal_ros.faults.process_trial import run_process_trial
-from isogal_ros.faults.trial import run_trial
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 1.3
 """Of the error undisturbed."""
-
-
-def undisturbed(scenario: Scenario, bag: Path, run: int) -> dict[str, Any]:
-    """Record a run without fault, where that has not been done; return its outcome."""
-    if not bag.exists():
-        run_in_process(Plan(scenario, bag, run=run), Interrupt(), lambda progress: None)
-    return run_trial(BagReader(bag), None, scenario.seed, run).document()
 
 
 def outcomes(scenario: Scenario, out: Path, times: int) -> list[dict[str, Any]]:
@@ -41,33 +32,32 @@ def outcomes(scenario: Scenario, out: Path, times: int) -> list[dict[str, Any]]:
     kills = [fault for fault in PROCESS_FAULTS if fault.kind == "kill" and len(fault.nodes) == 1]
     for run in range(times):
         bag = out / f"run-{run}"
-        for fault in (None, *kills):
-            name = "none" if fault is None else fault.name
-            if f"{name}, {run}" in done:
+        if not bag.exists():
+            run_in_process(Plan(scenario, bag, run=run), Interrupt(), lambda progress: None)
+        for fault in kills:
+            key = f"{fault.name}, {run}"
+            if key in done:
                 continue
-            if fault is None:
-                done[f"none, {run}"] = undisturbed(scenario, bag, run)
-            else:
-                found = run_process_trial(scenario, out / "running", bag, fault, run)
-                done[f"{name}, {run}"] = found.document()
+            found = run_process_trial(scenario, out / "running", bag, fault, run)
+            done[key] = found.document()
             path.write_text(json.dumps(done, indent=1))
-            print(f"{name}, run {run}: {done[f'{name}, {run}']}", flush=True)
+            print(f"{fault.name}, run {run}: {done[key]}", flush=True)
     return list(done.values())
 
 
-def rms(rows: list[dict[str, Any]]) -> float:
-    """Return the RMS error over the last third."""
-    return float(np.sqrt(np.mean([row["error_after"] ** 2 for row in rows])))
+def rms(rows: list[dict[str, Any]], name: str) -> float:
+    """Return the RMS of an error over the last third."""
+    return float(np.sqrt(np.mean([row[name] ** 2 for row in rows])))
 
 
 def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return one line for each node."""
-    plain = {row["trial"]: row for row in rows if row["fault"] == "none"}
     lines = []
-    for name in dict.fromkeys(row["fault"] for row in rows if row["fault"] != "none"):
+    for name in dict.fromkeys(row["fault"] for row in rows):
         own = [row for row in rows if row["fault"] == name]
         arrived = [row for row in own if row["crash"] is None and row["error_after"]]
-        ratio = rms(arrived) / rms([plain[row["trial"]] for row in arrived]) if arrived else np.nan
+        errors = [rms(arrived, f"error_{what}") for what in ("after", "without")]
+        ratio = errors[0] / errors[1] if arrived else np.nan
         lines.append(
             {
                 "fault": name,
@@ -75,7 +65,7 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "resumed_and_readable": len(arrived),
                 "error_ratio": ratio,
                 "largest_ratio": max(
-                    (row["error_after"] / plain[row["trial"]]["error_after"] for row in arrived),
+                    (row["error_after"] / row["error_without"] for row in arrived),
                     default=np.nan,
                 ),
                 "lost": max(row["lost"] for row in own),

@@ -108,7 +108,10 @@ class Scans:
     def _fill_missing(self, now: NavSample) -> None:
         """Add scans without reading where messages are missing, so that batches keep their length
         in time."""
-        for stamp in missing_scans(self.last, now.ns, self._interval):
+        stamps = missing_scans(self.last, now.ns, self._interval)
+        text = f"{len(stamps)} scans missing before {to_seconds(now.ns):.0f} s"
+        self._health.concern("gap", text if len(stamps) >= SILENT else None)
+        for stamp in stamps:
             self._missing += 1
             self._health.figures["scans missing"] = self._missing
             try:

@@ -3,7 +3,7 @@ for all others: each stamp is used once, in whatever order the messages come."""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from isogal_ros.messages.checks import BadMessageError
@@ -22,7 +22,7 @@ class _Stamp:
 
     content: Any = None
     """WholeFix or NavSatFix, while it waits to be used."""
-    arrived: float = field(default_factory=time.monotonic)
+    arrived: float = 0.0
     used: bool = False
     position_came: bool = False
 
@@ -55,7 +55,8 @@ class FixQueue:
         return bool(self._waiting)
 
     def add_whole(self, ns: int, whole: WholeFix) -> None:
-        """Take a whole fix; raises BadMessageError where its stamp has been used."""
+        """Take a whole fix; raises BadMessageError where its stamp has been used, or is none."""
+        _require_stamp(ns)
         stamp = self._of(ns)
         if stamp.used or isinstance(stamp.content, WholeFix):
             raise BadMessageError(_repeated(ns))
@@ -63,7 +64,8 @@ class FixQueue:
         self._waiting[ns] = stamp
 
     def add_position(self, ns: int, message: Any) -> None:
-        """Take a NavSatFix; raises BadMessageError where its stamp has had one."""
+        """Take a NavSatFix; raises BadMessageError where its stamp has had one, or is none."""
+        _require_stamp(ns)
         stamp = self._of(ns)
         if stamp.position_came:
             raise BadMessageError(_repeated(ns))
@@ -105,6 +107,13 @@ class FixQueue:
                 del self._stamps[oldest]
             found = self._stamps[ns] = _Stamp()
         return found
+
+
+def _require_stamp(ns: int) -> None:
+    """A stamp of zero is one that nobody has set: within the horizon at a run's beginning, and a
+    position of much later."""
+    if ns == 0:
+        raise BadMessageError("stamp is zero: not set")
 
 
 def _repeated(ns: int) -> str:

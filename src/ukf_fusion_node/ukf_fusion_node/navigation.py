@@ -184,6 +184,22 @@ class Navigation:
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
 
+    def back(self, samples: int) -> None:
+        """Forget the newest samples, which were not true; of a fast IMU they are too few to
+        matter, and stay."""
+        if self.navigator is None or self._stream is not None or not samples:
+            return
+        self.navigator.back(samples)
+        self.ns, self.rate = from_seconds(self.navigator.time), self.navigator.sample[1]
+        self.keep()
+
+    @property
+    def doubt(self) -> str | None:
+        """What is not known of the last gap; None = nothing."""
+        if self.navigator is None or not self.navigator.undecided:
+            return None
+        return "samples were missing for long: whether there was a manoeuvre is for fixes to say"
+
     def keep(self) -> None:
         """Write a checkpoint of the newest state and the sample that led to it."""
         assert self.navigator is not None

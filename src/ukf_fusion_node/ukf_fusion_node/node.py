@@ -22,7 +22,7 @@ from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.watch import Leaps, Watch
+from ukf_fusion_node.watch import Leaps, StuckError, Watch
 
 
 class UkfFusionNode(GraphNode):
@@ -45,7 +45,9 @@ class UkfFusionNode(GraphNode):
         self._corrections = Corrections(self.health, self.get_logger())
         self._navigation = Navigation(self)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
-        self._watch = Watch(self.settings.max_acceleration, self.settings.max_turn_rate)
+        limits = self.settings.max_acceleration, self.settings.max_turn_rate
+        noisy = np.array(self._navigation.model.noise) > 0.0
+        self._watch = Watch(*limits, self.monotonic, noisy)
         self._aids = Aids(self, self._go_on)
         self._aids.use(self._navigation.model)
         self._held: deque[Any] = deque()
@@ -57,7 +59,7 @@ class UkfFusionNode(GraphNode):
         self.listen(topics.INITIAL_POSE, self._take_pose)
         whole = self.listen(topics.INFORMATION, self._take_whole)
         ahead = from_seconds(self.settings.max_gap)
-        self._fixes = FixQueue(whole.get_publisher_count, ahead)
+        self._fixes = FixQueue(whole.get_publisher_count, ahead, self.monotonic)
         self.offer_reset(self._reset)
         self.watch("silent", lambda: self._watch.silent, ERROR)
 
@@ -75,7 +77,11 @@ class UkfFusionNode(GraphNode):
         self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
-        self._watch.take(force, rate)
+        try:
+            self._watch.take(force, rate)
+        except StuckError as error:
+            self._navigation.back(error.samples)
+            raise
         if self._navigation.navigator is None:
             if self._navigation.begin(ns):
                 self._publish()
@@ -92,6 +98,7 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()
         stuck = self._watch.stuck
         self.health.concern("stuck", f"stuck: {stuck}" if stuck else None)
+        self.health.concern("gap", self._navigation.doubt)
         self.health.tick(ns)
 
     def _take_pose(self, message: Any) -> None:

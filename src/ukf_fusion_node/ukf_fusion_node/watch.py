@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans, Integers
 from isogal_ros.messages.checks import BadMessageError
 
 AXES = (
@@ -14,9 +14,33 @@ AXES = (
 )  # fmt: skip
 STUCK = 60
 """Samples of exactly the same value after which an axis counts as stuck: noise never repeats."""
+LEARNT = 60
+"""Changes of an axis after which it is known how long it rests: of one that counts in coarse steps
+the same value may come several times."""
+LEAST = 5
+"""Repetitions that are taken for noise of coarse steps at any rate; of an axis that has rested as
+often as n times four times as many, and four: of steps so coarse that a value is repeated with
+probability p, the longest of 60 rests was about log 60 / log(1/p) samples, and one rest in 60**4
+is four times as long."""
 SILENT = 10.0
 """s of wall time without a sample that are an error."""
 GRAVITY = 9.81
+
+
+class StuckError(BadMessageError):
+    """A sample of which an axis has been stuck.
+
+    Parameters
+    ----------
+    text : str
+    samples : int
+        How many samples before it were taken for true and are not, where that has just been found
+        out; else 0.
+    """
+
+    def __init__(self, text: str, samples: int) -> None:
+        super().__init__(text)
+        self.samples = samples
 
 
 class Watch:
@@ -28,22 +52,36 @@ class Watch:
         Most that the vehicle can do, m/s² and rad/s; a sample beyond is a spike.
     clock : callable
         Wall time, s.
+    noisy : (6,) array, optional
+        Which axes have noise, so that a value does not come twice.
     """
 
     def __init__(
-        self, acceleration: float, turn_rate: float, clock: Callable[[], float] = time.monotonic
+        self,
+        acceleration: float,
+        turn_rate: float,
+        clock: Callable[[], float] = time.monotonic,
+        noisy: Booleans | None = None,
     ) -> None:
         self._acceleration, self._turn_rate, self._clock = acceleration, turn_rate, clock
+        self._noisy = np.ones(6, bool) if noisy is None else noisy
         self._last = np.full(6, np.nan)
-        self._same = np.zeros(6, int)
+        self._same, self._changes, self._longest = (np.zeros(6, int) for _ in range(3))
         self._heard: float | None = None
 
     def take(self, force: Array, rate: Array) -> None:
         """Look at a sample (3,), (3,); raises BadMessageError where it cannot be true."""
         self._heard = self._clock()
         values = np.concatenate([force, rate])
-        self._same = np.where(values == self._last, self._same + 1, 0)
-        self._last = values
+        self._count(values)
+        stuck = self._noisy & (self._changes >= LEARNT) & (self._same >= self._limit)
+        if stuck.any():
+            axis = int(np.argmax(stuck))
+            new = bool((self._same[stuck] == self._limit[stuck]).all())
+            raise StuckError(
+                f"{_names(stuck)} stuck for {self._same[axis] + 1} samples: taken as missing",
+                int(self._same[stuck].max()) if new else 0,
+            )
         beyond = abs(float(np.linalg.norm(force)) - GRAVITY)
         if beyond > self._acceleration:
             raise BadMessageError(
@@ -56,18 +94,34 @@ class Watch:
                 f"angular rate {turn:.2g} rad/s; max_turn_rate is {self._turn_rate:g} rad/s"
             )
 
+    def _count(self, values: Array) -> None:
+        """Count changes of each axis, and how often its value has come again."""
+        moved = values != self._last
+        rested = moved & (self._same < self._limit)
+        self._longest = np.where(rested, np.maximum(self._longest, self._same), self._longest)
+        self._changes += moved
+        self._same = np.where(moved, 0, self._same + 1)
+        self._last = values
+
+    @property
+    def _limit(self) -> Integers:
+        """(6,) repetitions after which an axis is stuck."""
+        return np.maximum(LEAST, 4 * (self._longest + 1))
+
     @property
     def stuck(self) -> str:
         """Which axes have not moved for long; empty = none."""
-        return ", ".join(
-            name for name, count in zip(AXES, self._same, strict=True) if count >= STUCK
-        )
+        return _names(self._same >= STUCK)
 
     @property
     def silent(self) -> str | None:
         """That there has been no sample for long; None = there has."""
         gone = 0.0 if self._heard is None else self._clock() - self._heard
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
+
+
+def _names(axes: Booleans) -> str:
+    return ", ".join(name for name, which in zip(AXES, axes, strict=True) if which)
 
 
 class Leaps:

@@ -1,41 +1,65 @@
 """The fault campaign: what is told, and that no fault does harm in silence."""
 
 import json
+import os
+import time
 
 import pytest
 
 from isogal_ros import topics
-from isogal_ros.faults.campaign import OUTCOMES, PAGE, run_campaign
-from isogal_ros.faults.catalogue import FAULTS, QUICK
-from isogal_ros.graph import replay
+from isogal_ros.faults import campaign, trial
+from isogal_ros.faults.campaign import OUTCOMES, run_campaign
+from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
+from isogal_ros.faults.node_faults import NODE_FAULTS
+from isogal_ros.faults.process_faults import PROCESS_FAULTS
+from isogal_ros.faults.stage import Feed
+from isogal_ros.faults.table import PAGE
+from isogal_ros.faults.trial import Reference, run_trials
 from isogal_ros.nodes.signals import Interrupt
 
 
 def test_there_are_forty_faults_with_names_of_their_own() -> None:
-    names = [fault.name for fault in FAULTS]
-    assert len(names) >= 40
+    names = [fault.name for fault in (*FAULTS, *NODE_FAULTS, *PROCESS_FAULTS)]
+    assert len(names) >= 90
     assert len(set(names)) == len(names)
     assert set(QUICK) <= set(names)
 
 
-@pytest.mark.slow
-def test_the_quick_set_does_no_harm_and_is_not_run_again(scenario, tmp_path, monkeypatch) -> None:
-    short = scenario("route.duration=400.0", "matcher.name=pmht")
-    table = run_campaign(short, tmp_path, 1, True, Interrupt(), lambda text: None)
+@pytest.fixture(scope="module")
+def feed(scenario) -> Feed:
+    return Feed.of(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
+
+
+def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeypatch) -> None:
+    short = feed.scenario
+    table = run_campaign(short, tmp_path, (1, 1), True, Interrupt(), lambda text: None)
     assert table["trials"] == len(QUICK)
     for row in table["faults"]:
-        assert (row["crashes"], row["not_finite"]) == (0, 0)
+        assert (row["crashes"], row["not_finite"], row["surprises"]) == (0, 0, [])
         assert row["told"] == 1, json.dumps(row)
         assert row["told_after_s"] <= 120.0, row
         assert row["passed"], row
     page = (tmp_path / PAGE).read_text()
     assert all(name in page for name in QUICK)
     # what is there is taken as it is, but for a line that was cut off
-    monkeypatch.setattr(replay, "_run", None)
+    monkeypatch.setattr(campaign, "run_trials", None)
     with (tmp_path / OUTCOMES).open("a") as stream:
         stream.write('{"fault": "imu NaN", "tri')
-    again = run_campaign(short, tmp_path, 1, True, Interrupt(), lambda text: None)
+    again = run_campaign(short, tmp_path, (1, 1), True, Interrupt(), lambda text: None)
     assert again == table
+
+
+def one(feed: Feed, change, monkeypatch, limit: float = 60.0):
+    monkeypatch.setattr(trial, "LIMIT", limit)
+    fault = Fault("x", "imu", change, lasts=5.0)
+    (outcome,) = run_trials(feed, [fault], Reference.of(feed), Interrupt())
+    return outcome
+
+
+def test_a_trial_that_dies_or_hangs_or_surprises_is_one(feed, monkeypatch) -> None:
+    assert "the process ended" in one(feed, lambda *_: os._exit(3), monkeypatch).crash
+    assert "nothing came within" in one(feed, lambda *_: time.sleep(9.0), monkeypatch, 0.5).crash
+    assert "ZeroDivisionError" in one(feed, lambda *_: 1 // 0, monkeypatch).crash
 
 
 def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:

@@ -36,7 +36,7 @@ COMMANDS = {
         "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
     ),
     "faults": Command(
-        "run", "faults", "Play recordings with faulty sensors to fresh nodes; table of the harm."
+        "run", "faults", "Run the nodes with faulty sensors, links and nodes; table of the harm."
     ),
     "montecarlo": Command(
         "montecarlo",

@@ -155,22 +155,32 @@ def faults(
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Four faults over ten minutes instead of all.")
+        bool, typer.Option("--quick", help="A few faults over ten minutes instead of all.")
     ] = False,
     trials: Annotated[
-        int, typer.Option("--trials", metavar="N", min=1, help="Trials of each fault.")
+        int,
+        typer.Option(
+            "--trials", metavar="N", min=0, help="Trials of each fault within one process."
+        ),
+    ] = 1,
+    process_trials: Annotated[
+        int,
+        typer.Option(
+            "--process-trials", metavar="N", min=0, help="Trials of each fault of processes."
+        ),
     ] = 1,
     json: Json = False,
 ) -> None:
-    """Play recordings with faulty sensors to fresh matcher and filter nodes: what is told, what
-    harm is done.
+    """Run the nodes with faulty sensors, messages, nodes and processes: what is told, what harm is
+    done.
 
     Exits with 1 where a node ended, something not finite was published, a fault that matters was
     not told, or the error after it stayed larger without the navigator knowing."""
     require_ros()
     from isogal_ros.graph.commands import faults_command
 
-    status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
+    both = trials, process_trials
+    status = faults_command(chosen.load(), out, trials=both, quick=quick, json=json)
     raise typer.Exit(status)
 
 

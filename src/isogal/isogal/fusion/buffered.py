@@ -104,6 +104,11 @@ class BufferedNavigator:
         manoeuvre in a gap, mean and covariance over both."""
         return self._steps[-1].belief.merged
 
+    @property
+    def undecided(self) -> bool:
+        """Whether it is open if there was a manoeuvre in a gap."""
+        return len(self._steps[-1].belief) > 1
+
     def propagate(
         self,
         time: float,
@@ -155,6 +160,14 @@ class BufferedNavigator:
         self._steps.append(new)
         while len(self._steps) > 2 and self._steps[1].time < time - self.horizon:
             self._steps.popleft()
+
+    def back(self, samples: int) -> None:
+        """Forget the newest samples: they were not true. One that a fix has been taken at stays,
+        and so do those before it."""
+        for _ in range(samples):
+            if len(self._steps) < 2 or self._steps[-1].fixes:
+                return
+            self._steps.pop()
 
     def at(self, time: float, relative_to: Estimate | None = None) -> "NavigatorAt":
         """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`; information is

@@ -1,4 +1,5 @@
-"""Faults of sensors, as what they do to recorded messages within a time.
+"""Faults of sensors and of what nodes tell each other, as what they do to messages within a
+time.
 
 A fault turns one message into those that come instead: none, one or several. It may keep what it
 needs from one message to the next, and draws from its own random numbers."""
@@ -35,11 +36,12 @@ Change = Callable[[Any, Moment], list[Any]]
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one sensor."""
+    """One fault of one sensor, or of the messages between two nodes."""
 
     name: str
-    sensor: str
-    """imu or reading."""
+    source: str
+    """Whose messages: imu, reading, fix (position and the whole of it), information (the whole
+    alone), or nav."""
     change: Change
     matters: bool = True
     """Whether it must be told within two batches; else it may be too small to be seen."""
@@ -132,14 +134,22 @@ def _stuck(name: str) -> Change:
     return change
 
 
-def _dead_axis(message: Any, _: Moment) -> list[Any]:
-    message.angular_velocity.z = 0.0
-    return [message]
+def _axis(name: str, axis: str, of: Callable[[float, Moment], float]) -> Change:
+    """One axis of a vector of an IMU sample is what becomes of its true value."""
+
+    def fill(message: Any, moment: Moment) -> None:
+        vector = getattr(message, name)
+        setattr(vector, axis, of(getattr(vector, axis), moment))
+
+    return _one(fill)
 
 
-def _saturated(message: Any, _: Moment) -> list[Any]:
-    message.linear_acceleration.z = min(message.linear_acceleration.z, 9.0)
-    return [message]
+def _kept(value: float, moment: Moment) -> float:
+    return float(moment.kept.setdefault("first", value))
+
+
+def _below(limit: float) -> Callable[[float, Moment], float]:
+    return lambda value, _: min(value, limit)
 
 
 def _once(change: Change) -> Change:
@@ -162,6 +172,7 @@ def _covariance(name: str, value: float) -> Change:
     return _one(fill)
 
 
+_FORCE, _RATE = "linear_acceleration", "angular_velocity"
 _FORCE_COVARIANCE, _READING = "linear_acceleration_covariance", "covariance"
 IMU_FAULTS = (
     Fault("imu NaN", "imu", _set_force(math.nan)),
@@ -181,10 +192,15 @@ IMU_FAULTS = (
     Fault("imu outage of 5 s", "imu", _nothing, lasts=5.0),
     Fault("imu outage of 60 s", "imu", _nothing),
     Fault("imu outage of 180 s", "imu", _nothing, lasts=180.0),
-    Fault("imu accelerometers stuck", "imu", _stuck("linear_acceleration"), lasts=120.0),
-    Fault("imu gyroscopes stuck", "imu", _stuck("angular_velocity"), lasts=120.0),
-    Fault("imu dead gyroscope", "imu", _dead_axis, lasts=120.0),
-    Fault("imu saturated accelerometer", "imu", _saturated, lasts=120.0),
+    Fault("imu accelerometers stuck", "imu", _stuck(_FORCE), lasts=120.0),
+    Fault("imu gyroscopes stuck", "imu", _stuck(_RATE), lasts=120.0),
+    Fault("imu dead gyroscope", "imu", _axis(_RATE, "z", lambda x, m: 0.0), lasts=120.0),
+    Fault("imu dead gyroscope x", "imu", _axis(_RATE, "x", lambda x, m: 0.0), lasts=120.0),
+    Fault("imu stuck gyroscope", "imu", _axis(_RATE, "z", _kept), lasts=120.0),
+    Fault("imu dead accelerometer", "imu", _axis(_FORCE, "x", lambda x, m: 0.0), lasts=120.0),
+    Fault("imu stuck accelerometer", "imu", _axis(_FORCE, "y", _kept), lasts=120.0),
+    Fault("imu saturated accelerometer", "imu", _axis(_FORCE, "z", _below(9.0)), lasts=120.0),
+    Fault("imu saturated gyroscope", "imu", _axis(_RATE, "z", lambda x, m: 4.0), lasts=120.0),
     Fault("imu accelerometer drift", "imu", _add_force(lambda m: 1e-5 * m.since), matters=False),
 )
 READING_FAULTS = (
@@ -210,13 +226,60 @@ READING_FAULTS = (
     Fault("reading of the other sign", "reading", _scale_reading(-1.0)),
     Fault("reading 50 mGal too large", "reading", _add_reading(lambda m: 5e-4), matters=False),
 )
-FAULTS = IMU_FAULTS + READING_FAULTS
+
+
+def _late(message: Any, moment: Moment) -> list[Any]:
+    """Each message comes with the next of its kind."""
+    waiting = moment.kept.setdefault(type(message).__name__, [])
+    waiting.append(copy.deepcopy(message))
+    return [waiting.pop(0)] if len(waiting) > 1 else []
+
+
+def _latitude(value: float) -> Change:
+    """Numbers of a position, or all of a whole fix, are no numbers."""
+
+    def fill(message: Any, _: Moment) -> None:
+        if hasattr(message, "latitude"):
+            message.latitude = value
+        elif hasattr(message, "data"):
+            message.data = np.full(len(message.data) // 8, value).tobytes()
+        else:
+            message.pose.pose.position.x = value
+
+    return _one(fill)
+
+
+LINK_FAULTS = (
+    Fault("fix NaN", "fix", _latitude(math.nan), lasts=300.0),
+    Fault("fix infinite", "fix", _latitude(math.inf), lasts=300.0),
+    Fault("fix wrong frame", "fix", _frame, lasts=300.0),
+    Fault("fix stamps of zero", "fix", _shift(lambda m: -1e9), lasts=300.0),
+    Fault("fix stamps ahead", "fix", _shift(lambda m: 3600.0), matters=False, lasts=300.0),
+    Fault("fix every one twice", "fix", _twice, matters=False, lasts=300.0),
+    Fault("fix one batch late", "fix", _late, matters=False, lasts=300.0),
+    Fault("fix lost", "fix", _nothing, matters=False, lasts=300.0),
+    Fault("fix without its information", "information", _nothing, matters=False, lasts=300.0),
+    Fault("nav NaN", "nav", _latitude(math.nan)),
+    Fault("nav wrong frame", "nav", _frame),
+    Fault("nav stamps of zero", "nav", _shift(lambda m: -1e9)),
+    Fault("nav every message twice", "nav", _twice, matters=False),
+    Fault("nav lost for 60 s", "nav", _nothing),
+)
+FAULTS = IMU_FAULTS + READING_FAULTS + LINK_FAULTS
 QUICK = (
-    "imu NaN", "imu one stamp ahead", "imu outage of 60 s", "reading in mGal",
+    "imu NaN", "imu one stamp ahead", "imu outage of 60 s", "imu dead gyroscope",
+    "reading in mGal", "fix NaN", "ukf_fusion_node killed for 5 s",
 )  # fmt: skip
 """Those of a quick campaign."""
 
 
-def topic_of(fault: Fault, raw: Topic) -> Topic:
-    """Return the topic that a fault changes; `raw` is that of the instrument."""
-    return topics.IMU if fault.sensor == "imu" else raw
+def topics_of(fault: Fault, raw: Topic) -> tuple[Topic, ...]:
+    """Return the topics that a fault changes; `raw` is that of the instrument."""
+    of = {
+        "imu": (topics.IMU,),
+        "reading": (raw,),
+        "fix": (topics.FIX, topics.INFORMATION),
+        "information": (topics.INFORMATION,),
+        "nav": (topics.NAV_FIX, topics.NAV_ODOM),
+    }
+    return of[fault.source]

@@ -1,6 +1,7 @@
 """One trial of a fault of processes: a graph whose nodes are started again where they die."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +9,15 @@ from rclpy.serialization import deserialize_message
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
-from isogal.seeds import generator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader, topic_of
+from isogal_ros.faults.outcome import Outcome, Span, first_warning, outcome_of, track_of
 from isogal_ros.faults.process_faults import Meddler, ProcessFault
-from isogal_ros.faults.trial import Outcome, first_warning, outcome_of
+from isogal_ros.faults.trial import begin_of
 from isogal_ros.graph.plan import GraphError, Plan
 from isogal_ros.graph.processes import run_processes
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
 SECOND = 1e9
@@ -37,8 +38,7 @@ def run_process_trial(
     trial : int
         Index of the run.
     """
-    rng = generator(scenario.seed, trial, f"fault: {fault.name}")
-    begin = float(np.floor(rng.uniform(0.25, 0.45) * (scenario.route.duration or 0.0)))
+    begin, _ = begin_of(scenario.seed, trial, fault.name, scenario.route.duration or 0.0)
     shutil.rmtree(folder, ignore_errors=True)
     checkpoint = folder / "checkpoint"
     checkpoint.mkdir(parents=True)
@@ -53,16 +53,16 @@ def run_process_trial(
         crash = f"{type(error).__name__}: {error}"
     if meddler.hung:
         crash = "the run did not arrive"
-    told = first_warning(collector, from_seconds(begin))
+    told = first_warning(collector, begin)
     before = Collector(scenario)
     before.take_bag(BagReader(reference))
-    outcome = outcome_of(
-        fault.name,
-        trial,
-        (begin, begin + 10.0),
-        crash,
-        told,
-        collector,
+    duration = to_seconds(max(before.truth))
+    span = Span(begin, begin + 10.0, 2.0 / 3.0 * duration, duration)
+    tracks = track_of(collector), track_of(before)
+    found = outcome_of(fault.name, trial, span, tracks, told)
+    outcome = replace(
+        found,
+        crash=crash,
         restart=None if crash else _silence(folder / "bag", fault, meddler.begun_ns),
         lost=_lost(before, collector),
     )

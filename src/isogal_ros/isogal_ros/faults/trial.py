@@ -1,189 +1,222 @@
-"""One trial: a recording played to a fresh filter and matcher, with one fault in it."""
+"""Trials: a run played to fresh nodes, with one fault in it.
 
-from dataclasses import dataclass, field
+All faults of a run share what comes before them: the run is played once, and where a fault begins
+a process is forked off that plays the rest with it."""
+
+import gc
+import json
+import os
+import re
+import select
+import shutil
+import signal
+import tempfile
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
-from isogal.earth.frames import horizontal_difference
 from isogal.seeds import generator
-from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
-from isogal_ros.bags.reader import BagReader
-from isogal_ros.faults.catalogue import SECOND, Fault, Moment, topic_of
-from isogal_ros.graph.replay import replay
+from isogal_ros.faults.catalogue import Fault, Moment, topics_of
+from isogal_ros.faults.node_faults import Mishap, NodeFault
+from isogal_ros.faults.outcome import Outcome, Span, Track, outcome_of, track_of
+from isogal_ros.faults.stage import CHECKPOINT, Feed, Stage
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.position import read_position
-from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.topics import Topic
 
-STALL = 0.5
-"""s of wall time that a step of a trial may take: a fault may leave it without an answer."""
-
-EARLIER = 15 * SECOND
-"""ns that diagnostics may be stamped before what they tell of: with the last data that could be
-used."""
+LIMIT = 120.0
+"""s of wall time after which a trial hangs."""
+UNFORESEEN = re.compile(r": \w*(Error|Exception|Warning): ")
+"""In what a node logs of an exception (`GraphNode.guard`)."""
+RECOVERY, LOOKED_AT = 2.0 / 9.0, 1.0 / 6.0
+"""Shares of a run's duration: after a fault it has so long to recover, and is looked at for so
+long then."""
+SURPRISES = 20
+"""Kept of a trial."""
 
 
 class Tampering:
-    """A fault within a time, applied to recorded messages.
+    """A fault within a time, applied to messages on a bus.
 
     Parameters
     ----------
-    fault : Fault, optional
-        None = the recording as it is.
+    fault : Fault
     begin : float
         s.
     rng : Generator
-    raw : Topic
-        Of the readings.
+    stage : Stage
+        Says what time it is.
     """
 
-    patience = STALL
-
-    def __init__(
-        self, fault: Fault | None, begin: float, rng: np.random.Generator, raw: Topic
-    ) -> None:
-        self.fault = fault
-        self.begin = round(begin * SECOND)
-        self.end = self.begin if fault is None else self.begin + round(fault.lasts * SECOND)
-        self._topic = None if fault is None else topic_of(fault, raw)
+    def __init__(self, fault: Fault, begin: float, rng: np.random.Generator, stage: Stage) -> None:
+        self._fault, self._begin, self._bus = fault, begin, stage.bus
+        raw = adapter_of(stage.feed.scenario).raw
+        self._types = {topic.name: topic.type for topic in topics_of(fault, raw)}
         self._moment = Moment(0.0, rng, {})
 
-    def __call__(self, topic: Topic, data: bytes) -> list[bytes]:
+    def __call__(self, topic: str, data: bytes) -> list[bytes]:
         """Return what comes instead of a serialised message."""
-        ns = peek_ns(data)
-        if self.fault is None or topic is not self._topic or not self.begin <= ns < self.end:
+        since = self._bus.now - self._begin
+        if topic not in self._types or not 0.0 <= since < self._fault.lasts:
             return [data]
-        self._moment.since = to_seconds(ns - self.begin)
-        changed = self.fault.change(deserialize_message(data, topic.type), self._moment)
+        self._moment.since = since
+        changed = self._fault.change(deserialize_message(data, self._types[topic]), self._moment)
         return [serialize_message(message) for message in changed]
 
 
+def begin_of(seed: int, trial: int, name: str, duration: float) -> tuple[float, Any]:
+    """Return when (s) a fault begins in a run of a duration (s), drawn from seed, trial and fault,
+    and the random numbers that follow."""
+    rng = generator(seed, trial, f"fault: {name}")
+    return float(np.floor(rng.uniform(0.25, 0.45) * duration)), rng
+
+
 @dataclass(frozen=True)
-class Outcome:
-    """What became of the navigator."""
+class Reference:
+    """A run without a fault."""
 
-    fault: str
-    trial: int
-    begin: float
-    """s."""
-    crash: str | None
-    """What ended a node; None = nothing did."""
-    not_finite: int
-    """Messages on nav/fix that are not finite."""
-    told_after: float | None
-    """s until the diagnostics said WARN or ERROR; None = they did not."""
-    told: str | None
-    """With which words."""
-    error_during: float
-    """m, largest, from the fault's begin to its end."""
-    error_after: float
-    """m, RMS over the last third of the run."""
-    sigma_after: float
-    """m, RMS 1-sigma that the navigator gives itself then."""
-    samples: int
-    """States published."""
-    restart: float | None = None
-    """s of wall time that a faulty process said nothing."""
-    lost: int = 0
-    """Messages of a stamp that the run without fault has: truth, state, reading, fix."""
+    track: Track
+    said: frozenset[str]
+    """What was said at WARN or ERROR, without its numbers."""
 
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON can say it."""
-        return {
-            name: None if isinstance(value, float) and not np.isfinite(value) else value
-            for name, value in self.__dict__.items()
-        }
+    @classmethod
+    def of(cls, feed: Feed) -> "Reference":
+        """Play a run without a fault."""
+        with Folder():
+            stage = Stage(feed)
+            for ns in stage.stamps():
+                stage.play(ns)
+        return cls(track_of(stage.collector), frozenset(shape(text) for _, text in stage.heard))
+
+    def outcome(self, run: int) -> Outcome:
+        """Return its outcome, over its last third."""
+        end = float(self.track.time.max(initial=0.0))
+        span = Span(0.0, 0.0, 2.0 / 3.0 * end, end)
+        return outcome_of("none", run, span, (self.track, self.track))
+
+
+def run_trials(
+    feed: Feed, faults: Sequence[Fault | NodeFault], reference: Reference, interrupt: Interrupt
+) -> Iterator[Outcome]:
+    """Play a run, and yield what became of each fault, by the time it begins."""
+    seed = feed.scenario.seed
+    with Folder():
+        stage = Stage(feed, any(isinstance(fault, NodeFault) for fault in faults))
+        drawn = [
+            (*begin_of(seed, feed.run, fault.name, stage.duration), fault) for fault in faults
+        ]
+        waiting = sorted(drawn, key=lambda item: item[0], reverse=True)
+        for ns in stage.stamps():
+            while waiting and waiting[-1][0] <= to_seconds(ns) and not interrupt:
+                begin, rng, fault = waiting.pop()
+                yield Forked(stage, fault, begin, rng, reference).run()
+            if interrupt or not waiting:
+                return
+            stage.play(ns)
+
+
+def shape(text: str) -> str:
+    """Return what was said without its numbers."""
+    return re.sub(r"[0-9.]+", "", text)
 
 
 @dataclass
-class _Track:
-    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    error: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    sigma: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    not_finite: int = 0
+class Forked:
+    """The rest of a run with a fault, in a process of its own."""
+
+    stage: Stage
+    fault: Fault | NodeFault
+    begin: float
+    """s."""
+    rng: Any
+    reference: Reference
+
+    def run(self) -> Outcome:
+        """Play it; return what became of it."""
+        gc.freeze()
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                os.close(reading)
+                signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent waits for it
+                gc.disable()  # what it leaves behind goes with it
+                os.write(writing, json.dumps(self._played().__dict__).encode())
+            finally:
+                os._exit(0)
+        os.close(writing)
+        heard, _, _ = select.select([reading], [], [], LIMIT)
+        if not heard:
+            os.kill(child, signal.SIGKILL)
+        with os.fdopen(reading, "rb") as stream:
+            data = stream.read()
+        os.waitpid(child, 0)
+        if data:
+            return Outcome(**json.loads(data))
+        why = "the process ended" if heard else f"nothing came within {LIMIT:g} s"
+        nothing = outcome_of(
+            self.fault.name, self.stage.feed.run, self._span, (Track(), self.reference.track)
+        )
+        return replace(nothing, crash=why)
+
+    @property
+    def _span(self) -> Span:
+        duration, end = self.stage.duration, self.begin + self.fault.lasts + 1.0
+        after = end + RECOVERY * duration
+        return Span(self.begin, end, after, after + LOOKED_AT * duration)
+
+    def _played(self) -> Outcome:
+        stage, span, crash = self.stage, self._span, None
+        mishap: Callable[[float], object] = float
+        with Folder():
+            if isinstance(self.fault, NodeFault):
+                mishap = Mishap(self.fault, self.begin, stage)
+            else:
+                stage.bus.change = Tampering(self.fault, self.begin, self.rng, stage)
+            try:
+                for ns in stage.stamps():
+                    if to_seconds(ns) > span.until:
+                        break
+                    mishap(to_seconds(ns))
+                    stage.play(ns)
+            except Exception:
+                crash = traceback.format_exc(limit=-3)
+        told = (
+            item
+            for item in stage.heard
+            if item[0] >= self.begin and shape(item[1]) not in self.reference.said
+        )
+        tracks = track_of(stage.collector), self.reference.track
+        found = outcome_of(self.fault.name, stage.feed.run, span, tracks, next(told, None))
+        expected = int((self.reference.track.time <= span.until).sum())
+        return replace(
+            found,
+            crash=crash,
+            lost=max(expected - found.samples, 0),
+            surprises=_surprises(stage.bus.errors),
+        )
 
 
-def run_trial(reader: BagReader, fault: Fault | None, seed: int, trial: int) -> Outcome:
-    """Play a recording with a fault at a time that is drawn from seed, trial and fault."""
-    scenario = reader.scenario()
-    assert scenario is not None
-    name = "none" if fault is None else fault.name
-    rng = generator(seed, trial, f"fault: {name}")
-    duration = scenario.route.duration or 0.0
-    begin = float(np.floor(rng.uniform(0.25, 0.45) * duration))
-    tampering = Tampering(fault, begin, rng, adapter_of(scenario).raw)
-    crash, collector, told = None, None, None
-    try:
-        result = replay(reader, Interrupt(), lambda progress: None, tamper=tampering)
-        collector = result.outputs
-        told = first_warning(collector, tampering.begin)
-    except Exception as error:
-        crash = f"{type(error).__name__}: {error}"
-    span = begin, to_seconds(tampering.end) + 1.0
-    return outcome_of(name, trial, span, crash, told, collector)
+def _surprises(errors: Sequence[str]) -> tuple[str, ...]:
+    """Return what was logged of exceptions that no code had foreseen."""
+    found = (shape(text) for text in errors if UNFORESEEN.search(text))
+    return tuple(dict.fromkeys(found))[:SURPRISES]
 
 
-def first_warning(collector: Collector, begin_ns: int) -> tuple[int, str] | None:
-    """Return stamp and words of the first diagnostics at WARN or ERROR from a time (ns) on."""
-    later = (item for item in collector.warnings if item[0] >= begin_ns - EARLIER)
-    return next(later, None)
+class Folder:
+    """A current folder of its own, with the checkpoints of the one before, deleted in the end."""
 
+    def __enter__(self) -> None:
+        self._before, self._made = Path.cwd(), tempfile.mkdtemp(prefix="isogal-faults-")
+        if (self._before / CHECKPOINT).is_dir() and self._before.name.startswith("isogal-faults-"):
+            shutil.copytree(CHECKPOINT, Path(self._made) / CHECKPOINT)
+        os.chdir(self._made)
 
-def outcome_of(
-    name: str,
-    trial: int,
-    span: tuple[float, float],
-    crash: str | None,
-    told: tuple[int, str] | None,
-    collector: Collector | None,
-    restart: float | None = None,
-    lost: int = 0,
-) -> Outcome:
-    """Return the outcome of a run (None = there is none) with a fault from one time (s) to
-    another that was told at a stamp with some words."""
-    track = _Track() if collector is None else _track(collector)
-    begin, end = span
-    during = track.error[(track.time >= begin) & (track.time <= end)]
-    end_ns = 0 if collector is None else max(collector.truth, default=0)
-    last = track.time > 2.0 / 3.0 * to_seconds(end_ns)
-    return Outcome(
-        name,
-        trial,
-        begin,
-        crash,
-        track.not_finite,
-        None if told is None else max(to_seconds(told[0]) - begin, 0.0),
-        None if told is None else told[1],
-        float(during.max(initial=0.0)),
-        _rms(track.error[last]),
-        _rms(track.sigma[last]),
-        len(track.time),
-        restart,
-        lost,
-    )
-
-
-def _track(collector: Collector) -> _Track:
-    """Return the navigator's error against the recorded truth."""
-    rows, bad = [], 0
-    for ns in sorted(collector.last_nav.keys() & collector.truth.keys()):
-        fix = deserialize_message(collector.last_nav[ns], topics.NAV_FIX.type)
-        if not np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
-            bad += 1
-            continue
-        truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
-        off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
-        sigma = np.sqrt(fix.position_covariance[0] + fix.position_covariance[4])
-        rows.append((to_seconds(ns), float(np.hypot(*off)), float(sigma)))
-    if not rows:
-        return _Track(not_finite=bad)
-    time, error, sigma = np.array(rows).T
-    return _Track(time, error, sigma, bad)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
+    def __exit__(self, *_: object) -> None:
+        os.chdir(self._before)
+        shutil.rmtree(self._made, ignore_errors=True)

@@ -41,14 +41,8 @@ class Recorded:
     """Whether these are reduced anew."""
 
 
-def load(reader: BagReader, scenario: Scenario, tampered: bool) -> Recorded:
+def load(reader: BagReader, scenario: Scenario) -> Recorded:
     """Read a bag.
-
-    Parameters
-    ----------
-    tampered : bool
-        Whether the navigator may not be where it was: the instrument's own readings are reduced
-        anew if the bag has them.
 
     Raises
     ------
@@ -69,9 +63,8 @@ def load(reader: BagReader, scenario: Scenario, tampered: bool) -> Recorded:
         else:
             collector.take(topic, data)
     whole = bool(raw) and not scalar
-    changed = _reduces_anew(reader.path, reader.scenario(), scenario, whole)
-    reduces = changed or (tampered and bool(raw))
-    readings = (adapter.raw, raw) if changed else (adapter.reduced, collector.readings)
+    reduces = _reduces_anew(reader.path, reader.scenario(), scenario, whole)
+    readings = (adapter.raw, raw) if reduces else (adapter.reduced, collector.readings)
     needed = ((topics.IMU.name, imu), (readings[0].name, readings[1]))
     missing = [name for name, store in needed if not store]
     if missing:

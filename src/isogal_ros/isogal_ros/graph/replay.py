@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from rclpy.context import Context
 from rosgraph_msgs.msg import Clock
@@ -48,17 +48,6 @@ PATIENCE = 120.0
 """s of wall time that a step may take."""
 
 
-class Tamper(Protocol):
-    """Changes messages on their way."""
-
-    patience: float
-    """s of wall time that a step is waited for."""
-
-    def __call__(self, topic: topics.Topic, data: bytes) -> list[bytes]:
-        """Return what comes instead of a serialised message."""
-        ...
-
-
 @dataclass(frozen=True)
 class Replay:
     """What a replay leaves behind."""
@@ -80,18 +69,14 @@ def replay(
     interrupt: Interrupt,
     report: Report,
     scenario: Scenario | None = None,
-    tamper: Tamper | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can, in lock-step.
 
     Parameters
     ----------
     scenario : Scenario, optional
-        None = the bag's own.
-    tamper : Tamper, optional
-        Changes messages on their way. The navigator is then not where it was when the bag was
-        recorded, so that the instrument's raw readings, if the bag has them, are reduced anew; as
-        they are where the scenario reduces them otherwise than the bag's own.
+        None = the bag's own. Where it reduces readings otherwise, the instrument's own are
+        reduced anew.
 
     Raises
     ------
@@ -107,7 +92,7 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    recorded = load(reader, scenario, tamper is not None)
+    recorded = load(reader, scenario)
     if reader.cut is not None:
         last = max(recorded.imu, default=0)
         notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
@@ -119,7 +104,7 @@ def replay(
         )
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
-        outputs, answered = _run(recorded, context, interrupt, report, tamper)
+        outputs, answered = _run(recorded, context, interrupt, report)
     outputs.truth, outputs.unaided = recorded.collector.truth, recorded.collector.unaided
     outputs.readings = recorded.collector.readings
     return Replay(
@@ -138,7 +123,6 @@ def _run(
     context: Context,
     interrupt: Interrupt,
     report: Report,
-    tamper: Tamper | None = None,
 ) -> tuple[Collector, int]:
     """Return the fresh nodes' messages and the last stamp (ns) that was answered, 0 = none."""
     executor = make_executor(context)
@@ -162,7 +146,7 @@ def _run(
         )
         for node in nodes.values():
             executor.add_node(node)
-        answered = _LockStep(recorded, nodes, executor, tamper).run(interrupt, report)
+        answered = _LockStep(recorded, nodes, executor).run(interrupt, report)
         drain(feeder, executor)
         return feeder.collector, answered
     finally:
@@ -227,12 +211,8 @@ class _LockStep:
         recorded: Recorded,
         nodes: dict[str, Any],
         executor: Any,
-        tamper: Tamper | None = None,
     ) -> None:
-        self._tamper = tamper
-        adapter = adapter_of(recorded.scenario)
         self._sensor = nodes.get(topics.GRAVIMETER)
-        self._topic = adapter.reduced if self._sensor is None else adapter.raw
         self._imu = recorded.imu
         self._readings = recorded.collector.readings if self._sensor is None else recorded.raw
         self._aids = [
@@ -242,8 +222,8 @@ class _LockStep:
         self._nodes = nodes.values()
         self._matcher, self._filter = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION]
         self._feeder = nodes[FEEDER]
-        self._samples = self._played = self._given = 0
-        """IMU samples published, readings played, and those published so far."""
+        self._samples = self._played = 0
+        """IMU samples and readings published so far."""
 
     def run(self, interrupt: Interrupt, report: Report) -> int:
         """Play all; return the last stamp (ns) that was answered, 0 = none."""
@@ -267,22 +247,15 @@ class _LockStep:
     def _play_sample(self, ns: int) -> None:
         for topic, readings in self._aids:
             while readings and readings[0][0] <= ns:
-                for data in self._changed(topic, readings.popleft()[1]):
-                    self._feeder.aid(topic, data)
-        for data in self._changed(topics.IMU, self._imu[ns]):
-            self._feeder.imu(ns, data)
-            self._samples += 1
+                self._feeder.aid(topic, readings.popleft()[1])
+        self._feeder.imu(ns, self._imu[ns])
+        self._samples += 1
         self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
 
     def _play_reading(self, stamp: int, now: int) -> None:
-        for data in self._changed(self._topic, self._readings[stamp]):
-            self._feeder.reading(data)
-            self._given += 1
+        self._feeder.reading(self._readings[stamp])
         self._played += 1
         self._wait(self._settled, f"the matcher's answer at {to_seconds(now):.3f} s")
-
-    def _changed(self, topic: topics.Topic, data: bytes) -> list[bytes]:
-        return [data] if self._tamper is None else self._tamper(topic, data)
 
     def _ready(self) -> bool:
         return all(node.ready for node in self._nodes)
@@ -293,18 +266,13 @@ class _LockStep:
 
     def _settled(self) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        given = self._given - (0 if self._sensor is None else self._sensor.unused)
+        given = self._played - (0 if self._sensor is None else self._sensor.unused)
         done = self._matcher.taken >= given and not self._matcher.scans.waiting
         return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        patience = (
-            PATIENCE if self._tamper is None or self._samples == 0 else self._tamper.patience
-        )
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + PATIENCE
         while not condition():
             self._executor.spin_once(timeout_sec=0.05)
-            if time.monotonic() > deadline and patience < PATIENCE:
-                return  # what was tampered with may leave no answer
             if time.monotonic() > deadline:
                 raise GraphError(f"replay: waited {PATIENCE:g} s for {what}")

@@ -104,6 +104,8 @@ class GraphNode(ManagedNode):
             else [Parameter(key, value=value) for key, value in values.items()],
             automatically_declare_parameters_from_overrides=True,
         )
+        self.monotonic: Callable[[], float] = getattr(context, "monotonic", time.monotonic)
+        """Returns the wall time, s; a graph without middleware (`graph.bus`) has its own."""
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""

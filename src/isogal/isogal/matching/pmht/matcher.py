@@ -124,15 +124,15 @@ class Pmht:
 
     def with_hypotheses(self, memory: Memory, of: Memory) -> Memory:
         """Return a memory with the hypotheses of another."""
-        return replace(memory, hypotheses=of.hypotheses)
+        return replace(memory, hypotheses=of.hypotheses, taken=of.taken)
 
     def without_hypotheses(self, memory: Memory | None) -> Memory | None:
         """Return a memory that takes the navigator's own covariance for its prior."""
-        return None if memory is None else replace(memory, hypotheses=None)
+        return None if memory is None else replace(memory, hypotheses=None, taken=None)
 
     def carrying(self, memory: Memory, hypotheses: Mixture | None) -> Memory:
         """Return a memory with other hypotheses about the end of the last batch."""
-        return replace(memory, hypotheses=hypotheses)
+        return replace(memory, hypotheses=hypotheses, taken=None)
 
     def given(
         self, memory: Memory | None, batch: Batch, hypotheses: Mixture | None
@@ -140,7 +140,9 @@ class Pmht:
         """Return a memory with hypotheses about the end of a batch that is still to be matched."""
         if memory is None and hypotheses is None:
             return None
-        return replace(memory or Memory.before(batch), hypotheses=None, current=hypotheses)
+        return replace(
+            memory or Memory.before(batch), hypotheses=None, current=hypotheses, taken=None
+        )
 
     def after_others(self, memory: Memory, taken: Array, covariance: Array) -> Memory:
         """Return the memory of a navigator that has taken fixes of other fields as well."""

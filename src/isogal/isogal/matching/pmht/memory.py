@@ -12,6 +12,7 @@ from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.sensor_bias import BiasEstimate
+from isogal.matching.pmht.taken import has_taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,9 @@ class Memory:
     current: Mixture | None = None
     """About its error at the end of the next batch, by readings of another field up to there;
     counts before `hypotheses`."""
+    taken: Array | None = None
+    """(4, 4) covariance there of a navigator that has taken the fix which was published: only of
+    such a one the hypotheses are true. None = there was no fix."""
     disagreements: int = 0
     """Batches in a row that did not agree with the map."""
     outlier_times: frozenset[float] = frozenset()
@@ -95,15 +99,18 @@ def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
     """Return the prior of xi: hypotheses carried to the batch end, or the navigator's own."""
     if memory is not None and memory.current is not None:
         return memory.current
+    own = Mixture.gaussian(np.zeros(4), batch.prior)
     if memory is None or memory.hypotheses is None:
-        return Mixture.gaussian(np.zeros(4), batch.prior)
-    gain, rest = _forecast(batch, float(batch.time[-1]) - memory.time)
+        return own
+    then, gain, rest = _forecast(batch, float(batch.time[-1]) - memory.time)
+    if memory.taken is not None and not has_taken(memory.taken, then):
+        return own
     return memory.hypotheses.moved(gain, rest)
 
 
-def _forecast(batch: Batch, elapsed: float) -> tuple[Array, Array]:
-    """Return gain (4, 4) and covariance (4, 4): xi given the error x where the last batch ended
-    is N(gain x, covariance).
+def _forecast(batch: Batch, elapsed: float) -> tuple[Array, Array, Array]:
+    """Return the navigator's covariance (4, 4) where the last batch ended, by its own dynamics,
+    and gain (4, 4) and covariance (4, 4): xi given the error x there is N(gain x, covariance).
 
     By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): a hypothesis
     about x keeps the correlations of errors that the navigator knows, over tens of km as well.
@@ -112,4 +119,4 @@ def _forecast(batch: Batch, elapsed: float) -> tuple[Array, Array]:
     then = back @ batch.prior @ back.T + nuisance @ nuisance.T
     gain = np.asarray(np.linalg.solve(then, back @ batch.prior).T, dtype=np.float64)
     rest = positive_part(symmetric(batch.prior - gain @ then @ gain.T))
-    return gain, rest + 1e-12 * np.diag(np.diag(batch.prior))
+    return then, gain, rest + 1e-12 * np.diag(np.diag(batch.prior))

@@ -47,6 +47,7 @@ def publish(state: State) -> tuple[Fix, Memory]:
     return _fix(state, information, figures), replace(
         memory,
         hypotheses=_shape(best, best.mixture.covariance[0]),
+        taken=best.mixture.covariance[0],
         disagreements=0,
         bias=bias,
         unbiased=memory.unbiased or unbiased,
@@ -146,6 +147,7 @@ def _unmatched(state: State) -> Memory:
         prior=batch.prior,
         hypotheses=None if alone else state.prior,
         current=None,
+        taken=None if before.taken is None else batch.prior,
         bias=None if state.bias is None else state.bias.unmeasured(batch),
     )
 

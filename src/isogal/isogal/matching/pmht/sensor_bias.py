@@ -29,6 +29,7 @@ from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.taken import has_taken
 from isogal.matching.transitions import unconditioned
 
 _DELAY = "delay"
@@ -143,10 +144,7 @@ class BiasEstimate:
             return False
         if self.error is None:
             return True
-        factor = np.linalg.cholesky(self.error[:4, :4])
-        least, most = CONSTANTS.taken_fix_variance_ratio
-        ratio = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, then).T))
-        return bool(least < ratio[0] and ratio[-1] < most)
+        return has_taken(self.error[:4, :4], then)
 
     def figures(self) -> dict[str, float]:
         """Return the estimate for the diagnostics."""
