@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
 
-from helpers.node_bench import Bench, bench
+from helpers.node_bench import bench
 from isogal.seeds import generator
 from isogal_ros import topics
 from isogal_ros.messages.stamps import set_stamp
@@ -41,13 +42,11 @@ def fill(message: Any, rng: np.random.Generator) -> None:
             setattr(message, name, int(rng.integers(0, 200)))
 
 
-def fed(made: Bench, topic: Topic, rng: np.random.Generator) -> None:
-    """Hand messages to the node's callback as the executor does."""
+def fed(node: Any, topic: Topic, rng: np.random.Generator) -> None:
+    """Hand messages to a node's callback as the executor does."""
     (subscription,) = (
-        item for item in made.node.subscriptions if item.topic_name == f"/{topic.name}"
+        item for item in node.subscriptions if item.topic_name.lstrip("/") == topic.name
     )
-    from rclpy.serialization import serialize_message
-
     for i in range(MESSAGES):
         message = topic.type()
         fill(message, rng)
@@ -75,7 +74,7 @@ def test_random_messages(scenario, name, listened) -> None:
         made.settle()
         for turn in range(3):
             for topic in listened:
-                fed(made, topic, generator(turn, 0, f"random messages: {topic.name}"))
+                fed(made.node, topic, generator(turn, 0, f"random messages: {topic.name}"))
             made.settle(0.2)
         assert not made.node.finished
         assert made.node.health.dropped

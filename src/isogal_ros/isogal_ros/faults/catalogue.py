@@ -268,7 +268,7 @@ LINK_FAULTS = (
 FAULTS = IMU_FAULTS + READING_FAULTS + LINK_FAULTS
 QUICK = (
     "imu NaN", "imu one stamp ahead", "imu outage of 60 s", "imu dead gyroscope",
-    "reading in mGal", "fix NaN", "ukf_fusion_node killed for 5 s",
+    "reading in mGal", "nav NaN", "ukf_fusion_node killed for 5 s",
 )  # fmt: skip
 """Those of a quick campaign."""
 
