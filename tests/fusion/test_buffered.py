@@ -275,3 +275,30 @@ def test_a_longer_interval_is_one_step_of_its_length():
 def test_one_run_only():
     with pytest.raises(ValueError, match="one run"):
         BufferedNavigator(FLIGHT.model, fly(range(2)).start)
+
+
+def test_samples_that_were_not_true_are_forgotten():
+    """Up to one that a fix has been taken at: the last true one stands for those before it."""
+    it = navigator()
+    advance(it, 40)
+    before = it.state.copy()
+    wrong = np.array([0.0, 0.0, -9.0]), np.zeros(3)
+    for k in range(41, 46):
+        it.propagate(float(k), *wrong, FLIGHT.trajectory.height[k])
+    it.back(5)
+    assert it.time == 40.0
+    assert identical(it.state, before)
+    for k in range(41, 46):
+        it.propagate(float(k), *wrong, FLIGHT.trajectory.height[k])
+        if k == 42:
+            assert it.update_position(42.0, *FLIGHT.fix(42, 5.0, 5.0), R).accepted
+    it.back(5)
+    assert it.time == 42.0
+    held = navigator()
+    advance(held, 40)
+    for k in (41, 42):
+        held.propagate(float(k), *held.sample, FLIGHT.trajectory.height[k])
+    held.update_position(42.0, *FLIGHT.fix(42, 5.0, 5.0), R)
+    assert identical(it.state, held.state)
+    it.back(1000)
+    assert it.time == 42.0

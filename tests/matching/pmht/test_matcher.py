@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.matching.interfaces import LOST_SIGMA
 from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.memory import prior_of
 from isogal.scenario import Matcher
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
@@ -303,6 +304,23 @@ def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):
     np.testing.assert_allclose(
         covariance / np.outer(sigma, sigma), posterior / np.outer(sigma, sigma), atol=1e-6
     )
+    # of a navigator that has not taken it, the next batch takes the navigator's word
+    later = 10.0 * len(batch)
+    for sigma in (700.0, 30.0):
+        following, _ = make_batch(
+            rough_map,
+            np.zeros(4),
+            scans=10,
+            sigma=3e-5,
+            prior_sigma=(sigma, 0.1),
+            time=later + batch.time,
+            start=VELOCITY * later,
+        )
+        assert len(prior_of(following, memory)) == 1
+        assert len(prior_of(following, replace(memory, taken=None))) == 8
+    back, nuisance = (array[:4] for array in following.back(later))
+    then = back @ following.prior @ back.T + nuisance @ nuisance.T
+    assert len(prior_of(following, replace(memory, taken=then))) == 8
     sharp, _ = make_batch(
         rough_map, (20.0, -15.0, 0.05, 0.03), scans=30, sigma=1e-5, prior_sigma=(30.0, 0.1), seed=3
     )

@@ -8,6 +8,7 @@ from helpers.node_bench import Bench, bench, stamps
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
+from isogal_ros.nodes.health import OK
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,17 @@ def test_an_outage_costs_its_scans_and_batches_end_when_they_would_have(
         drive(made, 11, 24)
         assert list(fixes(made)) == [120, 180, 240]
         assert made.says()[-1][2]["scans missing"] == "2"
+        assert not any("scans missing before" in text for _, text, _ in made.says())
+
+
+def test_a_long_outage_of_its_own_is_told(scenario, drive, tmp_path) -> None:
+    own = {"checkpoint": str(tmp_path)}
+    with bench(topics.PMHT_MM, scenario(), **own) as made:
+        drive(made, 1, 8)
+    with bench(topics.PMHT_MM, scenario(), **own) as made:
+        drive(made, 15, 24)
+        assert any("6 scans missing before 150 s" in text for _, text, _ in made.says())
+        assert made.says()[-1][0] == OK
 
 
 def test_without_a_checkpoint_it_begins_and_says_so(scenario, drive) -> None:

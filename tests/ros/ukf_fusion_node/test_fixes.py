@@ -50,6 +50,15 @@ def test_a_whole_fix_waits_for_nothing_and_is_used_once(gap) -> None:
             add(10, what)
 
 
+def test_a_stamp_that_nobody_has_set_is_refused() -> None:
+    """Within the horizon it would be a fix of the run's beginning."""
+    queue = FixQueue(lambda: 1)
+    for add, what in ((queue.add_whole, WHOLE), (queue.add_position, POSITION)):
+        with pytest.raises(BadMessageError, match="not set"):
+            add(0, what)
+    assert not queue
+
+
 @pytest.mark.parametrize("age", [0.0, 31.0, 1100.0])
 def test_a_position_waits_from_its_arrival_on_whatever_its_age(age) -> None:
     """As both topics may come late by the same time: 40 s were once enough to part them."""

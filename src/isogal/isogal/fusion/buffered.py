@@ -162,12 +162,15 @@ class BufferedNavigator:
             self._steps.popleft()
 
     def back(self, samples: int) -> None:
-        """Forget the newest samples: they were not true. One that a fix has been taken at stays,
-        and so do those before it."""
-        for _ in range(samples):
-            if len(self._steps) < 2 or self._steps[-1].fixes:
-                return
+        """Forget the newest samples: they were not true. Up to one that a fix has been taken at,
+        the last true one stands for them."""
+        first = max(1, len(self._steps) - samples)
+        while len(self._steps) > first and not self._steps[-1].fixes:
             self._steps.pop()
+        true = self._steps[first - 1]
+        for index in range(first, len(self._steps)):
+            self._steps[index].force, self._steps[index].rate = true.force, true.rate
+        self._replay(first - 1)
 
     def at(self, time: float, relative_to: Estimate | None = None) -> "NavigatorAt":
         """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`; information is
