@@ -7,8 +7,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatFix
 
 from isogal.evaluation.records import Runs
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.maps.channels import AnyMap
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.maps.several import RunMap
 from isogal.scenario import Scenario
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
@@ -32,9 +32,9 @@ def nav_positions(collector: Collector) -> np.ndarray:
     return np.array([read_position(message) for message in messages])
 
 
-def record(bag: Path, scenario: Scenario, field_map: AnyMap | None = None) -> Runs:
+def record(bag: Path, scenario: Scenario, field_map: RunMap | None = None) -> Runs:
     """Record of the run in a bag, over the scenario's map."""
-    return record_of(collect(bag), map_for_scenario(scenario) if field_map is None else field_map)
+    return record_of(collect(bag), maps_for_scenario(scenario) if field_map is None else field_map)
 
 
 def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:

@@ -1,8 +1,9 @@
 """What the graph answers to a step."""
 
 from collections.abc import Callable
+from functools import partial
 
-from ins_sim_node.lock_step import LockStep
+from ins_sim_node.lock_step import LockStep, reading_of
 from ins_sim_node.outputs import Outputs
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
@@ -26,12 +27,14 @@ class Answers:
     def __init__(self, node: GraphNode, outputs: Outputs, complete: Callable[[], None]) -> None:
         self.lock_step = LockStep(node.scenario)
         self._outputs, self._complete = outputs, complete
-        reduced = adapter_of(node.scenario).reduced
         self._topics = {
             "nav": node.listen(topics.NAV_ODOM, self._take_nav, raw=True).topic_name,
             "fix": node.listen(topics.FIX, self._take_fix, raw=True).topic_name,
-            "reading": node.listen(reduced, self._take_reading, raw=True).topic_name,
         }
+        for field, one in enumerate(node.scenario.each_field):
+            take = partial(self._take_reading, field)
+            heard = node.listen(adapter_of(one).reduced, take, raw=True)
+            self._topics[reading_of(field)] = heard.topic_name
         self._node = node
         self._known: frozenset[bytes] | None = None
 
@@ -67,8 +70,8 @@ class Answers:
     def _take_fix(self, data: bytes) -> None:
         self._tell(self.lock_step.fix(peek_ns(data)))
 
-    def _take_reading(self, data: bytes) -> None:
-        self._tell(self.lock_step.reading(peek_ns(data)))
+    def _take_reading(self, field: int, data: bytes) -> None:
+        self._tell(self.lock_step.reading(peek_ns(data), field))
 
     def _tell(self, complete: bool) -> None:
         if complete:

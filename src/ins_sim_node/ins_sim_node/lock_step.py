@@ -1,28 +1,37 @@
 """Which answers a step needs before the next one may come."""
 
 from isogal.matching.batching import fix_due
+from isogal.matching.several import Rhythm
 from isogal.scenario import Scenario
 from isogal_ros.messages.stamps import to_seconds
+
+
+def reading_of(field: int) -> str:
+    """Return what the answer of a field is called, by its place in the list of fields."""
+    return f"reading {field}" if field else "reading"
 
 
 class LockStep:
     """Counts the answers to the step under way.
 
-    Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading; a
-    batch end also by ``pmht_mm/fix`` of its stamp (a fix, or none). The filter answers every
-    message on ``pmht_mm/fix`` with ``nav/odom`` of its newest stamp, so there are as many of those
-    as there were fixes, and one more."""
+    Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading, of
+    each field that has one; a batch end also by ``pmht_mm/fix`` of its stamp (a fix, or none). The
+    filter answers every message on ``pmht_mm/fix`` with ``nav/odom`` of its newest stamp, so there
+    are as many of those as there were fixes, and one more."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.ns = -1
         """Stamp of the step under way."""
-        self._per_scan = scenario.steps_per_scan
-        self._settings = scenario.matcher
+        each = scenario.each_field
+        self._per_scan = [one.steps_per_scan for one in each]
+        self._lead = Rhythm.of(each).lead
+        self._settings = each[self._lead].matcher
         self._nav = self._fixes = 0
-        self._needs_reading = self._needs_fix = False
+        self._needs_readings: set[int] = set()
+        self._needs_fix = False
         self._done = True
         self.absent: set[str] = set()
-        """Answers that nobody gives at present: nav, reading, fix."""
+        """Answers that nobody gives at present: nav, fix, and those of `reading_of`."""
 
     def forget(self) -> None:
         """Wait no longer for the answers to the step under way."""
@@ -32,10 +41,11 @@ class LockStep:
         """Start a step; step 0, the start, has no IMU sample and needs no answer."""
         self.ns = ns
         self._nav = self._fixes = 0
-        scans, rest = divmod(step, self._per_scan)
-        is_scan = step > 0 and rest == 0
-        self._needs_reading = is_scan and "reading" not in self.absent
-        self._needs_fix = is_scan and not self.absent and fix_due(scans, self._settings)
+        scanned = {k for k, steps in enumerate(self._per_scan) if step > 0 and step % steps == 0}
+        self._needs_readings = {k for k in scanned if reading_of(k) not in self.absent}
+        scans = step // self._per_scan[self._lead]
+        is_end = self._lead in scanned and fix_due(scans, self._settings)
+        self._needs_fix = is_end and not self.absent
         self._done = step == 0 or "nav" in self.absent
 
     @property
@@ -48,10 +58,10 @@ class LockStep:
         self._nav += ns == self.ns
         return self._check()
 
-    def reading(self, ns: int) -> bool:
-        """Note a reduced reading."""
+    def reading(self, ns: int, field: int = 0) -> bool:
+        """Note a reduced reading of a field."""
         if ns == self.ns:
-            self._needs_reading = False
+            self._needs_readings.discard(field)
         return self._check()
 
     def fix(self, ns: int) -> bool:
@@ -67,14 +77,14 @@ class LockStep:
         lacking = []
         if self._nav < 1 + self._fixes:
             lacking.append(f"nav/odom ({self._nav} of {1 + self._fixes})")
-        if self._needs_reading:
-            lacking.append("the reduced gravimeter reading")
+        if self._needs_readings:
+            lacking.append("the reduced reading")
         if self._needs_fix:
             lacking.append("pmht_mm/fix")
         return f"missing {', '.join(lacking)} of stamp {to_seconds(self.ns):.3f} s"
 
     def _check(self) -> bool:
-        if self._done or self._needs_reading or self._needs_fix or self._nav < 1 + self._fixes:
+        if self._done or self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes:
             return False
         self._done = True
         return True

@@ -29,7 +29,7 @@ class InsSimNode(GraphNode):
     answered."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "initial_error", "gravimeter", "magnetometer",
+        "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "magnetometer",
         "altimeter", "map", "map_error", "gravity", "height", "velocity", "matcher", "fusion",
         "truth",
     )  # fmt: skip

@@ -47,7 +47,7 @@ def node(name: str, launched: Launched) -> Node:
 
     return Node(
         package=launched.package(name),
-        executable=name,
+        executable=launched.executable(name),
         name=name,
         parameters=[launched.params, launched.own(name)],
         additional_env=launched.environment,

@@ -50,6 +50,13 @@ PMHT_MM = "pmht_mm_node"
 UKF_FUSION = "ukf_fusion_node"
 NODES = (INS_SIM, GRAVIMETER, PMHT_MM, UKF_FUSION)
 
+
+def kind_of(name: str) -> str:
+    """Return which of `NODES` a node is: there is a gravimeter_node for each of several fields,
+    whose names begin alike."""
+    return next((kind for kind in NODES if f"{name}_".startswith(f"{kind}_")), name)
+
+
 LOSSLESS = QoSProfile(
     history=HistoryPolicy.KEEP_ALL,
     depth=0,

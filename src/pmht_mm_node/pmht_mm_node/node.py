@@ -3,16 +3,18 @@
 import math
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar
 
-from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.matching.batching import BatchBuilder
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.maps.several import each_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.registry import build_matcher
+from isogal.matching.joint_batches import JointBatches
+from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
+from isogal.matching.several import Rhythm
 from isogal_ros import topics
-from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -31,8 +33,8 @@ class PmhtMmNode(GraphNode):
     fix, or says why there is none."""
 
     sections: ClassVar[Sequence[str]] = (
-        "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "height", "map", "matcher", "fusion",
+        "field", "fields", "route", "imu", "gravimeter", "magnetometer", "altimeter",
+        "gradiometer", "height", "map", "matcher", "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
@@ -46,18 +48,19 @@ class PmhtMmNode(GraphNode):
         self.taken = 0
         """Readings received, whatever became of them."""
         self._report = Report(self)
-        field = measured_field(self.scenario)
-        self._channels = field.channels is not None
-        self._matcher, self._memory = build_matcher(self.scenario.matcher, self._channels), None
-        self._map = map_for_scenario(self.scenario)
-        self._builder = BatchBuilder.of(self.scenario, self._matcher.context)
-        warm_up(self._matcher, self._map, self.scenario, self._builder.reduction)
+        self._each = self.scenario.each_field
+        self._lead = Rhythm.of(self._each).lead
+        self._matcher, self._memory = build_run_matcher(self.scenario), None
+        self._maps = each_map(maps_for_scenario(self.scenario))
+        self._batches = JointBatches.of(self.scenario, self._matcher)
+        warm_up(self._each, self._maps)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._first, self._scan)
-        self._survival = Survival(self, self._map, self._matcher)
+        self._survival = Survival(self, self._maps[self._lead], self._matcher)
         self.offer_reset(self._reset)
-        self._adapter = adapter_of(self.scenario)
-        self.listen(self._adapter.reduced, self._take)
+        for field, one in enumerate(self._each):
+            adapter = adapter_of(one)
+            self.listen(adapter.reduced, partial(self._take, field, adapter))
 
     def changed(self, values: dict[str, Any]) -> None:
         """Take new matcher settings from the next batch on; raises InputError where they cannot be
@@ -68,53 +71,58 @@ class PmhtMmNode(GraphNode):
             document[section][key] = value
         scenario = scenario_from(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
-            self._matcher, self._memory = build_matcher(scenario.matcher, self._channels), None
+            self._matcher, self._memory = build_run_matcher(scenario), None
             self.scenario = scenario
 
-    def _take(self, message: Any) -> None:
+    def _take(self, field: int, adapter: Adapter, message: Any) -> None:
         self.taken += 1
         ns = to_ns(message.header.stamp)
-        self.scans.begin(ns)
+        self.scans.begin(ns, field)
         try:
-            reading, _ = self._adapter.read_reduced(message)
+            reading, _ = adapter.read_reduced(message)
         except BadMessageError as error:
-            self.health.drop(self._adapter.reduced.name, str(error))
+            self.health.drop(adapter.reduced.name, str(error))
             reading = math.nan  # the batch is to know of the scan
-        self.scans.add(ns, reading)
+        self.scans.add(ns, reading, field)
 
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
         kept = self._survival.take(nav.ns)
-        if kept is None:
-            self._builder.begin(self.scans.before(nav.ns))
-        else:
-            collected, self._memory, self.scans.last = kept
-            self._builder.restore(collected)
+        if kept is not None:
+            collected, self._memory, last = kept
+            self._batches.restore(collected)
+            self.scans.go_on(last)
 
     def _reset(self) -> str:
         self._survival.forget()
-        self._builder.restore(Collected((), 0, 0))
-        self._memory, self.scans.last = None, -1
+        self._batches.restore([Collected((), 0, 0)] * len(self._each))
+        self._memory = None
+        self.scans.go_on([-1] * len(self._each))
         return "begins with the next scan"
 
-    def _scan(self, nav: NavSample, reading: Any) -> None:
-        self.scans.correct(self._builder, nav.ns)
+    def _scan(self, field: int, nav: NavSample, reading: Any) -> None:
+        self.scans.correct(self._batches, nav.ns)
         latitude, longitude, height = nav.position
-        velocity, sigma = nav.velocity[:2], self.scenario.gravimeter.sigma
-        self._builder.add_scan(
-            to_seconds(nav.ns), latitude, longitude, velocity, reading, sigma, height=height
-        )
-        if self._builder.ready:
+        velocity, sigma = nav.velocity[:2], self._each[field].gravimeter.sigma
+        place = to_seconds(nav.ns), latitude, longitude, velocity
+        builder = self._batches.builders[field]
+        builder.begin(self.scans.before(nav.ns, field))
+        builder.add_scan(*place, reading, sigma, height=height)
+        if field == self._lead and self._batches.ready:
             self._match(nav)
-        self._survival.keep(nav.ns, self._builder.collected, self._memory)
+        self._survival.keep(nav.ns, self._batches.collected, self._memory, self.scans.last)
+
+    def _near(self, field: int, batch: Batch) -> Any:
+        return self._maps[field].near(batch.latitude, batch.longitude)
 
     def _match(self, nav: NavSample) -> None:
-        collected = self._builder.collected
-        batch = self._builder.build(nav.covariance)
+        self.scans.ended = nav.ns
+        collected = self._batches.collected
+        batch = self._batches.build(nav.covariance, self._near)
         begun = time.perf_counter()
         if self.scans.guessed:
             fix = declined(batch, "the navigator said nothing of the batch's end")
-            self._builder.restore(collected)  # the next batch is to use its readings
+            self._batches.restore(collected)  # the next batch is to use its readings
         else:
             fix = self._fix_of(batch)
         seconds = time.perf_counter() - begun
@@ -122,11 +130,11 @@ class PmhtMmNode(GraphNode):
         self.outputs.publish(nav.ns, batch, fix, nav)
 
     def _fix_of(self, batch: Batch) -> Fix:
-        if not self._builder.whole:
+        if not self._batches.whole:
             return declined(batch, f"the first batch is not whole: it has {len(batch)} scans")
         try:
-            near = self._map.near(batch.latitude, batch.longitude)
-            fix, self._memory = self._matcher.match(batch, near, self._memory)
+            field_map = self._near(self._lead, batch)
+            fix, self._memory = self._matcher.match(batch, field_map, self._memory)
         except Exception as error:
             reason = f"the matcher failed: {type(error).__name__}: {error}"
             self.get_logger().error(reason)

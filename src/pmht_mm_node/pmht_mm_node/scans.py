@@ -1,11 +1,15 @@
 """Scans in order of time, from readings and the navigator's states, which arrive separately."""
 
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from typing import Any
 
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.batching import BatchBuilder
+from isogal.matching.joint_batches import JointBatches
+from isogal.matching.several import Rhythm
 from isogal.scenario import Scenario
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
@@ -18,8 +22,28 @@ SILENT = 4
 """Scans that fail to come, one after the other, after which the instrument counts as silent."""
 
 
+@dataclass(slots=True)
+class _Field:
+    """What has come of one field."""
+
+    interval: int
+    """ns between its scans."""
+    newest: int = -1
+    """Stamp of the newest reading, ns; -1 = none."""
+    last: int = -1
+    """Stamp of the last scan taken."""
+    pending: deque[tuple[int, Any]] = dataclass_field(default_factory=deque)
+    """Readings that wait for those of other fields."""
+
+    @property
+    def due(self) -> int:
+        """Stamp of the next reading."""
+        return max(self.newest, 0) + self.interval
+
+
 class Scans:
-    """Holds readings until the navigator's state of their stamp is there.
+    """Holds readings until the navigator's state of their stamp is there, and those of other
+    fields up to it, or their time is over.
 
     Parameters
     ----------
@@ -30,8 +54,9 @@ class Scans:
     first : callable
         Called with the navigator's state of the first scan before it is taken; may set `last`.
     taken : callable
-        Called with the navigator's state and the reading (NaN = none) of each scan, in order of
-        time.
+        Called with the field's place in the list of fields, the navigator's state and the reading
+        (NaN = none) of each scan, in order of time; at one stamp with the field that says when
+        batches end last.
     """
 
     def __init__(
@@ -39,50 +64,93 @@ class Scans:
         node: GraphNode,
         scenario: Scenario,
         first: Callable[[NavSample], None],
-        taken: Callable[[NavSample, Any], None],
+        taken: Callable[[int, NavSample, Any], None],
     ) -> None:
         self._health, self._first, self._taken = node.health, first, taken
-        self._interval = from_seconds(scenario.gravimeter.interval)
+        each = scenario.each_field
+        self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
+        self._names, self._lead = scenario.field_names, Rhythm.of(each).lead
+        self._begun = False
         self._missing = 0
-        self._newest = -1
-        self.last = -1
-        """Stamp of the last scan, ns; -1 = none."""
+        self.ended = -1
+        """Stamp of the last batch end, ns; readings up to it are too late."""
         self.guessed = False
-        """Whether the navigator said nothing of that scan, so that its state is a guess."""
+        """Whether the navigator said nothing of the last scan, so that its state is a guess."""
         self._queue = NavQueue(node, scenario, self._process, self._look)
+
+    @property
+    def last(self) -> tuple[int, ...]:
+        """Stamp of the last scan of each field, ns; -1 = none."""
+        return tuple(field.last for field in self._fields)
+
+    def go_on(self, last: Sequence[int]) -> None:
+        """Go on after the last scans of an earlier process, or begin (-1)."""
+        for field, stamp in zip(self._fields, last, strict=True):
+            field.last = stamp
+        self._begun = max(last) >= 0
+        self.ended = -1
 
     @property
     def silent(self) -> str | None:
         """That the navigator has gone on without a reading for long; None = it has not."""
-        gone = self._queue.nav.newest - self._newest
-        if self._newest < 0 or gone <= SILENT * self._interval:
-            return None
-        return f"no readings for {to_seconds(gone):.0f} s"
+        for name, field in zip(self._names, self._fields, strict=True):
+            gone = self._queue.nav.newest - field.newest
+            if field.newest >= 0 and gone > SILENT * field.interval:
+                of = f" of {name}" if len(self._fields) > 1 else ""
+                return f"no readings{of} for {to_seconds(gone):.0f} s"
+        return None
 
     def _look(self) -> None:
         """Say that readings fail to come, by the time of the stamps."""
         self._health.concern("silent", self.silent)
+        self._release()
 
-    def before(self, ns: int) -> int:
-        """Return how many scans there have been before the one of a stamp, counted from zero."""
-        return max(round(ns / self._interval) - 1, 0)
+    def before(self, ns: int, field: int = 0) -> int:
+        """Return how many scans of a field there have been before the one of a stamp, counted from
+        zero."""
+        return max(round(ns / self._fields[field].interval) - 1, 0)
 
     @property
     def waiting(self) -> int:
         """Number of readings for which the navigator's state is still to come."""
         return len(self._queue.waiting)
 
-    def begin(self, ns: int) -> None:
+    def begin(self, ns: int, field: int = 0) -> None:
         """Note that a reading of a stamp came, whatever is in it; raises BadMessageError unless it
         is later than all before."""
-        require_later(ns, self._newest)
-        self._newest = ns
+        require_later(ns, self._fields[field].newest)
+        self._fields[field].newest = ns
+        if ns <= self.ended and field != self._lead:
+            self._release()
+            raise BadMessageError("it comes after the end of its batch")
 
-    def add(self, ns: int, reading: Any) -> None:
+    def add(self, ns: int, reading: Any, field: int = 0) -> None:
         """Take a reading; NaN = the scan took place and gave nothing."""
-        self._queue.put(ns, reading)
+        self._fields[field].pending.append((ns, reading))
+        self._release()
 
-    def correct(self, builder: BatchBuilder, until: int) -> None:
+    def _release(self) -> None:
+        """Hand on the readings before which none of another field can come any more."""
+        while True:
+            heads = [
+                (field.pending[0][0], k == self._lead, k)
+                for k, field in enumerate(self._fields)
+                if field.pending
+            ]
+            if not heads:
+                return
+            ns, _, k = min(heads)
+            if any(self._may_come(other, ns) for other in self._fields if not other.pending):
+                return
+            _, reading = self._fields[k].pending.popleft()
+            self._queue.put(ns, (k, reading))
+
+    def _may_come(self, field: _Field, ns: int) -> bool:
+        """Whether a field may still give a reading up to a stamp: one is due, and the navigator
+        has not gone on by an interval since."""
+        return field.due <= ns and self._queue.nav.newest < field.due + field.interval
+
+    def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
         for gap in self._queue.nav.take_gaps(until):
@@ -93,22 +161,26 @@ class Scans:
                 builder.bridge(times[0], before.covariance, times[1], after.covariance)
         self._carry_jumps(builder, until)
 
-    def _carry_jumps(self, builder: BatchBuilder, before: int) -> None:
+    def _carry_jumps(self, builder: JointBatches, before: int) -> None:
         for jump in self._queue.nav.take_jumps(before):
             builder.correct(to_seconds(jump.ns), jump.change)
 
-    def _process(self, ns: int, reading: Any, nav: NavSample | None) -> None:
-        if nav is not None:
-            if self.last < 0:
-                self._first(nav)
-            if self.last >= 0:
-                self._fill_missing(nav)
-            self._scan(nav, reading)
+    def _process(self, ns: int, item: tuple[int, Any], nav: NavSample | None) -> None:
+        if nav is None:
+            return
+        k, reading = item
+        if not self._begun:
+            self._begun = True
+            self._first(nav)
+        if self._fields[k].last >= 0:
+            self._fill_missing(k, nav)
+        self._scan(k, nav, reading)
 
-    def _fill_missing(self, now: NavSample) -> None:
+    def _fill_missing(self, k: int, now: NavSample) -> None:
         """Add scans without reading where messages are missing, so that batches keep their length
         in time."""
-        stamps = missing_scans(self.last, now.ns, self._interval)
+        field = self._fields[k]
+        stamps = missing_scans(field.last, now.ns, field.interval)
         text = f"{len(stamps)} scans missing before {to_seconds(now.ns):.0f} s"
         self._health.concern("gap", text if len(stamps) >= SILENT else None)
         for stamp in stamps:
@@ -120,9 +192,9 @@ class Scans:
                 nav = None
             # without a reading it does not matter much where the navigator was
             self.guessed = nav is None
-            self._scan(nav or moved(now, stamp), math.nan)
+            self._scan(k, nav or moved(now, stamp), math.nan)
         self.guessed = False
 
-    def _scan(self, nav: NavSample, reading: Any) -> None:
-        self.last = nav.ns
-        self._taken(nav, reading)
+    def _scan(self, k: int, nav: NavSample, reading: Any) -> None:
+        self._fields[k].last = nav.ns
+        self._taken(k, nav, reading)

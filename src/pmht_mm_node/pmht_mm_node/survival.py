@@ -43,23 +43,29 @@ class Survival:
             raise TypeError("a map of no batch")
         return self._map.near(batch.latitude, batch.longitude)
 
-    def take(self, ns: int) -> tuple[Collected, Any, int] | None:
-        """Return scans, memory and the last scan's stamp, where there are any that a scan of a
-        stamp may follow."""
+    def take(self, ns: int) -> tuple[tuple[Collected, ...], Any, tuple[int, ...]] | None:
+        """Return scans, memory and the last scan's stamp of each field, where there are any that a
+        scan of a stamp may follow."""
         saved = self._checkpoint.take(ns)
         if saved is None:
             return None
-        collected, memory = saved.content
-        if not isinstance(collected, Collected) or any(
-            not np.isfinite([scan.time, scan.latitude, scan.longitude]).all()
-            for scan in collected.scans
+        collected, memory, last = saved.content
+        if any(
+            not isinstance(one, Collected)
+            or any(
+                not np.isfinite([scan.time, scan.latitude, scan.longitude]).all()
+                for scan in one.scans
+            )
+            for one in collected
         ):
             return None
-        return collected, memory, saved.time
+        return collected, memory, last
 
-    def keep(self, ns: int, collected: Collected, memory: Any) -> None:
+    def keep(
+        self, ns: int, collected: tuple[Collected, ...], memory: Any, last: tuple[int, ...]
+    ) -> None:
         """Write what is true after the scan of a stamp."""
-        self._checkpoint.save(ns, (collected, memory))
+        self._checkpoint.save(ns, (collected, memory, last))
 
     def forget(self) -> None:
         """Delete it."""

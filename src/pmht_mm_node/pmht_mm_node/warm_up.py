@@ -1,25 +1,31 @@
 """One batch before the first: so that compiled parts are compiled, or loaded, before the graph
 starts to wait for answers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Matcher
+from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
-from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import build_trajectory
 
 
-def warm_up(
-    matcher: Matcher, field_map: RouteMap, scenario: Scenario, reduction: Reduction
-) -> None:
-    """Match a made-up batch at the start of the route; the result is thrown away."""
+def warm_up(scenarios: Sequence[Scenario], maps: Sequence[RouteMap]) -> None:
+    """Match a made-up batch of each field at the start of the route; the results are thrown
+    away."""
+    for scenario, field_map in zip(scenarios, maps, strict=True):
+        _match(scenario, field_map)
+
+
+def _match(scenario: Scenario, field_map: RouteMap) -> None:
     trajectory = build_trajectory(scenario)
-    settings = scenario.matcher
+    settings, field = scenario.matcher, measured_field(scenario)
+    matcher = build_matcher(settings, field.channels is not None)
     builder = BatchBuilder(
-        settings, reduction, matcher.context, measured_field(scenario).covariance(scenario)
+        settings, field.reduction(scenario), matcher.context, field.covariance(scenario)
     )
     for scan in range(1, settings.batch_length + 1):
         k = min(scan * scenario.steps_per_scan, len(trajectory))

@@ -30,7 +30,7 @@ class UkfFusionNode(GraphNode):
     publishes nav/* of its newest stamp after each and after each fix."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
+        "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
         "height", "velocity", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings

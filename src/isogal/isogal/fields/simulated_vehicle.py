@@ -55,9 +55,10 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         The route cannot be driven, or its map does not say what gravity is there.
     """
     world, trajectory = scenario.world, build_trajectory(scenario)
-    gravity = felt_gravity(world, trajectory, [run])
+    of_gravity = scenario.felt_field
+    gravity = felt_gravity(of_gravity.world, trajectory, [run])
     imu = simulate_imu(world, trajectory, [run], gravity)
-    compensation = known_gravity(scenario, trajectory).compensation
+    compensation = known_gravity(of_gravity, trajectory).compensation
     start = draw_initial_state(world, trajectory, [run])
     _, track = propagate(
         start,

@@ -155,16 +155,16 @@ class BatchBuilder:
         self._count += 1
         self._unused += 1
 
-    def mark(self, end: "BatchBuilder") -> None:
+    def mark(self, end: "BatchBuilder") -> bool:
         """Add an empty scan where another builder's newest one is, unless this one has its newest
-        there: the batch is to end there. It is none of those that batches are counted by."""
-        newest = end._scans[-1]
-        if newest.time > self._scans[-1].time + 1e-9:
-            own = self._scans[-1]
-            nothing = np.nan * own.reading
-            sigma = self.instrument.sigma
+        there: the batch is to end there. It is none of those that batches are counted by. Return
+        whether the batch can end there: this one has none after it."""
+        newest, own = end._scans[-1], self._scans[-1]
+        if newest.time > own.time + 1e-9:
+            nothing, sigma = np.nan * own.reading, self.instrument.sigma
             self._scans.append(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
             self._unused = min(self._unused + 1, len(self._scans))
+        return own.time <= newest.time + 1e-9
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
         """Note that there were no inertial data between two times, and the navigator's covariance

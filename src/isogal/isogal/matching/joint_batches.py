@@ -10,8 +10,11 @@ from typing import Any
 
 from isogal.arrays import Array
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Batch, Beside
+from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.registry import contexts_of
 from isogal.matching.scans import Collected
+from isogal.matching.several import Rhythm
+from isogal.scenario import Scenario
 
 MapNear = Callable[[int, Batch], Any]
 """Returns the map of a field around a batch."""
@@ -31,6 +34,18 @@ class JointBatches:
     def __init__(self, builders: Sequence[BatchBuilder], lead: int = 0) -> None:
         self.builders, self._lead = tuple(builders), lead
 
+    @classmethod
+    def of(cls, scenario: Scenario, matcher: Matcher) -> "JointBatches":
+        """Return those of a scenario's fields for its matcher (`registry.build_run_matcher`);
+        raises InputError where the scenario cannot be used."""
+        each = scenario.each_field
+        rhythm, contexts = Rhythm.of(each), contexts_of(matcher, len(each))
+        builders = [
+            BatchBuilder.of(one, contexts[field], rhythm.marks(field, one))
+            for field, one in enumerate(each)
+        ]
+        return cls(builders, rhythm.lead)
+
     @property
     def ready(self) -> bool:
         """Whether the newest scans end a batch that has not been built yet."""
@@ -40,6 +55,16 @@ class JointBatches:
     def collected(self) -> tuple[Collected, ...]:
         """What has been collected of each field; scans are shared."""
         return tuple(builder.collected for builder in self.builders)
+
+    @property
+    def whole(self) -> bool:
+        """See `BatchBuilder.whole`; of the first field."""
+        return self.builders[self._lead].whole
+
+    def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
+        """See `BatchBuilder.bridge`."""
+        for builder in self.builders:
+            builder.bridge(begin, before, end, after)
 
     def restore(self, collected: Sequence[Collected]) -> None:
         """Go on from what was collected earlier."""
@@ -66,8 +91,8 @@ class JointBatches:
         for field, builder in enumerate(self.builders):
             if field == self._lead or not builder.whole:
                 continue
-            builder.mark(self.builders[self._lead])
-            if builder.has_new:
+            # one that has gone on beyond this end has its turn at the next
+            if builder.mark(self.builders[self._lead]) and builder.has_new:
                 other = builder.build(prior)
                 beside.append(Beside(field, other, near(field, other)))
         return replace(batch, beside=tuple(beside)) if beside else batch

@@ -25,10 +25,10 @@ from isogal.inertial.error_state import batch_difference
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.several import RunMap, each_map, first_map
-from isogal.matching.batching import BatchBuilder, fix_due
+from isogal.matching.batching import fix_due
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.joint_batches import JointBatches
-from isogal.matching.registry import build_run_matcher, contexts_of
+from isogal.matching.registry import build_run_matcher
 from isogal.matching.several import Rhythm
 from isogal.montecarlo.aids import Aids
 from isogal.montecarlo.field_runs import FieldRuns
@@ -146,18 +146,8 @@ class _ClosedLoop:
         self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
-        self.rhythm = rhythm = Rhythm.of(each)
-        contexts = contexts_of(matcher, len(each))
-        self.batches = [
-            JointBatches(
-                [
-                    BatchBuilder.of(one, contexts[k], rhythm.marks(k, one))
-                    for k, one in enumerate(each)
-                ],
-                rhythm.lead,
-            )
-            for _ in runs
-        ]
+        self.lead = Rhythm.of(each).lead
+        self.batches = [JointBatches.of(scenario, matcher) for _ in runs]
         self.memories: list[Any] = [None for _ in runs]
         due = self._due()
         self.batch_at = {scan: batch for batch, scan in enumerate(due)}
@@ -183,7 +173,7 @@ class _ClosedLoop:
 
     def _due(self) -> list[int]:
         """Return the scans at which a batch ends."""
-        lead = self.fields[self.rhythm.lead].scenario
+        lead = self.fields[self.lead].scenario
         every = lead.steps_per_scan // self.scenario.steps_per_scan
         return [
             scan
@@ -217,7 +207,7 @@ class _ClosedLoop:
     def _match(self, run: int, batch: int) -> Fix:
         task = self.batches[run].build(self.state.batch_prior[run], self._near)
         start = clock.perf_counter()
-        near = self._near(self.rhythm.lead, task)
+        near = self._near(self.lead, task)
         fix, self.memories[run] = self.matcher.match(task, near, self.memories[run])
         self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
         return fix

@@ -51,7 +51,9 @@ class Collector:
         self.truth: dict[int, bytes] = {}
         self.unaided: dict[int, bytes] = {}
         self.readings: dict[int, bytes] = {}
-        """Reduced readings by stamp."""
+        """Reduced readings by stamp; of several fields those of the first."""
+        self.others: tuple[dict[int, bytes], ...] = ()
+        """Those of each of the others."""
         self.fixes: dict[int, bytes] = {}
         self.candidates: dict[int, bytes] = {}
         self.batches: dict[int, dict[str, str]] = {}
@@ -61,10 +63,14 @@ class Collector:
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
-            adapter_of(scenario).reduced: self.readings,
             topics.FIX: self.fixes,
             topics.CANDIDATES: self.candidates,
         }
+        first, *others = scenario.each_field
+        self._plain[adapter_of(first).reduced] = self.readings
+        self.others = tuple({} for _ in others)
+        for one, readings in zip(others, self.others, strict=True):
+            self._plain[adapter_of(one).reduced] = readings
 
     def topics(self) -> tuple[Topic, ...]:
         """Return the topics that are wanted."""

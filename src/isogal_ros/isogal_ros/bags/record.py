@@ -1,5 +1,6 @@
 """From the messages of a run to the record that the evaluation works on."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
-from isogal.maps.channels import RouteMap, channels_of
+from isogal.maps.channels import channels_of
+from isogal.maps.several import RunMap, first_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.interfaces import Candidates
 from isogal_ros import topics
@@ -18,14 +20,14 @@ from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.candidates import read_candidates
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 
 
-def record_of(collector: Collector, field_map: RouteMap) -> Runs | None:
+def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
     covered by both."""
     truth, last_nav = collector.truth, collector.last_nav
-    scans = sorted(ns for ns in collector.readings if ns in truth and ns in last_nav)
+    scans = sorted(ns for ns in _scans(collector) if ns in truth and ns in last_nav)
     starts = sorted(ns for ns in last_nav if ns in truth)
     if not scans:
         return None
@@ -41,8 +43,21 @@ def record_of(collector: Collector, field_map: RouteMap) -> Runs | None:
         covariance=np.stack([_covariance(last_nav[ns]) for ns in stamps])[None],
         unaided_error=horizontal_difference(*unaided.T, *places.T)[None],
         **_fix_record(collector, ends),
-        detail=_detail(collector, scans, ends, channels_of(field_map)[0]),
+        detail=_detail(
+            collector,
+            [ns for ns in scans if ns in collector.readings],
+            ends,
+            channels_of(first_map(field_map))[0],
+        ),
     )
+
+
+def _scans(collector: Collector) -> Iterable[int]:
+    """Return the stamps of scans; those of several fields are together in one rhythm."""
+    if not collector.others:
+        return collector.readings
+    interval = from_seconds(collector.scenario.scan_interval)
+    return (ns for ns in collector.truth if ns > 0 and ns % interval == 0)
 
 
 def _batch_ends(collector: Collector) -> list[int]:
@@ -91,7 +106,7 @@ def _fix_record(collector: Collector, ends: list[int]) -> dict[str, Any]:
 def _detail(
     collector: Collector, scans: list[int], ends: list[int], field_map: ScalarMap
 ) -> RunDetail:
-    adapter = adapter_of(collector.scenario)
+    adapter = adapter_of(collector.scenario.each_field[0])
     truth, seen = _positions(collector.truth, scans), _positions(collector.first_nav, scans)
     return RunDetail(
         scan_time=np.array([to_seconds(ns) for ns in scans]),

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
 from isogal.evaluation.view.record import Event, ViewedRun, subtitle_of
-from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.maps.several import first_map
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
@@ -30,7 +31,7 @@ def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
         raise InputError(f"{bag}: does not say which scenario it is of, so its map is not known")
     collector = Collector(scenario)
     collector.take_bag(reader)
-    field_map = map_for_scenario(scenario, build_trajectory(scenario))
+    field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))
     viewed = viewed_run(collector, field_map, _title(bag))
     if viewed is None:
         raise InputError(

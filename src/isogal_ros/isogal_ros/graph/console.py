@@ -36,7 +36,7 @@ class Console:
             f"{name}={value}" for name, value in DEFAULTS.items() if name.startswith("ROS_")
         )
         self.say(
-            f"Four nodes and a recorder in ROS domain {domain}. To watch them, where ros2 is"
+            f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
             f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"
         )
 

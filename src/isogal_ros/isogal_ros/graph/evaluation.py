@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from isogal.maps.channels import RouteMap
+from isogal.maps.several import RunMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
 from isogal_ros.bags.collect import Collector
@@ -14,7 +14,7 @@ def evaluate(
     collector: Collector,
     scenario: Scenario,
     trajectory: Trajectory,
-    field_map: RouteMap,
+    field_map: RunMap,
     out: Path,
     wall_seconds: float,
 ) -> dict[str, Any] | None:

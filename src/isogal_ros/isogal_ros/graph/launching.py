@@ -7,7 +7,7 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import DEFAULTS
+from isogal_ros.graph.plan import Plan, nodes_of
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import scenario_from
 
@@ -46,11 +47,14 @@ class Launched:
     respawn: bool
     checkpoint: str
     """Empty = none."""
+    scenario: Scenario = field(default_factory=Scenario)
+    """What the parameter file says of all nodes."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """The nodes, the recorder first, so that it hears everything."""
-        return topics.NODES if self.bag is None else (RECORDER, *topics.NODES)
+        nodes = nodes_of(self.scenario)
+        return nodes if self.bag is None else (RECORDER, *nodes)
 
     @property
     def environment(self) -> dict[str, str]:
@@ -59,7 +63,11 @@ class Launched:
 
     def package(self, name: str) -> str:
         """Return the package of a node."""
-        return "isogal_ros" if name == RECORDER else name
+        return "isogal_ros" if name == RECORDER else topics.kind_of(name)
+
+    def executable(self, name: str) -> str:
+        """Return the program of a node."""
+        return topics.kind_of(name)
 
     def own(self, name: str) -> dict[str, Any]:
         """Return a node's own parameters."""
@@ -69,7 +77,8 @@ class Launched:
         if name == topics.INS_SIM:
             values |= {"rate": self.rate}
         # how many recorders each node waits for before it calls itself ready
-        return values | {"recorders": int(self.bag is not None)}
+        values |= {"recorders": int(self.bag is not None)}
+        return values | Plan(self.scenario, None).of_fields(name)
 
     def ends_all(self, name: str, code: int | None) -> str | None:
         """Return why the end of a node with an exit code ends all; None = it does not."""
@@ -95,14 +104,14 @@ def check(values: Mapping[str, str]) -> Launched:
     if run < 0:
         raise InputError(f"run: must be 0 or more, not {values['run']!r}")
     recorder, respawn = (_boolean(name, values[name]) for name in ("recorder", "respawn"))
-    _check_params(values["params"])
+    scenario = _checked_params(values["params"])
     if recorder:
         _check_bag(values["bag"])
     checkpoint = values["checkpoint"]
     if respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
     bag = values["bag"] if recorder else None
-    return Launched(values["params"], rate, run, bag, respawn, checkpoint)
+    return Launched(values["params"], rate, run, bag, respawn, checkpoint, scenario)
 
 
 def _number(name: str, text: str, kind: Any) -> Any:
@@ -119,8 +128,8 @@ def _boolean(name: str, text: str) -> bool:
     return value
 
 
-def _check_params(path: str) -> None:
-    """Raise InputError unless a parameter file is there and its scenario can be used."""
+def _checked_params(path: str) -> Scenario:
+    """Return the scenario of a parameter file; raises InputError unless it can be used."""
     try:
         document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -135,7 +144,9 @@ def _check_params(path: str) -> None:
     of_all = document.get("/**", {}).get("ros__parameters", {})
     known = {spec.name.split(".")[0] for spec in parameter_specs(Scenario)}
     sections = {key: value for key, value in of_all.items() if key in known}
-    scenario_from(_flat(sections), f"params: {path}")
+    scenario = scenario_from(_flat(sections), f"params: {path}")
+    nodes_of(scenario)
+    return scenario
 
 
 def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

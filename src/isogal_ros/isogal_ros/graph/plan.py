@@ -3,9 +3,12 @@ ends."""
 
 import importlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from isogal.errors import InputError
+from isogal.fields.measured import measured_field
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
@@ -38,14 +41,27 @@ class Plan:
     """Folder of checkpoints; a node that dies is then started again. None = its end is the
     run's."""
 
+    @cached_property
+    def instruments(self) -> dict[str, Scenario]:
+        """The scenario of each node that has an instrument, by its name: one for each field.
+
+        Raises
+        ------
+        InputError
+            Two fields are readings of one instrument, whose topics are the same.
+        """
+        return instruments_of(self.scenario)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Nodes of the graph; the recorder first, so that it hears everything."""
-        return topics.NODES if self.bag is None else (RECORDER, *topics.NODES)
+        nodes = nodes_of(self.scenario)
+        return nodes if self.bag is None else (RECORDER, *nodes)
 
     def own(self, name: str) -> dict[str, Any]:
         """Return the node's own parameters."""
         values: dict[str, Any] = {"run": self.run, "recorders": int(self.bag is not None)}
+        values |= self.of_fields(name)
         if name == topics.INS_SIM:
             values |= {"rate": float(self.rate), "lock_step": self.lock_step}
         if name == RECORDER:
@@ -58,9 +74,19 @@ class Plan:
             values |= {"checkpoint": str(self.checkpoint)}
         return values
 
+    def of_fields(self, name: str) -> dict[str, Any]:
+        """Return what a node is told beside the scenario where there are several fields: who else
+        there is, and a node with an instrument the scenario of its field."""
+        if len(self.instruments) == 1:
+            return {}
+        own = {"peers": [one for one in self.names if one != RECORDER]}
+        if name not in self.instruments:
+            return own
+        return node_values(self.instruments[name], own, node_class(name).sections)
+
     def values(self, name: str) -> dict[str, Any]:
         """Return all parameters of a node."""
-        return node_values(self.scenario, self.own(name), node_class(name).sections)
+        return node_values(self.scenario, {}, node_class(name).sections) | self.own(name)
 
 
 @dataclass(frozen=True)
@@ -76,7 +102,32 @@ class GraphError(RuntimeError):
     """A node of the graph failed; the text is one line that names it."""
 
 
+def instruments_of(scenario: Scenario) -> dict[str, Scenario]:
+    """Return the scenario of each gravimeter_node by its name; see `Plan.instruments`."""
+    found: dict[str, Scenario] = {}
+    used: dict[str, str] = {}
+    for field, one in zip(scenario.field_names, scenario.each_field, strict=True):
+        instrument = measured_field(one).instrument
+        if instrument in used:
+            raise InputError(
+                f"fields: {used[instrument]} and {field} are readings of one {instrument}; the"
+                " nodes take each instrument once"
+            )
+        used[instrument] = field
+        found[f"{topics.GRAVIMETER}_{field}" if found else topics.GRAVIMETER] = one
+    return found
+
+
+def nodes_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the graph's nodes: with several fields, a gravimeter_node for each."""
+    return tuple(
+        name
+        for kind in topics.NODES
+        for name in (instruments_of(scenario) if kind == topics.GRAVIMETER else (kind,))
+    )
+
+
 def node_class(name: str) -> Any:
     """Return the class of a node."""
-    module, attribute = CLASSES[name]
+    module, attribute = CLASSES[topics.kind_of(name)]
     return getattr(importlib.import_module(module), attribute)

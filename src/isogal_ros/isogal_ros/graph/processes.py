@@ -69,7 +69,7 @@ class Processes:
             self.running[name] = self._start(name)
 
     def _start(self, name: str) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", CLASSES[name][0], "--ros-args"]
+        command = [sys.executable, "-m", CLASSES[topics.kind_of(name)][0], "--ros-args"]
         command += ["--remap", f"__node:={name}", "--params-file", str(self.parameters)]
         # without log files of its own: what a node logs is in its output
         command += ["--disable-external-lib-logs"]

@@ -40,6 +40,16 @@ class Recorded:
     reduces: bool
     """Whether these are reduced anew."""
 
+    def readings(self) -> list[tuple[int, topics.Topic, bytes]]:
+        """Return stamp, topic and message of the readings that are fed, in order of time."""
+        each = [adapter_of(one) for one in self.scenario.each_field]
+        stores = [self.collector.readings, *self.collector.others]
+        fed = [(one.reduced, store) for one, store in zip(each, stores, strict=True)]
+        if self.reduces:
+            fed = [(each[0].raw, self.raw)]
+        found = [(ns, topic, data) for topic, store in fed for ns, data in store.items()]
+        return sorted(found, key=lambda one: one[0])
+
 
 def load(reader: BagReader, scenario: Scenario) -> Recorded:
     """Read a bag.
@@ -52,7 +62,7 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
     raw: dict[int, bytes] = {}
-    adapter = adapter_of(scenario)
+    adapter, *others = (adapter_of(one) for one in scenario.each_field)
     aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
     scalar: dict[int, bytes] = {}
     stores = {topics.IMU: imu, adapter.raw: raw, topics.SCALAR_FIELD: scalar, **aids}
@@ -62,10 +72,12 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
             stores[topic][peek_ns(data)] = data
         else:
             collector.take(topic, data)
-    whole = bool(raw) and not scalar
+    whole = bool(raw) and not scalar and not others
     reduces = _reduces_anew(reader.path, reader.scenario(), scenario, whole)
     readings = (adapter.raw, raw) if reduces else (adapter.reduced, collector.readings)
-    needed = ((topics.IMU.name, imu), (readings[0].name, readings[1]))
+    needed = [(topics.IMU.name, imu), (readings[0].name, readings[1])]
+    more = zip(others, collector.others, strict=True)
+    needed += [(other.reduced.name, store) for other, store in more]
     missing = [name for name, store in needed if not store]
     if missing:
         there = ", ".join(sorted(reader.types)) or "nothing"
@@ -95,7 +107,7 @@ def _reduces_anew(path: Path, recorded: Scenario | None, now: Scenario, raw: boo
     if recorded is None:
         return False
     before, after = _keys_of(recorded), _keys_of(now)
-    changed = [key for key in after if after[key] != before[key]]
+    changed = [key for key in after if key not in before or after[key] != before[key]]
     if not changed:
         return False
     keys = ", ".join(changed)
@@ -113,9 +125,12 @@ def _reduces_anew(path: Path, recorded: Scenario | None, now: Scenario, raw: boo
 
 
 def _keys_of(scenario: Scenario) -> dict[str, Any]:
-    document = scenario.model_dump()
-    found = {"field": document["field"]}
-    for section, keys in _KEYS.items():
-        values = document[section]
-        found |= {f"{section}.{key}": values[key] for key in keys or values}
+    found: dict[str, Any] = {}
+    for number, one in enumerate(scenario.each_field):
+        prefix = "" if scenario.fields is None else f"fields.{number}."
+        document = one.model_dump()
+        found[f"{prefix}field"] = document["field"]
+        for section, keys in _KEYS.items():
+            values = document[section]
+            found |= {f"{prefix}{section}.{key}": values[key] for key in keys or values}
     return found

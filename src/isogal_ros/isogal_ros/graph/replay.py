@@ -106,7 +106,7 @@ def replay(
     with claim_domain() as domain, local_context(domain) as context:
         outputs, answered = _run(recorded, context, interrupt, report)
     outputs.truth, outputs.unaided = recorded.collector.truth, recorded.collector.unaided
-    outputs.readings = recorded.collector.readings
+    outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,
         outputs,
@@ -159,7 +159,7 @@ class _Feeder(GraphNode):
     """Publishes the recorded messages and hears all that the nodes answer."""
 
     sections: ClassVar[Collection[str]] = (
-        "field", "gravimeter", "magnetometer", "altimeter", "gradiometer",
+        "field", "fields", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
     )  # fmt: skip
 
     def setup(self) -> None:
@@ -183,9 +183,11 @@ class _Feeder(GraphNode):
     def advertise_sensors(self, aids: Collection[topics.Topic], raw: bool) -> None:
         """Make publishers of the aids that were recorded and of raw or reduced readings."""
         self._aids = {topic: self.advertise(topic) for topic in aids}
-        of = adapter_of(self.scenario)
-        topic, consumer = (of.raw, topics.GRAVIMETER) if raw else (of.reduced, topics.PMHT_MM)
-        self._readings = self.advertise(topic, (consumer,))
+        of, consumer = [adapter_of(one) for one in self.scenario.each_field], topics.PMHT_MM
+        fed = [one.reduced for one in of]
+        if raw:
+            fed, consumer = [of[0].raw], topics.GRAVIMETER
+        self._readings = {topic: self.advertise(topic, (consumer,)) for topic in fed}
 
     def aid(self, topic: topics.Topic, data: bytes) -> None:
         """Publish a reading of a height or velocity sensor."""
@@ -198,9 +200,9 @@ class _Feeder(GraphNode):
         self._clock_out.publish(clock)
         self._imu.publish(data)
 
-    def reading(self, data: bytes) -> None:
+    def reading(self, topic: topics.Topic, data: bytes) -> None:
         """Publish a reading."""
-        self._readings.publish(data)
+        self._readings[topic].publish(data)
 
 
 class _LockStep:
@@ -214,7 +216,7 @@ class _LockStep:
     ) -> None:
         self._sensor = nodes.get(topics.GRAVIMETER)
         self._imu = recorded.imu
-        self._readings = recorded.collector.readings if self._sensor is None else recorded.raw
+        self._readings = recorded.readings()
         self._aids = [
             (topic, deque(sorted(readings.items()))) for topic, readings in recorded.aids.items()
         ]
@@ -227,7 +229,7 @@ class _LockStep:
 
     def run(self, interrupt: Interrupt, report: Report) -> int:
         """Play all; return the last stamp (ns) that was answered, 0 = none."""
-        stamps, readings = sorted(self._imu), sorted(self._readings)
+        stamps, readings = sorted(self._imu), self._readings
         self._wait(self._ready, "the nodes to find each other")
         answered, begun, timer = 0, time.monotonic(), ReportTimer()
         duration = to_seconds(stamps[-1] - stamps[0])
@@ -235,8 +237,8 @@ class _LockStep:
             if interrupt:
                 break
             self._play_sample(ns)
-            while self._played < len(readings) and readings[self._played] <= ns:
-                self._play_reading(readings[self._played], ns)
+            while self._played < len(readings) and readings[self._played][0] <= ns:
+                self._play_reading(*readings[self._played][1:], ns)
             answered = ns
             if timer.due():
                 simulated = to_seconds(ns - stamps[0])
@@ -252,8 +254,8 @@ class _LockStep:
         self._samples += 1
         self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
 
-    def _play_reading(self, stamp: int, now: int) -> None:
-        self._feeder.reading(self._readings[stamp])
+    def _play_reading(self, topic: topics.Topic, reading: bytes, now: int) -> None:
+        self._feeder.reading(topic, reading)
         self._played += 1
         self._wait(self._settled, f"the matcher's answer at {to_seconds(now):.3f} s")
 

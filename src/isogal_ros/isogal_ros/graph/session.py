@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from isogal.errors import InputError
-from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario, true_map
+from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import true_readings
-from isogal.maps.channels import RouteMap
-from isogal.matching.registry import build_matcher
+from isogal.maps.several import RunMap, each_map, first_map
+from isogal.matching.registry import build_run_matcher
 from isogal.scenario import Scenario, changed_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bags.collect import Collector
@@ -20,7 +19,7 @@ from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.console import Console
 from isogal_ros.graph.evaluation import evaluate
 from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.plan import Plan, nodes_of
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.watching import Live, Watch, watching
@@ -85,7 +84,7 @@ def run_session(
     checkpoint = fresh_checkpoints(out / "checkpoint") if respawn and not in_process else None
     plan = Plan(scenario, folder, rate=rate, checkpoint=checkpoint)
     begun = time.monotonic()
-    watch = Watch(scenario, trajectory, field_map, folder)
+    watch = Watch(scenario, trajectory, first_map(field_map), folder)
     with interrupts() as interrupt, watching(live, watch, to) as report:
         if in_process:
             outcome = run_in_process(plan, interrupt, report)
@@ -101,12 +100,14 @@ def run_session(
     return RunResult(folder, False, seconds, summary)
 
 
-def _checked(scenario: Scenario) -> tuple[Trajectory, RouteMap]:
+def _checked(scenario: Scenario) -> tuple[Trajectory, RunMap]:
     """Return route and map of a scenario; raises InputError where a node would fail with it."""
     trajectory = build_trajectory(scenario)
-    build_matcher(scenario.matcher, measured_field(scenario).channels is not None)
-    field_map = map_for_scenario(scenario, trajectory)
-    true_readings(scenario.world, trajectory, true_map(scenario, trajectory, field_map))
+    build_run_matcher(scenario)
+    field_map = maps_for_scenario(scenario, trajectory)
+    for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
+        true_readings(one.world, trajectory, true_map(one, trajectory, its_map))
+    nodes_of(scenario)
     return trajectory, field_map
 
 
@@ -141,7 +142,7 @@ def replay_session(
     if out is None or result.interrupted:
         return result, None
     trajectory = build_trajectory(result.scenario)
-    field_map = map_for_scenario(result.scenario, trajectory)
+    field_map = maps_for_scenario(result.scenario, trajectory)
     return result, evaluate(
         result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds
     )

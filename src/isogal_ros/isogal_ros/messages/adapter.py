@@ -72,17 +72,21 @@ def all_topics(scenario: Scenario) -> tuple[Topic, ...]:
     """Return the topics of a graph: Isogal's own, and those of the scenario's instrument if
     another package has added it."""
     found = dict.fromkeys(topics.ALL)
-    for field in of_instrument(measured_field(scenario).instrument):
-        adapter = adapter_of(scenario, field.name)
-        found |= dict.fromkeys((adapter.raw, adapter.reduced))
+    for one in scenario.each_field:
+        for field in of_instrument(measured_field(one).instrument):
+            adapter = adapter_of(one, field.name)
+            found |= dict.fromkeys((adapter.raw, adapter.reduced))
     return tuple(found)
 
 
 def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     """Return the topics of a graph without those of instruments and aids that the scenario does
     not have."""
-    instrument = of_instrument(measured_field(scenario).instrument)
-    adapters = [adapter_of(scenario, field.name) for field in instrument]
+    adapters = [
+        adapter_of(one, field.name)
+        for one in scenario.each_field
+        for field in of_instrument(measured_field(one).instrument)
+    ]
     own = {topic for adapter in adapters for topic in (adapter.raw, adapter.reduced)}
     others = {*topics.OF_INSTRUMENTS} - own
     if topics.MAGNETIC_FIELD in own:

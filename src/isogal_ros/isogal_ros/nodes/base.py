@@ -178,7 +178,9 @@ class GraphNode(ManagedNode):
         publisher.publish = publish
         wanted = topic.consumers if consumers is None else consumers
         listeners = [
-            name for name in wanted if name in self.settings.peers and name != self.get_name()
+            name
+            for name in self.settings.peers
+            if topics.kind_of(name) in wanted and name != self.get_name()
         ]
         self._expected[publisher] = (topic.name, len(listeners))
         return publisher

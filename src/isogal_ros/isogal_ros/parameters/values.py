@@ -63,10 +63,17 @@ def node_values(
     return values | dict(own)
 
 
+class _WithoutAliases(yaml.SafeDumper):
+    """Writes what is there twice twice: parameter files know no aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
 def parameter_file(scenario: Scenario, own: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the text of a parameter file for a graph: the scenario for all nodes, and each node's
     own parameters by its name."""
     document = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}
     for name, values in own.items():
-        document[f"/**/{name}"] = {"ros__parameters": dict(values)}
-    return yaml.safe_dump(document, sort_keys=False)
+        document[f"/**/{name}"] = {"ros__parameters": nested(values)}
+    return yaml.dump(document, Dumper=_WithoutAliases, sort_keys=False)

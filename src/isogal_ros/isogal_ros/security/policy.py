@@ -13,6 +13,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.plan import instruments_of, nodes_of
 from isogal_ros.messages.adapter import Adapter, adapter_of, topics_in_use
 from isogal_ros.topics import Topic
 
@@ -32,18 +33,16 @@ NAVIGATION = (topics.NAV_FIX, topics.NAV_ODOM, topics.NAV_COVARIANCE)
 
 def published(name: str, scenario: Scenario) -> set[Topic]:
     """Return the topics of the graph that a node publishes."""
-    instrument = [
-        adapter_of(scenario, field.name)
-        for field in of_instrument(measured_field(scenario).instrument)
-    ]
+    if (one := instruments_of(scenario).get(name)) is not None:
+        of = [
+            adapter_of(one, field.name) for field in of_instrument(measured_field(one).instrument)
+        ]
+        raw_and_reduced = {topic for a in of for topic in (a.raw, a.reduced)}
+        return {*raw_and_reduced, *_beside(adapter_of(one)), topics.DIAGNOSTICS}
     own: dict[str, Iterable[Topic]] = {
         topics.INS_SIM: (
             topics.CLOCK, topics.IMU, topics.TRUTH_FIX, topics.TRUTH_ODOM, topics.INS_FIX,
         ),
-        topics.GRAVIMETER: {
-            *(topic for a in instrument for topic in (a.raw, a.reduced)),
-            *_beside(adapter_of(scenario)),
-        },
         topics.PMHT_MM: (topics.FIX, topics.INFORMATION, topics.POSE, topics.CANDIDATES),
         topics.UKF_FUSION: (*NAVIGATION, topics.NAV_PATH, topics.PROTECTION_LEVEL, *_transforms()),
         RECORDER: (),
@@ -53,12 +52,14 @@ def published(name: str, scenario: Scenario) -> set[Topic]:
 
 def subscribed(name: str, scenario: Scenario) -> set[Topic]:
     """Return the topics of the graph that a node may listen to."""
-    adapter = adapter_of(scenario)
-    own: dict[str, Iterable[Topic]] = {
-        topics.INS_SIM: (topics.NAV_ODOM, topics.FIX, adapter.reduced, topics.DIAGNOSTICS),
+    if (one := instruments_of(scenario).get(name)) is not None:
+        adapter = adapter_of(one)
         # the raw readings of a real instrument, where it does not simulate one
-        topics.GRAVIMETER: (topics.TRUTH_FIX, adapter.raw, *_beside(adapter), *NAVIGATION),
-        topics.PMHT_MM: (adapter.reduced, *NAVIGATION),
+        return {topics.TRUTH_FIX, adapter.raw, *_beside(adapter), *NAVIGATION}
+    reduced = [adapter_of(one).reduced for one in scenario.each_field]
+    own: dict[str, Iterable[Topic]] = {
+        topics.INS_SIM: (topics.NAV_ODOM, topics.FIX, *reduced, topics.DIAGNOSTICS),
+        topics.PMHT_MM: (*reduced, *NAVIGATION),
         topics.UKF_FUSION: (topics.IMU, topics.FIX, topics.INFORMATION, topics.INITIAL_POSE),
         RECORDER: topics_in_use(scenario),
     }
@@ -84,7 +85,7 @@ def policy(scenario: Scenario) -> ET.ElementTree:
     """Return the policy of a scenario's graph with a recorder."""
     root = ET.Element("policy", version="0.2.0")
     enclaves = ET.SubElement(root, "enclaves")
-    for name in (*topics.NODES, RECORDER):
+    for name in (*nodes_of(scenario), RECORDER):
         enclave = ET.SubElement(enclaves, "enclave", path=f"{ENCLAVES}/{name}")
         profiles = ET.SubElement(enclave, "profiles")
         profile = ET.SubElement(profiles, "profile", ns="/", node=name)
