@@ -182,7 +182,8 @@ class Scans:
         field = self._fields[k]
         stamps = missing_scans(field.last, now.ns, field.interval)
         text = f"{len(stamps)} scans missing before {to_seconds(now.ns):.0f} s"
-        self._health.concern("gap", text if len(stamps) >= SILENT else None)
+        name = "gap" if k == self._lead else f"gap of {self._names[k]}"
+        self._health.concern(name, text if len(stamps) >= SILENT else None)
         for stamp in stamps:
             self._missing += 1
             self._health.figures["scans missing"] = self._missing
