@@ -133,6 +133,21 @@ class Launch:
         value = default if isinstance(default, str) else default.perform(context)
         context.values[name] = self.arguments.get(name, value)
 
+    def start(self) -> None:
+        """Start the nodes and wait until each can be asked to end."""
+        for name in self.nodes:
+            self._start(name)
+        end = time.monotonic() + PATIENCE
+        while not self._settled():
+            assert time.monotonic() < end, self.output()
+            time.sleep(0.05)
+
+    def end(self) -> dict[str, int]:
+        """End the nodes as Ctrl-C does; return their exit codes."""
+        names = list(self.running)
+        codes = end_as_launch_does([self.running[name] for name in names])
+        return dict(zip(names, codes, strict=True))
+
     def run(self, when: str = "", kill: list[str] | None = None) -> None:
         """Run to the end; kill nodes one after the other once the log says a word."""
         self.describe()
@@ -188,6 +203,7 @@ class Launch:
             keys["executable"],
             log=self.folder / f"{name}.log",
             files=(file, str(own_file)),
+            arguments=["-r", f"__ns:=/{keys['namespace']}", *keys["ros_arguments"]],
         )
 
     def output(self) -> str:

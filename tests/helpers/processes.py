@@ -14,7 +14,11 @@ LAUNCH_WAITS = 5.0
 
 
 def start_node(
-    name: str, *parameters: str, log: Path, files: Sequence[str] = ()
+    name: str,
+    *parameters: str,
+    log: Path,
+    files: Sequence[str] = (),
+    arguments: Sequence[str] = (),
 ) -> subprocess.Popen:
     """Start a node by its console script, as ``ros2 run`` does; what it says goes into a file."""
     words = [word for parameter in parameters for word in ("-p", parameter)]
@@ -22,7 +26,7 @@ def start_node(
     program = Path(sys.executable).parent / name
     with log.open("ab") as stream:
         return subprocess.Popen(
-            [str(program), "--ros-args", "-r", f"__node:={name}", *words],
+            [str(program), "--ros-args", "-r", f"__node:={name}", *words, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,

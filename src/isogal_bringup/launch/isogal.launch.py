@@ -1,6 +1,7 @@
 """The graph: simulated vehicle, gravimeter, map matching, filter, and a recorder.
 
 ros2 launch isogal_bringup isogal.launch.py rate:=0.0 params:=my.yaml recorder:=false
+ros2 launch isogal_bringup isogal.launch.py vehicle:=real namespace:=ship set:="route.height=0.0"
 
 All arguments are checked before a node starts. Without respawn the end of any node ends the
 launch; with it, a node that dies is started again and goes on from its checkpoint, and the launch
@@ -49,6 +50,8 @@ def node(name: str, launched: Launched) -> Node:
         package=launched.package(name),
         executable=launched.executable(name),
         name=name,
+        namespace=launched.namespace,
+        ros_arguments=launched.ros_arguments,
         parameters=[launched.params, launched.own(name)],
         additional_env=launched.environment,
         output="screen",

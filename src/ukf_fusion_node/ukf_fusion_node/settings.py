@@ -33,6 +33,9 @@ class UkfFusionSettings(NodeSettings):
     publish_tf: bool = Field(
         True, description="publish map to odom and odom to base_link on /tf (needs tf2_msgs)"
     )
+    publish_map_tf: bool = Field(
+        True, description="map to odom among them; false where another filter publishes that"
+    )
     sensor_frames: tuple[str, ...] = Field(
         (PLATFORM, ALTIMETER, MAGNETOMETER),
         description=(

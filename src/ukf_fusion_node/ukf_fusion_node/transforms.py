@@ -64,6 +64,7 @@ class Transforms:
             return
         self._track, self._type = DeadReckoning(), topics.TF.type
         self._messages = transform(MAP, ODOM), transform(ODOM, BASE)
+        self._first = 0 if node.settings.publish_map_tf else 1
         self._publisher = node.advertise(topics.TF)
         self._static = node.create_publisher(
             topics.TF_STATIC.type, topics.TF_STATIC.name, topics.LATCHED
@@ -81,7 +82,7 @@ class Transforms:
         )
         for message, (position, rotation) in zip(self._messages, poses, strict=True):
             fill(message, ns, position, rotation)
-        self._publisher.publish(self._type(transforms=list(self._messages)))
+        self._publisher.publish(self._type(transforms=list(self._messages[self._first :])))
 
 
 def transform(parent: str, child: str) -> TransformStamped:

@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from helpers.launching import BRINGUP, Launch
+from helpers.player import Player
 from helpers.small_graph import ENOUGH
 from isogal.errors import InputError
 from isogal_ros import topics
@@ -12,6 +13,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
+from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.parameters.values import parameter_file
 
 
@@ -54,7 +56,8 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         known = node_class(name).settings_model.model_fields
         file, own = keys["parameters"]
         assert file == str(BRINGUP / "params" / "isogal.yaml")
-        assert set(own) <= set(known), name
+        assert set(own) <= {*known, "use_sim_time"}, name
+        assert own["use_sim_time"] is (name != topics.INS_SIM)
         assert keys["respawn"] is False
     assert all(text for _, text in made.declared.values())
 
@@ -74,6 +77,14 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"params": "BROKEN"}, "not YAML"),
         ({"params": "UNKNOWN"}, "did you mean 'route.speed'"),
         ({"params": "LIST"}, "must map names of nodes"),
+        ({"vehicle": "toy"}, "vehicle: must be simulated, real, not 'toy'"),
+        ({"use_sim_time": "maybe"}, "use_sim_time: must be true or false"),
+        ({"log_level": "loud"}, "log_level: must be debug, info"),
+        ({"namespace": "a b"}, "namespace: must be words"),
+        ({"set": "route.speed"}, "set: must be KEY=VALUE, not 'route.speed'"),
+        ({"set": "route.sped=3"}, "did you mean 'route.speed'"),
+        ({"set": "route.speed=-3"}, "route.speed"),
+        ({"set": "route.speed='3"}, "set: No closing quotation"),
     ],
 )
 def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, words) -> None:
@@ -104,6 +115,64 @@ def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
         arrival = {0: arrived} if name == topics.INS_SIM else {}
         assert reasons == died | lives_on | arrival
         assert keys["respawn"] is (respawn == "true")
+
+
+def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
+    made = launch(
+        bag=str(tmp_path / "bag"),
+        vehicle="real",
+        namespace="ship",
+        log_level="warn",
+        set="route.height=0.0 matcher.name=tercom 'route.start=[-36.0, 147.0]'",
+    )
+    made.describe()
+    assert set(made.nodes) == set(CLASSES) - {topics.INS_SIM}
+    for name, keys in made.nodes.items():
+        own = keys["parameters"][1]
+        assert keys["namespace"] == "ship"
+        assert keys["ros_arguments"] == ["--log-level", "warn"]
+        assert own["use_sim_time"] is False
+        assert own["route.start"] == [-36.0, 147.0]
+        assert ("matcher.name" in own) is ("matcher" in node_class(name).sections)
+        assert topics.INS_SIM not in own.get("peers", ())
+    assert made.nodes[topics.GRAVIMETER]["parameters"][1]["simulate"] is False
+
+
+@pytest.mark.slow
+def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones(
+    launch, scenario, recording, tmp_path
+) -> None:
+    """The graph in its form for a real vehicle, in a namespace, by the recording's clock; the
+    player stands in for `ros2 bag play --clock`."""
+    recorded, heard = Collector(scenario()), Collector(scenario())
+    recorded.take_bag(BagReader(recording))
+    file = tmp_path / "params.yaml"
+    file.write_text(parameter_file(scenario(), {}))
+    made = launch(
+        params=str(file),
+        bag=str(tmp_path / "bag"),
+        vehicle="real",
+        namespace="ship",
+        use_sim_time="true",
+    )
+    made.describe()
+    sensors = (topics.CLOCK, topics.IMU, adapter_of(scenario()).raw)
+    with Player(recording, sensors, "ship") as player:
+        made.start()
+        player.play(list(recorded.fixes))
+        codes = made.end()
+    assert set(codes.values()) == {0}, made.output()
+    reader = BagReader(tmp_path / "bag")
+    heard.take_bag(reader)
+    assert {name for name in reader.types if not name.startswith("/ship/")} == {
+        "/clock",
+        "/diagnostics",
+    }
+    before, after = recorded.fix_positions(), heard.fix_positions()
+    assert len(before) == 6
+    assert list(before) == list(after)
+    for ns, place in before.items():
+        assert after[ns] == pytest.approx(place, abs=1e-9)  # rad: 6 mm
 
 
 @pytest.mark.slow
@@ -154,4 +223,8 @@ def test_viewer_layouts_show_topics_that_exist() -> None:
     ]
     shown += re.findall(r'"(/[a-z_]+(?:/[a-z_]+)?)[".]', layout)
     assert len(shown) > 8
+    assert "/nav/protection_level" in shown
+    panels = json.loads(layout)
+    used = set(re.findall(r'"(\w+!\w+)"', json.dumps(panels["layout"])))
+    assert used == set(panels["configById"])
     assert set(shown) <= known

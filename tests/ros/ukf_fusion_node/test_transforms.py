@@ -87,7 +87,9 @@ class StandIn(SimpleNamespace):
 def test_what_is_published(poses, monkeypatch) -> None:
     for name, topic in (("TF", "/tf"), ("TF_STATIC", "/tf_static")):
         monkeypatch.setattr(topics, name, topics.Topic(topic, SimpleNamespace))
-    settings = SimpleNamespace(publish_tf=True, sensor_frames=("gravimeter_link",))
+    settings = SimpleNamespace(
+        publish_tf=True, publish_map_tf=True, sensor_frames=("gravimeter_link",)
+    )
     node = StandIn(settings=settings)
     transforms = Transforms(node)
     transforms.publish(*poses[5])
@@ -98,6 +100,11 @@ def test_what_is_published(poses, monkeypatch) -> None:
     assert frames == [(MAP, ODOM), (ODOM, BASE)]
     assert {to_ns(t.header.stamp) for t in moving.transforms} == {poses[5][0]}
     assert moving.transforms[1].transform.translation.x == pytest.approx(poses[5][1].position.x)
+
+    settings.publish_map_tf = False  # another filter does
+    other = StandIn(settings=settings)
+    Transforms(other).publish(*poses[5])
+    assert [t.header.frame_id for t in other.sent["/tf"][0].transforms] == [ODOM]
 
     silent = StandIn(settings=SimpleNamespace(publish_tf=False, sensor_frames=()))
     Transforms(silent).publish(*poses[5])

@@ -11,6 +11,7 @@ replay         how is a recording fed to fresh nodes?
 recorded       what does a replay need of a bag?
 comparison     how do a replay's fixes differ from the recorded ones?
 evaluation     how good was the navigator?
+parameter_reference  which parameters have all nodes? (docs/parameters.md)
 session        what are the steps of a run and of a replay, from input to report?
 watching       what has been recorded of a run that goes on?
 live_page      how is it served to a browser?

@@ -5,9 +5,12 @@ No launch here: the launch file (`isogal_bringup`) turns this into its actions."
 
 import math
 import os
+import re
+import shlex
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import DEFAULTS
-from isogal_ros.graph.plan import Plan, nodes_of
+from isogal_ros.graph.plan import Plan, node_class, nodes_of
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import scenario_from
 
@@ -30,8 +33,20 @@ DESCRIBED = {
     "bag": ("", "folder of the recording; must not exist"),
     "respawn": ("false", "whether a node that dies is started again, from its checkpoint"),
     "checkpoint": ("", "folder of the checkpoints; empty = a new one, where nodes respawn"),
+    "namespace": ("", "of all nodes and of the topics that are not absolute"),
+    "vehicle": ("simulated", "simulated, or real: without the simulator, for real sensors"),
+    "use_sim_time": (
+        "auto",
+        "whether the nodes' clocks go by /clock; auto: with a simulated vehicle. The simulator's"
+        " own never does",
+    ),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+    "set": ("", "keys of the scenario, which count before those of params: KEY=VALUE KEY=VALUE"),
 }
 """Arguments of the launch file: default and description."""
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
+VEHICLES = ("simulated", "real")
+_NAMESPACE = re.compile(r"/?([A-Za-z]\w*)(/[A-Za-z]\w*)*")
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -49,12 +64,26 @@ class Launched:
     """Empty = none."""
     scenario: Scenario = field(default_factory=Scenario)
     """What the parameter file says of all nodes."""
+    namespace: str = ""
+    real: bool = False
+    """Whether the sensors are those of a vehicle, and nothing is simulated."""
+    sim_time: bool = False
+    log_level: str = "info"
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of the scenario that were set one by one."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """The nodes, the recorder first, so that it hears everything."""
-        nodes = nodes_of(self.scenario)
+        nodes = tuple(
+            name for name in nodes_of(self.scenario) if not (self.real and name == topics.INS_SIM)
+        )
         return nodes if self.bag is None else (RECORDER, *nodes)
+
+    @property
+    def ros_arguments(self) -> list[str]:
+        """Arguments of every node."""
+        return ["--log-level", self.log_level]
 
     @property
     def environment(self) -> dict[str, str]:
@@ -72,13 +101,20 @@ class Launched:
     def own(self, name: str) -> dict[str, Any]:
         """Return a node's own parameters."""
         values: dict[str, Any] = {"run": self.run, "checkpoint": self.checkpoint}
+        values |= {key: value for key, value in self.keys.items() if _declares(name, key)}
+        values |= {"use_sim_time": self.sim_time and name != topics.INS_SIM}
         if name == RECORDER:
             return values | {"bag": self.bag, "resume": self.respawn}
         if name == topics.INS_SIM:
             values |= {"rate": self.rate}
         # how many recorders each node waits for before it calls itself ready
         values |= {"recorders": int(self.bag is not None)}
-        return values | Plan(self.scenario, None).of_fields(name)
+        values |= Plan(self.scenario, None).of_fields(name)
+        if self.real:
+            values |= {"peers": [other for other in self.names if other != RECORDER]}
+            if topics.kind_of(name) == topics.GRAVIMETER:
+                values |= {"simulate": False}
+        return values
 
     def ends_all(self, name: str, code: int | None) -> str | None:
         """Return why the end of a node with an exit code ends all; None = it does not."""
@@ -104,14 +140,69 @@ def check(values: Mapping[str, str]) -> Launched:
     if run < 0:
         raise InputError(f"run: must be 0 or more, not {values['run']!r}")
     recorder, respawn = (_boolean(name, values[name]) for name in ("recorder", "respawn"))
-    scenario = _checked_params(values["params"])
+    keys = _keys(values["set"])
+    scenario = _checked_params(values["params"], keys)
     if recorder:
         _check_bag(values["bag"])
     checkpoint = values["checkpoint"]
     if respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
     bag = values["bag"] if recorder else None
-    return Launched(values["params"], rate, run, bag, respawn, checkpoint, scenario)
+    real = _choice("vehicle", values["vehicle"], VEHICLES) == "real"
+    clock = values["use_sim_time"]
+    return Launched(
+        values["params"],
+        rate,
+        run,
+        bag,
+        respawn,
+        checkpoint,
+        scenario,
+        namespace=_namespace(values["namespace"]),
+        real=real,
+        sim_time=not real if clock == "auto" else _boolean("use_sim_time", clock),
+        log_level=_choice("log_level", values["log_level"], LOG_LEVELS),
+        keys=keys,
+    )
+
+
+def _choice(name: str, text: str, allowed: Sequence[str]) -> str:
+    if text not in allowed:
+        raise InputError(f"{name}: must be {', '.join(allowed)}, not {text!r}")
+    return text
+
+
+def _namespace(text: str) -> str:
+    if text and not _NAMESPACE.fullmatch(text):
+        raise InputError(f"namespace: must be words of letters, digits and _, not {text!r}")
+    return text
+
+
+def _keys(text: str) -> dict[str, Any]:
+    """Return parameters from ``KEY=VALUE KEY=VALUE``, values in YAML."""
+    specs, found = {spec.name: spec for spec in parameter_specs(Scenario)}, {}
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"set: {error}: {text!r}") from None
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals:
+            raise InputError(f"set: must be KEY=VALUE, not {word!r}")
+        if key not in specs:
+            near = get_close_matches(key, specs, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"set: {key}: no key of the scenario that is a parameter{hint}")
+        try:
+            found[key] = specs[key].cast(yaml.safe_load(value))
+        except yaml.YAMLError:
+            raise InputError(f"set: {key}: not YAML: {value!r}") from None
+    return found
+
+
+def _declares(name: str, key: str) -> bool:
+    """Whether a node has a parameter of the scenario."""
+    return key.partition(".")[0] in node_class(name).sections
 
 
 def _number(name: str, text: str, kind: Any) -> Any:
@@ -128,8 +219,9 @@ def _boolean(name: str, text: str) -> bool:
     return value
 
 
-def _checked_params(path: str) -> Scenario:
-    """Return the scenario of a parameter file; raises InputError unless it can be used."""
+def _checked_params(path: str, keys: Mapping[str, Any]) -> Scenario:
+    """Return the scenario of a parameter file with some keys changed; raises InputError unless it
+    can be used."""
     try:
         document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -145,6 +237,10 @@ def _checked_params(path: str) -> Scenario:
     known = {spec.name.split(".")[0] for spec in parameter_specs(Scenario)}
     sections = {key: value for key, value in of_all.items() if key in known}
     scenario = scenario_from(_flat(sections), f"params: {path}")
+    if keys:
+        specs = {spec.name: spec for spec in parameter_specs(Scenario)}
+        changed = {key: specs[key].to_field(value) for key, value in keys.items()}
+        scenario = scenario_from(_flat(sections) | changed, "set")
     nodes_of(scenario)
     return scenario
 
