@@ -1,7 +1,7 @@
 """The reference of all parameters, made from their descriptors.
 
-``python -m isogal_ros.graph.parameter_reference > docs/parameters.md`` writes it anew after a change
-of the scenario model or of a node's own parameters."""
+``python -m isogal_ros.graph.parameter_reference > docs/parameters.md`` writes it anew after a
+change of the scenario model or of a node's own parameters."""
 
 import sys
 from collections.abc import Iterable, Iterator
