@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -49,18 +49,11 @@ class Player:
     def _count(self, data: bytes) -> None:
         self.answers[peek_ns(data)] += 1
 
-    def play(self, stops: Sequence[int]) -> None:
-        """Publish all, and wait for a fix at some stamps (ns)."""
-        self._wait(
-            lambda: (
-                all(
-                    publisher.get_subscription_count() >= LISTENERS
-                    for publisher in self.publishers.values()
-                )
-                and self.node.count_publishers(topics.NAV_ODOM.name) > 0
-            )
-        )
-        time.sleep(1.0)  # the nodes have to find each other as well
+    def play(self, stops: Sequence[int], ready: Callable[[], bool]) -> None:
+        """Publish all once the nodes are ready, and wait for a fix at some stamps (ns)."""
+        publishers = self.publishers.values()
+        self._wait(lambda: all(p.get_subscription_count() >= LISTENERS for p in publishers))
+        self._wait(lambda: self.node.count_publishers(topics.NAV_ODOM.name) > 0 and ready())
         left = list(stops)
         for topic, data in wanted_messages(BagReader(self.bag), self.wanted):
             if left and peek_ns(data) > left[0]:
