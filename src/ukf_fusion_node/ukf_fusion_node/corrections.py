@@ -1,5 +1,6 @@
 """Fixes applied to the filter, and their figures in the diagnostics."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,14 @@ class Corrections:
         Gets the figures of the last fix.
     log : logger, optional
         Gets a line for a fix, at most one in `LOG_EVERY`.
+    unfit : callable, optional
+        Called when a fix does not agree with the navigator.
     """
 
-    def __init__(self, health: Health, log: Any = None) -> None:
-        self._health, self._log = health, log
+    def __init__(
+        self, health: Health, log: Any = None, unfit: Callable[[], None] = lambda: None
+    ) -> None:
+        self._health, self._log, self._unfit = health, log, unfit
         self._odd = 0
         self._accepted = self._refused = 0
 
@@ -48,6 +53,8 @@ class Corrections:
         """
         whole = content if isinstance(content, WholeFix) else WholeFix(read_fix(content))
         fix = whole.fix
+        if fix.reset:
+            self._unfit()
         if not fix.published and fix.widening is None:
             return
         if navigator is None:
@@ -73,6 +80,8 @@ class Corrections:
         """Say where the fixes do not fit the navigator, one after the other."""
         odd = result.accepted and result.nis > IMPROBABLE
         self._odd = self._odd + 1 if odd else 0
+        if odd:
+            self._unfit()
         text = f"{self._odd} fixes in a row are improbable for the navigator"
         self._health.concern("improbable", text if self._odd >= 2 else None)
         if result.accepted:

@@ -11,7 +11,7 @@ from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import FilterDivergenceError
-from isogal.fusion.outage import UnknownMotion
+from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
 from isogal.sensors.trajectory import build_trajectory
@@ -20,6 +20,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.doubt import Doubt
 from ukf_fusion_node.start import initial_state, start_ns
 
 SAID_NS = 1_000_000_000
@@ -55,6 +56,9 @@ class Navigation:
         self._from_start = True
         self._placed: FilterState | None = None
         self._gaps = 0
+        matcher = node.scenario.matcher
+        batch = matcher.batch_length * node.scenario.gravimeter.interval
+        self._doubt = Doubt(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
         self.navigator: BufferedNavigator | None = None
         """None = it has no start yet."""
@@ -183,6 +187,8 @@ class Navigation:
             self._health.state(ERROR, str(error))
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
+        if missing > HELD:
+            self._doubt.begin(ns)
 
     def back(self, samples: int) -> None:
         """Forget the newest samples, which were not true; of a fast IMU they are too few to
@@ -195,10 +201,12 @@ class Navigation:
 
     @property
     def doubt(self) -> str | None:
-        """What is not known of the last gap; None = nothing."""
-        if self.navigator is None or not self.navigator.undecided:
-            return None
-        return "samples were missing for long: whether there was a manoeuvre is for fixes to say"
+        """What is not known of the last long gap; None = nothing."""
+        return self._doubt.text(self.ns, self.navigator is not None and self.navigator.undecided)
+
+    def unfit(self) -> None:
+        """Note that a fix did not agree with the filter."""
+        self._doubt.renew(self.ns)
 
     def keep(self) -> None:
         """Write a checkpoint of the newest state and the sample that led to it."""

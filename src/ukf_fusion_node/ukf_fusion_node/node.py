@@ -42,8 +42,9 @@ class UkfFusionNode(GraphNode):
         """IMU samples received, those that were dropped included."""
         self.answered = 0
         """Fixes that were applied or dropped."""
-        self._corrections = Corrections(self.health, self.get_logger())
         self._navigation = Navigation(self)
+        unfit = self._navigation.unfit
+        self._corrections = Corrections(self.health, self.get_logger(), unfit)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         limits = self.settings.max_acceleration, self.settings.max_turn_rate
         noisy = np.array(self._navigation.model.noise) > 0.0

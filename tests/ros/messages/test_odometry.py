@@ -1,5 +1,6 @@
 """Navigation states as messages, and what cannot be used."""
 
+import copy
 import math
 
 import numpy as np
@@ -99,6 +100,15 @@ def test_messages_that_cannot_be_used() -> None:
     frame = LocalFrame(0.1, 0.2)
     good = odometry(frame, np.array([0.1, 0.2, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.eye(9))
     read_velocity(good, frame, 0.1, 0.2)
+    for change, words in (
+        (lambda bad: setattr(bad.twist.twist.linear, "y", 1e300), "velocity above"),
+        (lambda bad: bad.twist.covariance.__setitem__(1, -1e300), "covariance has numbers above"),
+        (lambda bad: bad.twist.covariance.__setitem__(1, np.nan), "covariance is not finite"),
+    ):
+        bad = copy.deepcopy(good)
+        change(bad)
+        with pytest.raises(BadMessageError, match=words):
+            read_velocity(bad, frame, 0.1, 0.2)
     good.pose.pose.orientation.w = 2.0
     with pytest.raises(BadMessageError, match="unit quaternion"):
         read_velocity(good, frame, 0.1, 0.2)

@@ -108,5 +108,5 @@ def test_a_stuck_axis_is_an_outage(scenario) -> None:
         kept = [step.time for step in made.node._navigation.navigator._steps]
         assert kept[first - 1 : first + 1] == [first - 1, last + 2]  # one more: its stamp leaps
         assert any("gyroscope z stuck" in text for _, text, _ in made.says())
-        assert any("whether there was a manoeuvre" in text for _, text, _ in made.says())
+        assert any("whether there was a sharp manoeuvre" in text for _, text, _ in made.says())
         assert made.says()[-1][0] == WARN

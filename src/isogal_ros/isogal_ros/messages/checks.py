@@ -8,6 +8,9 @@ import numpy as np
 from isogal.arrays import Array
 from isogal_ros.messages.stamps import to_seconds
 
+LARGEST = 1e30
+"""Of a number in a covariance, in its unit: of a larger one products overflow."""
+
 
 class BadMessageError(Exception):
     """A message that cannot be used; the text says why."""
@@ -28,9 +31,12 @@ def require_frame(message: Any, frame: str) -> None:
 
 
 def require_covariance(covariance: Array) -> None:
-    """Raise BadMessageError unless a covariance (N, N) is finite with variances >= 0."""
+    """Raise BadMessageError unless a covariance (N, N) is finite, can be computed with, and has
+    variances >= 0."""
     if not np.isfinite(covariance).all():
         raise BadMessageError("covariance is not finite")
+    if np.abs(covariance).max(initial=0.0) > LARGEST:
+        raise BadMessageError(f"covariance has numbers above {LARGEST:g}")
     if (np.diag(covariance) < 0.0).any():
         raise BadMessageError("negative variance")
 

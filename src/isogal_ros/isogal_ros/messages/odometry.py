@@ -14,6 +14,8 @@ from isogal_ros.messages.checks import BadMessageError, require_covariance, requ
 from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU
 from isogal_ros.messages.stamps import set_stamp
 
+FASTEST = 1e6
+"""m/s: nothing that this navigates moves faster."""
 _NO_COVARIANCE = np.zeros((0, 0))
 
 
@@ -73,6 +75,8 @@ def read_velocity(
     covariance = np.asarray(message.twist.covariance).reshape(6, 6)[:3, :3]
     if not np.isfinite(values).all():
         raise BadMessageError("orientation or velocity is not finite")
+    if np.abs(values[4:]).max() > FASTEST:
+        raise BadMessageError(f"velocity above {FASTEST:g} m/s")
     if abs(values[:4] @ values[:4] - 1.0) > 1e-3:
         raise BadMessageError("orientation is not a unit quaternion")
     require_covariance(covariance)
