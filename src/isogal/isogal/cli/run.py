@@ -174,8 +174,9 @@ def faults(
     """Run the nodes with faulty sensors, messages, nodes and processes: what is told, what harm is
     done.
 
-    Exits with 1 where a node ended, something not finite was published, a fault that matters was
-    not told, or the error after it stayed larger without the navigator knowing."""
+    Exits with 1 where a trial died or hung, something not finite was published, an exception was
+    not foreseen, a fault that matters was not told within two batches, or the error stayed more
+    than 1.3 times as large as without."""
     require_ros()
     from isogal_ros.graph.commands import faults_command
 
