@@ -3,6 +3,8 @@
 #   make demo           the default scenario as four node processes and a recorder; see out/demo/
 #   make test [ARGS="tests/cli -k help"]   the test suite
 #   make wheel-test   build and install the library alone, and match a track with it
+#   make bench        accuracy and speed beside the last committed figures
+#   make docs         the documentation as a site, in build/site
 #   make lint | format | lock | clean
 # A particular interpreter: make PYTHON=/path/to/python3.12 demo
 
@@ -11,7 +13,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test wheel-test lint format install install-development lock clean
+.PHONY: demo test wheel-test docs bench lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -24,6 +26,17 @@ test: install-development
 # The library as anybody gets it: wheel and sdist built and installed without ROS.
 wheel-test:
 	@.ci/wheel-test
+
+# Accuracy and speed beside the figures that were committed last (benchmarks/figures.json).
+bench: install-development
+	@$(BIN)/python benchmarks/bench.py $(ARGS)
+
+# The documentation as a site, in build/site; its tools have a venv of their own.
+docs:
+	@test -x build/docs/bin/mkdocs || \
+	  { $(or $(PYTHON),python3) -m venv build/docs && \
+	    build/docs/bin/pip install --quiet "mkdocs-material>=9.5" latex2mathml; }
+	@NO_MKDOCS_2_WARNING=1 build/docs/bin/mkdocs build --quiet
 
 lint: install-development
 	@$(BIN)/ruff check .
