@@ -72,6 +72,10 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     columns = (longer.field.values.shape[1] - values.shape[1]) // 2
     own = doubt[rows : rows + values.shape[0], columns : columns + values.shape[1]]
     np.testing.assert_array_equal(own > 0.0, np.isnan(values))
+    # what the map says of its error goes along
+    kriged = replace(holed, correlation_lengths=np.full(values.shape, 3e3), sigma=0.1 + 0 * values)
+    around = continued(kriged, 5000.0).field
+    np.testing.assert_array_equal(around.correlation_lengths, 3e3)
 
 
 def _match(run, **told):

@@ -65,12 +65,10 @@ def continued(field_map: FieldMap, reach: float, floor: float = 0.0) -> Continue
         "longitude": _longer(field_map.longitude, field_map.step[1], columns),
         "values": _filled(values, known, size),
     }
-    own = field_map.sigma
-    if not isinstance(own, float):
-        padded = np.pad(np.asarray(own, dtype=np.float64), pad, constant_values=np.nan)
-        grid["sigma"] = np.maximum(
-            np.where(np.isfinite(padded), padded, np.nanmedian(padded)), floor
-        )
+    if not isinstance(field_map.sigma, float):
+        grid["sigma"] = np.maximum(_padded(field_map.sigma, pad), floor)
+    if field_map.correlation_lengths is not None:
+        grid["correlation_lengths"] = _padded(field_map.correlation_lengths, pad)
     field = replace(field_map, **grid)
     doubt = np.where(known, 0.0, np.minimum(slope * distance, spread))
     return ContinuedMap(
@@ -81,6 +79,12 @@ def continued(field_map: FieldMap, reach: float, floor: float = 0.0) -> Continue
         spread=spread,
         reach=reach,
     )
+
+
+def _padded(of_error: Array, pad: tuple[tuple[int, int], tuple[int, int]]) -> Array:
+    """Return what a map says of its error (n, m) with its median around, and where it is NaN."""
+    padded = np.pad(np.asarray(of_error, dtype=np.float64), pad, constant_values=np.nan)
+    return np.asarray(np.where(np.isfinite(padded), padded, np.nanmedian(padded)))
 
 
 def _longer(axis: Array, step: float, count: int) -> Array:
