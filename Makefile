@@ -5,6 +5,7 @@
 #   make wheel-test   build and install the library alone, and match a track with it
 #   make bench        accuracy and speed beside the last committed figures
 #   make docs         the documentation as a site, in build/site
+#   make test-docs    all that README and tutorials show (longer)
 #   make lint | format | lock | clean
 # A particular interpreter: make PYTHON=/path/to/python3.12 demo
 
@@ -13,7 +14,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test wheel-test docs bench lint format install install-development lock clean
+.PHONY: demo test test-docs wheel-test docs bench lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -37,6 +38,11 @@ docs:
 	  { $(or $(PYTHON),python3) -m venv build/docs && \
 	    build/docs/bin/pip install --quiet "mkdocs-material>=9.5" latex2mathml; }
 	@NO_MKDOCS_2_WARNING=1 build/docs/bin/mkdocs build --quiet
+
+# The demo, which the README begins with, and then the commands of the pages (tests/helpers/pages.py).
+DOCUMENTS = README.md $(wildcard docs/tutorials/*.md)
+test-docs: install-development demo
+	@$(BIN)/python tests/helpers/run_pages.py $(DOCUMENTS)
 
 lint: install-development
 	@$(BIN)/ruff check .

@@ -30,7 +30,8 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, config, files):
     """Turn links of pages in docs/ to files of the root."""
     if page.file.src_uri not in PAGES.values():
-        markdown = LINK.sub(_from_docs, markdown)
+        above = "../" * (1 + page.file.src_uri.count("/"))  # the root, as the page has it
+        markdown = LINK.sub(lambda found: _from_docs(found, above), markdown)
     return PIECES.sub(_formula, markdown)
 
 
@@ -50,10 +51,10 @@ def _from_root(found):
     return f"[{text}]({PAGES[path]}{hash_}{anchor})" if path in PAGES else text
 
 
-def _from_docs(found):
+def _from_docs(found, above):
     text, target = found.groups()
     path, hash_, anchor = target.partition("#")
-    if not path.startswith("../"):
+    if not path.startswith(above):
         return found[0]
-    path = path.removeprefix("../")
+    path = path.removeprefix(above)
     return f"[{text}]({PAGES[path]}{hash_}{anchor})" if path in PAGES else text

@@ -1,7 +1,7 @@
 """Make the data of this example: a map of the magnetic anomaly, a calibration flight and a flight
 over the map, of an aircraft whose own field changes by some 200 nT with heading.
 
-    python make_flights.py FOLDER"""
+    python make_flights.py FOLDER [MINUTES]"""
 
 import sys
 from pathlib import Path
@@ -104,4 +104,5 @@ def main(folder: Path, minutes: float = 15.0) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "."))
+    words = sys.argv[1:]
+    main(Path(words[0] if words else "."), *(float(word) for word in words[1:2]))

@@ -1,0 +1,49 @@
+"""Run all that the documentation shows: `make test-docs`.
+
+    python tests/helpers/run_pages.py PAGE ...
+
+The commands of each page, one after the other as a shell runs them, in a folder of its own that
+has what the repository has; ends with 1 if one of them fails."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SHARED = ("examples", "docs", "src", "bags", "Makefile")
+"""What is linked into the folder."""
+
+
+def run(page: Path) -> bool:
+    """Run the commands of a page and say how it went."""
+    from helpers.pages import commands
+
+    lines, begun = commands(page), time.monotonic()
+    environment = os.environ | {"PATH": f"{ROOT / '.venv' / 'bin'}:{os.environ['PATH']}"}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in SHARED:
+            (Path(folder) / name).symlink_to(ROOT / name)
+        for line in lines:
+            print(f"{page.name}: {line}", flush=True)
+            done = subprocess.run(
+                ["bash", "-euo", "pipefail", "-c", line],
+                check=False,
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                text=True,
+            )
+            if done.returncode:
+                print(done.stdout[-2000:], done.stderr[-2000:], f"status {done.returncode}")
+                return False
+    print(f"{page.name}: {len(lines)} commands, {time.monotonic() - begun:.0f} s", flush=True)
+    return True
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT / "tests"))
+    good = [run(Path(name)) for name in sys.argv[1:]]
+    sys.exit(0 if all(good) else 1)
