@@ -39,7 +39,8 @@ docs:
 	    build/docs/bin/pip install --quiet "mkdocs-material>=9.5" latex2mathml; }
 	@NO_MKDOCS_2_WARNING=1 build/docs/bin/mkdocs build --quiet
 
-# The demo, which the README begins with, and then the commands of the pages (tests/helpers/pages.py).
+# The demo, which the README begins with, and then the commands of the pages
+# (tests/helpers/pages.py).
 DOCUMENTS = README.md $(wildcard docs/tutorials/*.md)
 test-docs: install-development demo
 	@$(BIN)/python tests/helpers/run_pages.py $(DOCUMENTS)
