@@ -27,6 +27,7 @@ from isogal.matching.monitoring import Insight, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import seen_from
 from isogal.scenario import Scenario
 
@@ -131,6 +132,11 @@ class JointMatcher:
     ) -> BatchLikelihood:
         """See `monitoring.Monitored`; of the first field's readings."""
         return self._watched.likelihood(batch, field_map, memory.memories[self.lead], place)
+
+    def map_error_prior(self, memory: JointMemory, field: int) -> MapErrorPrior | None:
+        """See `pmht.other_fields.SeveralFields`."""
+        estimate = getattr(memory.memories[field], "map_error", None)
+        return None if estimate is None else estimate.coarse_prior
 
     @property
     def _watched(self) -> Monitored:

@@ -177,6 +177,35 @@ def look_elsewhere(
     return _found(at_start, np.exp(value - there), there + cell - here)
 
 
+def evidence_at(
+    tracks: tuple[Sequence[Batch], Sequence[Batch]],
+    field_map: AnyMap,
+    prior: MapErrorPrior,
+    place: tuple[Array, Array],
+) -> float:
+    """Return by how much readings are more likely at a place than where the navigator believes to
+    be, as a log Bayes factor.
+
+    Parameters
+    ----------
+    tracks : pair of sequences of Batch
+        `aided` and `unaided` of `look_elsewhere`.
+    place : (2,) and (2, 2) arrays
+        m and m²: error of the unaided navigator at the end of its track, if it is there.
+    """
+    aided, unaided = tracks
+    first = channels_of(field_map)[0]
+    own = _normal(CONSTANTS.look_own_points, aided[-1].prior[:2, :2])
+    here = _Fit.of(Track.of(aided).grouped(CONSTANTS.look_groups), first, prior)
+    there = _Fit.of(Track.of(unaided).grouped(CONSTANTS.look_groups), first, prior)
+    spread = place[1] + CONSTANTS.look_bent_track_m**2 * np.eye(2)
+    ends = place[0] + _normal(CONSTANTS.look_own_points, spread)
+    drift = _normal(len(ends), unaided[0].prior[2:4, 2:4])[::-1]  # else they go together
+    value = there.log_density(ends - drift * there.half, drift)
+    own_value = here.log_density(own, 0.0 * own)
+    return float(np.logaddexp.reduce(value) - np.logaddexp.reduce(own_value))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
     """How well a track fits a map where it is displaced."""

@@ -29,6 +29,7 @@ from isogal.matching.monitoring import Insight, Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look, look_elsewhere
+from isogal.matching.pmht.other_fields import log_evidence_of_others
 from isogal.matching.pmht.past_batches import (
     PastBatch,
     posterior_of,
@@ -171,6 +172,8 @@ class LostNavigatorMonitor(Monitor):
             if found.published and not search.waiting:
                 ahead = self._ahead(search, watch)
                 if ahead >= CONSTANTS.moved_log_evidence:
+                    if self._others(search, watch) < -CONSTANTS.others_against_log_evidence:
+                        return fix, ended
                     return _reacquisition(found, current, search), Watch(search.memory)
                 if ahead < -CONSTANTS.moved_log_evidence:
                     return fix, ended
@@ -184,6 +187,13 @@ class LostNavigatorMonitor(Monitor):
             return self.matcher.insight(search.memory).log_evidence - search.log_evidence
         look = self._look(watch.history, self.matcher.insight(watch.memory))
         return look.log_evidence if look is not None and search.covers(look) else 0.0
+
+    def _others(self, search: _Search, watch: Watch) -> float:
+        """Return the log evidence of the place found by the readings of other fields."""
+        assert search.last is not None and search.covariance is not None
+        assert search.shift is not None
+        place = search.shift + search.last.posterior[0], search.covariance
+        return log_evidence_of_others(self.matcher, watch.memory, watch.history, place)
 
     def _next(self, search: _Search) -> tuple[_Search, Fix | None]:
         """Match the next batch, if it is one of those to be matched, as the navigator would have

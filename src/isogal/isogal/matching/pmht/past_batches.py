@@ -8,7 +8,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.interfaces import Batch, Fix, Information
+from isogal.matching.interfaces import Batch, Beside, Fix, Information
 from isogal.matching.matrices import symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
@@ -33,6 +33,8 @@ class PastBatch:
     """How many of its readings no earlier batch had used."""
     forward: Array
     """(7, 7) the navigator's error at its end per unit of that at the end of the batch before."""
+    beside: tuple[Beside, ...] = ()
+    """The new readings of other fields."""
 
     @classmethod
     def of(
@@ -40,6 +42,10 @@ class PastBatch:
     ) -> "PastBatch":
         """Remember a batch; no search would have matched so many readings before it."""
         information = fix.information if fix.published else None
+        beside = tuple(
+            replace(one, batch=one.batch.part(max(len(one.batch) - one.batch.new, one.batch.cut)))
+            for one in batch.beside
+        )
         batch = replace(batch, beside=())
         count = unsearched + batch.new
         channels = batch.rows_per_scan
@@ -48,7 +54,8 @@ class PastBatch:
         searched = searched or batch.backward is None
         kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
         forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
-        return cls(kept, field_map, information, log_evidence, searched, batch.new, forward)
+        told = information, log_evidence, searched, batch.new, forward
+        return cls(kept, field_map, *told, beside)
 
     @property
     def new_readings(self) -> Batch:
@@ -82,23 +89,41 @@ def recent(history: tuple[PastBatch, ...]) -> tuple[PastBatch, ...]:
 def without_fixes(history: tuple[PastBatch, ...]) -> list[Batch]:
     """Return the new readings of batches as a navigator would have them that has taken none of
     the fixes since the first."""
-    seen, shift = [], np.zeros(BATCH_STATES)
+    shifts = taken_before(history)
+    return [_moved(past.new_readings, by) for past, by in zip(history, shifts, strict=True)]
+
+
+def others_without_fixes(history: tuple[PastBatch, ...], field: int) -> list[Batch]:
+    """Return the same of the readings of another field."""
+    return [
+        _moved(one.batch, by)
+        for past, by in zip(history, taken_before(history), strict=True)
+        for one in past.beside
+        if one.field == field
+    ]
+
+
+def taken_before(history: tuple[PastBatch, ...]) -> list[Array]:
+    """Return what fixes since the first have added to the estimate before each batch's, (7,)."""
+    shifts, shift = [], np.zeros(BATCH_STATES)
     for k, past in enumerate(history):
         shift = past.forward @ shift if k else shift
-        batch = past.new_readings
-        moved = unconditioned(batch, batch.transition, batch.nuisance_position) @ shift
-        reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading) @ shift
-        north, east = metres_per_radian(batch.latitude)
-        seen.append(
-            replace(
-                batch,
-                latitude=batch.latitude - moved[:, 0] / north,
-                longitude=batch.longitude - moved[:, 1] / east,
-                reading=batch.reading - reading,
-            )
-        )
+        shifts.append(shift)
         shift = shift - past.posterior[0]  # the fix takes its mean error away
-    return seen
+    return shifts
+
+
+def _moved(batch: Batch, shift: Array) -> Batch:
+    """Return a batch's rows with a shift (7,) at its end taken off."""
+    moved = unconditioned(batch, batch.transition, batch.nuisance_position) @ shift
+    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading) @ shift
+    north, east = metres_per_radian(batch.latitude)
+    return replace(
+        batch,
+        latitude=batch.latitude - moved[:, 0] / north,
+        longitude=batch.longitude - moved[:, 1] / east,
+        reading=batch.reading - reading,
+    )
 
 
 def _with_new(batch: Batch, new: int) -> Batch:
