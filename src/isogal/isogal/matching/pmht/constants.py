@@ -196,9 +196,9 @@ class Constants:
     """1-sigma by which the navigator's own fixes may have bent its track. Measured."""
     moved_log_evidence: float = 8.0
     """By which the other place must be ahead: as `elsewhere_log_evidence`."""
-    others_against_log_evidence: float = 1.0
-    """By which readings of other fields may be against it. A place that one field likes by 10 for
-    its own map's error may be wrong; of a field that says nothing the log evidence is near 0."""
+    others_against_log_evidence: float = 0.0
+    """By which readings of other fields may be against it. With 1 a place 650 m away that gravity
+    liked by 10 and magnetics not at all was believed, wrongly."""
     same_place_probability: float = 0.95
     """That the search gives the navigator's own place before it ends."""
     same_place_m: float = 500.0
