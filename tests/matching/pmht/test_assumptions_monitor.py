@@ -77,6 +77,17 @@ def test_a_navigator_that_is_worse_than_told_becomes_less_certain(field_map):
         assert np.linalg.eigvalsh(fix.widened / scale / scale[:, None])[0] > -1e-9
 
 
+def test_doubt_does_not_feed_on_itself_while_there_are_no_fixes(field_map):
+    """A navigator that was made uncertain grows more so by itself; that is no sign of sensors
+    that are even worse than thought."""
+    keys = {"truth": {"initial_error": "4x"}, "gravimeter": {"gaps": [[1000.0, 1500.0]]}}
+    record, fixes = flown(field_map, runs=(5,), **keys)
+    assert any(fix.widened is not None for fix in fixes)
+    alone, _ = flown(field_map, watched=False, runs=(5,), **keys)
+    sigma, told = (np.sqrt(np.trace(one.covariance[0, -1, :2, :2])) for one in (record, alone))
+    assert told < sigma < 20.0 * told
+
+
 def test_a_speed_log_in_an_untold_current_is_no_longer_used(field_map):
     """0.5 m/s for 2500 s are 1.2 km."""
     log = {"kind": "log", "scale": 0.0, "current_sigma": 0.0}

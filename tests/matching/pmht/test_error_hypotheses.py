@@ -52,7 +52,7 @@ def flown(count, seed, navigator=1.0, noise=1.0, delay=0.0):
         mean = posterior @ told.vector
         bank = bank.informed(told, prior, VELOCITY)
         yield Step(error, prior, mean, posterior, bank)
-        bank = bank.moved(mean).grown(FORWARD, GROWTH)
+        bank = bank.moved(mean).grown(FORWARD, GROWTH, np.zeros((7, 7)))
         error = FORWARD @ (error - mean)
         error += np.sqrt(navigator * np.diag(GROWTH)) * rng.standard_normal(7)
         prior = FORWARD @ posterior @ FORWARD.T + GROWTH

@@ -61,6 +61,9 @@ class Trial:
     """Whether the navigator believes what the hypotheses say, and not what it was told."""
     aided: bool = False
     """Whether other sensors have told the navigator its velocity."""
+    growth: Array | None = None
+    """(7, 7) what the navigator's covariance grew by between two batch ends, beside its dynamics,
+    when it was last believed; None = not known."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +75,11 @@ class AssumptionsMonitor(Monitor):
     def match(self, batch: Batch, field_map: AnyMap, memory: Trial | None) -> tuple[Fix, Trial]:
         """Match one batch; see `interfaces.Matcher`."""
         trial = memory or Trial()
-        bank, aided = _carried(batch, trial)
-        aided = aided or trial.aided
-        if bank is None:
+        carried = _carried(batch, trial)
+        if carried is None:
             fix, inner = self.matcher.match(batch, field_map, trial.memory)
             return fix, Trial(inner, aided=trial.aided)
+        bank, growth, aided = carried
         seen, shown = batch, np.zeros(BATCH_STATES)
         if trial.in_doubt:
             seen, shown = _as_seen(batch, bank)
@@ -106,24 +109,31 @@ class AssumptionsMonitor(Monitor):
             fix = _told(batch, fix, mean, posterior, widening)
         else:
             mean, posterior = posterior_of(prior, told)
-        return fix, Trial(inner, bank.moved(mean), posterior, in_doubt, aided)
+        return fix, Trial(inner, bank.moved(mean), posterior, in_doubt, aided, growth)
 
 
-def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses | None, bool]:
-    """Return the hypotheses at the end of a batch, before its fix, and whether the navigator has
-    been aided since the last; no hypotheses where the batch does not know the attitude, or its
-    numbers are of no navigator."""
+def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses, Array | None, bool] | None:
+    """Return the hypotheses at the end of a batch, before its fix; `Trial.growth` and
+    `Trial.aided` as they are then. None where the batch does not know the attitude, or its numbers
+    are of no navigator."""
     if batch.attitude is None:
-        return None, False
+        return None
     prior = joint_prior(batch)
     try:
         np.linalg.cholesky(prior)
         if trial.hypotheses is None or trial.posterior is None:
-            return ErrorHypotheses.before(prior), False
+            return ErrorHypotheses.before(prior), None, trial.aided
         forward, growth, aided = _since(batch, trial.posterior, prior)
     except np.linalg.LinAlgError:
-        return None, False
-    return trial.hypotheses.grown(forward, growth), aided
+        return None
+    more, believed = np.zeros_like(growth), growth
+    if trial.in_doubt and trial.growth is not None:
+        # a navigator that was made uncertain grows so for that reason, not by its sensors' errors
+        scale, believed = np.sqrt(np.diag(prior)), trial.growth
+        more = positive_part(growth - believed, scale)
+        growth = positive_part(growth - more, scale)
+    bank = trial.hypotheses.grown(forward, growth, more)
+    return bank, believed, aided or trial.aided
 
 
 def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, bool]:

@@ -58,7 +58,7 @@ class ErrorHypotheses:
         log_weight[0] = 0.0
         return cls(navigator, noise, np.zeros(covariance.shape[:2]), covariance, log_weight)
 
-    def grown(self, forward: Array, growth: Array) -> "ErrorHypotheses":
+    def grown(self, forward: Array, growth: Array, more: Array) -> "ErrorHypotheses":
         """Carry the bank to the next batch end.
 
         Parameters
@@ -66,12 +66,14 @@ class ErrorHypotheses:
         forward : (7, 7) array
             Error there per unit of error here.
         growth : (7, 7) array
-            What the navigator's covariance has grown by beside that.
+            What the navigator's covariance has grown by beside that, by its sensors' errors.
+        more : (7, 7) array
+            And for other reasons: the same for all hypotheses.
         """
         whole = np.eye(BATCH_STATES + 1)
         whole[:-1, :-1] = forward
         covariance = whole @ self.covariance @ whole.T
-        covariance[:, :-1, :-1] += self.navigator[:, None, None] * growth
+        covariance[:, :-1, :-1] += self.navigator[:, None, None] * growth + more
         return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
 
     def informed(
@@ -93,11 +95,11 @@ class ErrorHypotheses:
         cross = self.covariance @ H.T
         S = H @ cross + self.noise[:, None, None] * np.eye(len(z))
         innovation = (z - self.mean @ H.T)[:, :, None]
-        root = np.linalg.cholesky(S)
-        whitened = np.linalg.solve(
-            root, np.concatenate([innovation, cross.transpose(0, 2, 1)], axis=2)
-        )
-        first, gain = whitened[:, :, 0], whitened[:, :, 1:].transpose(0, 2, 1)
+        gain = np.linalg.solve(S, cross.transpose(0, 2, 1)).transpose(0, 2, 1)
+        # Joseph's form: what is left of a wide covariance is not lost in rounding
+        left = np.eye(H.shape[1]) - gain @ H
+        covariance = left @ self.covariance @ left.transpose(0, 2, 1)
+        covariance += self.noise[:, None, None] * (gain @ gain.transpose(0, 2, 1))
         log_weight = self.log_weight + _log_density(
             innovation[:, telling], S[:, telling][:, :, telling]
         )
@@ -105,8 +107,8 @@ class ErrorHypotheses:
         log_weight = log_weight - log_weight.max()
         return replace(
             self,
-            mean=self.mean + np.einsum("kij,kj->ki", gain, first),
-            covariance=symmetric(self.covariance - gain @ gain.transpose(0, 2, 1)),
+            mean=self.mean + (gain @ innovation)[:, :, 0],
+            covariance=symmetric(covariance),
             log_weight=np.maximum(log_weight, -CONSTANTS.untold_reach_log),
         )
 
