@@ -13,6 +13,7 @@ from helpers.bags import FIX, READING, position, reading, write_bag
 from helpers.command_line import answer, call, refusal
 from helpers.tracks import field_of, made_track, squared_distance, write_csv
 from isogal.earth.gravity import normal_gravity
+from isogal.maps.continuation.blocks import continued
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
 LIMIT = 13.8
@@ -110,6 +111,28 @@ def test_a_bag_is_reduced_with_the_latitude_of_its_navigator(files, tmp_path):
     assert "has readings of disturbance, and the map is of gravity" in message
     message = refusal(*words, map_file, "--fix-topic", "ins/fix")
     assert "has no message on 'ins/fix'" in message
+
+
+def test_the_map_is_continued_to_the_height_of_the_readings(files, tmp_path):
+    """1 km above the map its waves of some 6 km have a third of their height."""
+    map_file, _, sigma, *_ = files["disturbance"]
+    above = continued(field_of("disturbance"), 1000.0, 0.0)
+    track, latitude, longitude = made_track(above, error=(700.0, -500.0), sigma=0.1 * sigma)
+    path = write_csv(tmp_path / "above.csv", track)
+    words = ("match", "--map", map_file, "--track", path, "--sensor-sigma", 0.1 * sigma)
+    fixes = json.loads(answer(*words, "--height", 1000, "--map-height", 0, "--json"))
+    for fix, row in zip(fixes, (29, 59), strict=True):
+        assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
+    as_it_is = json.loads(answer(*words, "--map-sigma", 1e-7, "--json"))
+    for fix, row in zip(as_it_is, (29, 59), strict=True):
+        assert squared_distance(fix, latitude[row], longitude[row]) > 10.0 * LIMIT
+    message = refusal(*words, "--height", 1000)
+    assert "does not say what level its values hold on; give --map-height" in message
+    assert "goes with --height" in refusal(*words, "--map-height", 0)
+    map_file, track, *_ = files["height"]
+    words = ("match", "--map", map_file, "--track", track, "--sensor-sigma", 1)
+    message = refusal(*words, "--height", 1000, "--map-height", 0)
+    assert "a map of height cannot be continued" in message
 
 
 def test_sensor_sigma_is_asked_for_where_nothing_says_it(files):

@@ -13,6 +13,7 @@ from isogal.cli.match.track_choice import TrackChoice
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
+    from isogal.maps.axes import Window
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
     from isogal.tracks.csv_file import CsvTrack
@@ -70,11 +71,13 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     learnt: FieldMap | None = None
     if references:
         around = [one.corridor(_REFERENCE_MARGIN) for one in references]
-        learnt = map_.load(reduce(joined, (one.window for one in [*corridors, *around])))
+        window = reduce(joined, (one.window for one in [*corridors, *around]))
+        learnt = _at_height(map_, chosen, window) or map_.load(window)
     fit: MapError | None = None
     found = []
     for source, corridor in zip(sources, corridors, strict=True):
-        field_map: ScalarMap = learnt or map_.load_along(corridor)
+        field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
+        field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit(chosen.track_unit, field_map)
         sigma = assumed.reading_sigma(field_map, factor)
         if learnt is not None:
@@ -92,6 +95,35 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
             )
         found.append(Inputs(track, field_map, unit, factor, getattr(source, "line", None)))
     return found
+
+
+def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "FieldMap | None":
+    """Return a window of the map at the height of the readings; None where nobody says it.
+
+    Raises
+    ------
+    InputError
+        Nobody says what level the map's values hold on, or it cannot be continued.
+    """
+    from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
+
+    if chosen.height is None:
+        return None
+    field_map = map_.load(window)
+    level = field_map.height if chosen.map_height is None else chosen.map_height
+    if level is None:
+        raise InputError(
+            f"--height {chosen.height:g}: {field_map.provenance} does not say what level its"
+            " values hold on; give --map-height"
+        )
+    if field_map.quantity not in CONTINUED:
+        raise InputError(
+            f"--height {chosen.height:g}: a map of {field_map.quantity} cannot be continued; of"
+            f" {', '.join(CONTINUED)} it can"
+        )
+    rim = rim_of(chosen.height - level)
+    wide = window.grown(rim)._replace(most_cells=2 * window.most_cells)
+    return continued(map_.load(wide), chosen.height, level).window(*window[:4])
 
 
 def _without_crs(map_: MapChoice) -> MapChoice:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from isogal.cli.checks import finite
 from isogal.errors import InputError
 
 
@@ -79,6 +80,27 @@ class TrackChoice:
             ),
         ),
     ] = None
+    height: Annotated[
+        float | None,
+        typer.Option(
+            "--height",
+            metavar="M",
+            callback=finite,
+            help=(
+                "Height of the readings above the ellipsoid: the map is continued there from the"
+                " level that it says its values hold on. Default: it is taken as it is."
+            ),
+        ),
+    ] = None
+    map_height: Annotated[
+        float | None,
+        typer.Option(
+            "--map-height",
+            metavar="M",
+            callback=finite,
+            help="With --height: the level that the map's values hold on; default: as it says.",
+        ),
+    ] = None
     spacing: Annotated[
         float | None,
         typer.Option(
@@ -90,7 +112,10 @@ class TrackChoice:
 
     def resolved(self) -> "TrackChoice":
         """Return the same with what a compensation or a base station says of the track's values;
-        raises InputError where they are in another unit than a base station's."""
+        raises InputError where they are in another unit than a base station's, or options do not
+        go together."""
+        if self.map_height is not None and self.height is None:
+            raise InputError(f"--map-height {self.map_height:g}: goes with --height")
         if self.base is not None and self.track_unit not in (None, "nT"):
             raise InputError(f"--base: is in nT, --track-unit is {self.track_unit}")
         if self.compensation is None and self.base is None:
