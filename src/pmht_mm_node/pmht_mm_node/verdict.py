@@ -11,6 +11,9 @@ from isogal_ros.nodes.health import ERROR, OK, WARN
 
 FEW, MANY = 3, 10
 """Batches in a row without a fix after which that is a warning, and an error."""
+AGREED = 10
+"""Fixes in a row after which a place that was found is believed: a map that is not what it is taken
+for has places, too, that fit some batches."""
 MISFIT = "agree"
 """In the reason of a batch whose readings the map does not explain."""
 
@@ -25,6 +28,8 @@ class Verdict:
         """Whether the last batch has found a navigator that was lost."""
         self._without = self._misfits = 0
         self._lost = False
+        self._agreed: int | None = None
+        """Fixes since it was found; None = it was not lost."""
 
     def take(self, fix: Fix) -> None:
         """Judge the next batch."""
@@ -33,7 +38,19 @@ class Verdict:
         self._without = 0 if fix.published else self._without + 1
         misfit = not fix.published and MISFIT in (fix.reason or "")
         self._misfits = self._misfits + 1 if misfit else 0
+        self._count(fix)
         self.level, self.text = self._judge(fix)
+
+    def _count(self, fix: Fix) -> None:
+        """Count the fixes since the navigator was found."""
+        if self.found or self._lost:
+            self._agreed = 0
+        elif self._agreed is not None and not self._misfits:
+            self._agreed += fix.published
+        elif self._agreed is not None:
+            self._agreed = 0
+        if self._agreed == AGREED:
+            self._agreed = None
 
     def _judge(self, fix: Fix) -> tuple[bytes, str]:
         why = f"{self._without} batches without a fix: {fix.reason}"
@@ -49,6 +66,9 @@ class Verdict:
             return WARN, why
         if (doubt := _doubt(fix)) is not None:
             return WARN, doubt
+        if self._agreed is not None:
+            words = f"{self._agreed} fixes have agreed with it; {AGREED} are wanted"
+            return WARN, f"the navigator was lost and has been told where it is: {words}"
         return OK, "matching"
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from isogal.matching.interfaces import Fix
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from pmht_mm_node.verdict import FEW, MANY, Verdict, line
+from pmht_mm_node.verdict import AGREED, FEW, MANY, Verdict, line
 
 GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
 FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
@@ -21,7 +21,8 @@ DOUBT = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={
     ([GOOD, FLAT, GOOD], [OK, OK, OK]),
     ([FLAT] * MANY, [OK] * (FEW - 1) + [WARN] * (MANY - FEW) + [ERROR]),
     ([MISFIT] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
-    ([LOST, FLAT, GOOD, GOOD], [ERROR, ERROR, WARN, OK]),
+    ([LOST, FLAT, *[GOOD] * (AGREED + 1)], [ERROR, ERROR, *[WARN] * AGREED, OK]),
+    ([LOST, *[GOOD] * AGREED, MISFIT, *[GOOD] * AGREED], [ERROR, *[WARN] * (2 * AGREED), OK]),
     ([SEARCH, GOOD], [WARN, OK]),
     ([DOUBT, GOOD], [WARN, OK]),
 ])  # fmt: skip

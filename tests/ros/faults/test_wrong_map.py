@@ -1,0 +1,59 @@
+"""A map that is not what it is taken for: what is said of it, and what it does."""
+
+from dataclasses import replace
+
+import pytest
+from rclpy.serialization import deserialize_message
+
+from helpers.batches import field_map_of, wavy
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal_ros import topics
+from isogal_ros.faults.outcome import track_of
+from isogal_ros.faults.stage import Feed, Stage
+from isogal_ros.nodes.health import OK
+
+WRONG = {
+    "other sign": lambda north, east: -wavy(north, east),
+    "another unit": lambda north, east: 10.0 * wavy(north, east),
+    "another area": lambda north, east: wavy(north + 31e3, east - 17e3),
+    "another datum": lambda north, east: wavy(north, east) + 5e-4,
+}
+
+
+@pytest.fixture(scope="module")
+def feed(scenario) -> Feed:
+    """Twenty minutes over the map as it is."""
+    own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
+    return Feed.of(scenario("route.duration=1200.0", *own), 0)
+
+
+@pytest.mark.parametrize("what", ["as it is", *WRONG])
+def test_a_wrong_map_is_told_and_does_no_harm(feed, tmp_path, what) -> None:
+    taken = feed.scenario
+    if what in WRONG:
+        path = tmp_path / "wrong.nc"
+        write_netcdf(field_map_of(WRONG[what], step=500.0), path)
+        taken = taken.model_copy(
+            update={"map": taken.map.model_copy(update={"source": str(path)})}
+        )
+    stage = Stage(replace(feed, scenario=taken))
+    levels, warned = {}, {}
+    stage.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
+    for ns in stage.stamps():
+        stage.play(ns)
+        warned[ns / 1e9] = any(levels.values())
+    track = track_of(stage.collector)
+    told = [now for now, text in stage.heard if "agree" in text or "lost" in text]
+    assert bool(told) == (what in WRONG)
+    assert all(now <= stage.two_batches for now in told[:1])
+    right = track.error < 3.0 * track.sigma
+    silent = [
+        t for t, is_right in zip(track.time, right, strict=True) if not (is_right or warned[t])
+    ]
+    assert silent == []
+
+
+def take_levels(data: bytes, wrong: dict[str, bool]) -> None:
+    """Note which nodes say that something is wrong."""
+    for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
+        wrong[item.name] = item.level != OK
