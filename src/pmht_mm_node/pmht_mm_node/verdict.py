@@ -12,8 +12,8 @@ from isogal_ros.nodes.health import ERROR, OK, WARN
 FEW, MANY = 3, 10
 """Batches in a row without a fix after which that is a warning, and an error."""
 AGREED = 10
-"""Fixes in a row after which a place that was found is believed: a map that is not what it is taken
-for has places, too, that fit some batches."""
+"""Fixes in a row after which a place that was found is believed: a map that is not what it is
+taken for has places, too, that fit some batches."""
 MISFIT = "agree"
 """In the reason of a batch whose readings the map does not explain."""
 
