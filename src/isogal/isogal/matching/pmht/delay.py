@@ -26,7 +26,9 @@ def later(batch: Batch, delay: float) -> Batch:
             longitude=batch.longitude - delay * batch.velocity[:, 1] / east,
             beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
         )
-    path = Path(batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity)
+    _, scan = np.unique(batch.time, return_index=True)  # channels of a scan share stamp and place
+    track = batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity
+    path = Path(*(column[scan] for column in track))
     at = path.at(batch.time - delay)
     return replace(
         batch,
