@@ -45,7 +45,7 @@ def topics_of(scenario: Scenario) -> list[Topic]:
     fields = of_instrument(measured_field(scenario).instrument)
     own = {adapter_of(scenario, field.name) for field in fields}
     wanted = {topic for adapter in own for topic in (adapter.raw, adapter.reduced)}
-    of_instruments = {topics.TERMS}
+    of_instruments = {*topics.OF_INSTRUMENTS}
     for name in plugins.names(plugins.MESSAGE_ADAPTERS):
         adapter = adapter_of(scenario, name)
         of_instruments |= {adapter.raw, adapter.reduced}
