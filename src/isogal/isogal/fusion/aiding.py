@@ -90,7 +90,7 @@ def update_velocity(
         return _applied(state, run, H, expected, np.zeros(3), standing)
     H, expected = _through(state, model, run)
     if state.contradicted[run]:
-        return Innovation(False, np.nan, expected[axes], measured, contradicted=True)
+        return Innovation(False, 0.0, expected[axes], measured, contradicted=True)
     R = np.eye(len(axes)) * settings.number("sigma") ** 2
     if covariance is not None:
         told = np.asarray(covariance)[np.ix_(axes, axes)]
