@@ -23,7 +23,7 @@ from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.nodes import base as node_module
-from isogal_ros.nodes.spin import interrupts
+from isogal_ros.nodes.signals import interrupts
 
 SAMPLE_EVERY = 0.25
 """s between looks at the processes."""
