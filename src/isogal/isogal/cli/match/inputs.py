@@ -109,21 +109,23 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
 
     if chosen.height is None:
         return None
-    field_map = map_.load(window)
-    level = field_map.height if chosen.map_height is None else chosen.map_height
+    level = chosen.map_height
     if level is None:
+        field_map = map_.load(window)
+        level = field_map.height
+        if level is None:
+            raise InputError(
+                f"--height {chosen.height:g}: {field_map.provenance} does not say what level its"
+                " values hold on; give --map-height"
+            )
+    rim = rim_of(chosen.height - level)
+    wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
+    if wide.quantity not in CONTINUED:
         raise InputError(
-            f"--height {chosen.height:g}: {field_map.provenance} does not say what level its"
-            " values hold on; give --map-height"
-        )
-    if field_map.quantity not in CONTINUED:
-        raise InputError(
-            f"--height {chosen.height:g}: a map of {field_map.quantity} cannot be continued; of"
+            f"--height {chosen.height:g}: a map of {wide.quantity} cannot be continued; of"
             f" {', '.join(CONTINUED)} it can"
         )
-    rim = rim_of(chosen.height - level)
-    wide = window.grown(rim)._replace(most_cells=2 * window.most_cells)
-    return continued(map_.load(wide), chosen.height, level).window(*window[:4])
+    return continued(wide, chosen.height, level).window(*window[:4])
 
 
 def _without_crs(map_: MapChoice) -> MapChoice:
