@@ -43,6 +43,7 @@ from isogal.evaluation.ins_error_model import (
 )
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
+from isogal.fields.simulator import scan_index
 from isogal.fusion.auxiliary import auxiliary_of
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
@@ -131,7 +132,7 @@ def posterior_cramer_rao(
 def _mean_over_patterns(world: Scenario, trajectory: Trajectory, model: BoundModel) -> BoundResult:
     """Return the mean bound over readings that are missing by chance, as the first runs miss
     them."""
-    scans = np.arange(world.steps_per_scan, len(trajectory) + 1, world.steps_per_scan)
+    scans = scan_index(world, trajectory)
     results = []
     for run in range(PATTERNS):
         sensitivity = model.readings.sensitivity.copy()
@@ -165,7 +166,7 @@ def readings_of(
 ) -> Readings:
     """Return how the readings of a scenario's field depend on the navigator's error; see
     `posterior_cramer_rao`."""
-    scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
+    scans = scan_index(scenario, trajectory)
     field = measured_field(scenario)
     maps = channels_of(field_map)
     if field.name == "terrain" and scenario.altimeter.sounds:

@@ -25,6 +25,20 @@ FORMAT = 1
 _DETAIL_PREFIX = "detail_"
 
 
+PER_RUN = (
+    "error",
+    "covariance",
+    "unaided_error",
+    "fix_error",
+    "fix_covariance",
+    "fix_reason",
+    "posterior_error",
+    "posterior_covariance",
+    "fix_seconds",
+)
+"""Arrays of a record that every run has one of; others are kept of one run only, or shared."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunDetail:
     """What only the figures of a single run need, for run 0 of the record. SI units, radians.

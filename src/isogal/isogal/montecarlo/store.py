@@ -7,22 +7,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from isogal.errors import InputError
-from isogal.evaluation.records import Runs
+from isogal.evaluation.records import PER_RUN, Runs
 from isogal.evaluation.summary import write_json
 from isogal.montecarlo.chunks import Case, Chunk
 
 _NAME = re.compile(r"(\d{6,})-(\d{6,})\.npz")
-_PER_RUN = (
-    "error",
-    "covariance",
-    "unaided_error",
-    "fix_error",
-    "fix_covariance",
-    "fix_reason",
-    "posterior_error",
-    "posterior_covariance",
-    "fix_seconds",
-)
 
 
 class Store:
@@ -108,7 +97,7 @@ def take(runs: Runs, which: Sequence[int]) -> Runs:
     if list(which) == list(range(len(runs))):
         return runs
     values = {item.name: getattr(runs, item.name) for item in fields(Runs)}
-    for name in _PER_RUN:
+    for name in PER_RUN:
         values[name] = (
             tuple(values[name][i] for i in which)
             if name == "fix_reason"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fields.simulator import scan_index
 from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.paper.cases import PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot
@@ -36,7 +37,7 @@ def along_track(plan: Plan, quantity: str) -> AlongTrack:
     setting = Setting(quantity=quantity)
     scenario, field_map = plan.scenario(setting), plan.field_map(setting)
     trajectory = build_trajectory(scenario)
-    scans = np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
+    scans = scan_index(scenario, trajectory)
     latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
     variability = feature_variability(field_map, latitude, longitude)
     return AlongTrack(

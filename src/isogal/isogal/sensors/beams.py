@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.scenario import Altimeter
+from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.reduction import State
 
 PARTS = 4
@@ -48,7 +49,7 @@ def thinned(vectors: Array, count: int) -> Array:
     return found
 
 
-class BeamReduction:
+class BeamReduction(TerrainReduction):
     """Soundings (..., B, 3), m from the vehicle to the ground in body axes, to terrain heights
     with their footprints (..., B, `PARTS`).
 
@@ -56,9 +57,6 @@ class BeamReduction:
     ----------
     settings : scenario.Altimeter
     """
-
-    def __init__(self, settings: Altimeter) -> None:
-        self.settings = settings
 
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return the clearance straight down: what a single beam would measure."""
@@ -78,11 +76,3 @@ class BeamReduction:
         met = np.einsum("...ij,...bj->...bi", np.asarray(at.attitude), np.asarray(raw))
         height = np.asarray(at.height, dtype=float)[..., None] - met[..., 2]
         return np.concatenate([height[..., None], met], axis=-1)
-
-    def jacobian(self, at: State) -> Array:
-        """Return zeros: neither position nor velocity enters the reduction."""
-        return np.zeros((*np.shape(at.latitude), 4))
-
-    def height_slope(self, at: State) -> Array:
-        """Return one: an error of height is one of terrain height."""
-        return np.ones(np.shape(at.latitude))

@@ -6,20 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from isogal.evaluation.records import Runs
+from isogal.evaluation.records import PER_RUN, Runs
 from isogal.scenario import Scenario
-
-_PER_RUN = (
-    "error",
-    "covariance",
-    "unaided_error",
-    "fix_error",
-    "fix_covariance",
-    "fix_reason",
-    "posterior_error",
-    "posterior_covariance",
-    "fix_seconds",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +61,7 @@ class ViewedRun:
 def one_run(runs: Runs, which: int) -> Runs:
     """Return one run of a record, by its place in it; the details stay only with the first."""
     values: dict[str, Any] = {item.name: getattr(runs, item.name) for item in fields(Runs)}
-    values |= {name: values[name][which : which + 1] for name in _PER_RUN}
+    values |= {name: values[name][which : which + 1] for name in PER_RUN}
     return Runs(**(values | {"detail": runs.detail if which == 0 else None}))
 
 

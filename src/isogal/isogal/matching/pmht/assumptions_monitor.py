@@ -30,7 +30,7 @@ from isogal.matching.matrices import positive_part
 from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.delay import by_delay, later
+from isogal.matching.pmht.delay import delayed
 from isogal.matching.pmht.error_hypotheses import ErrorHypotheses, with_delay
 from isogal.matching.pmht.past_batches import error_before, posterior_of, seen_from
 
@@ -103,9 +103,9 @@ class AssumptionsMonitor(Monitor):
         if in_doubt or trial.in_doubt:
             whole, spread = bank.believed()
             mean, posterior = whole[:-1], spread[:-1, :-1]
-            widening = positive_part(before.believed()[1][:-1, :-1] - own, np.sqrt(np.diag(own)))
             if aided and not trial.in_doubt:
                 return _contradicted(batch, before, fix.diagnostics), Trial(inner)
+            widening = positive_part(before.believed()[1][:-1, :-1] - own, np.sqrt(np.diag(own)))
             fix = _told(batch, fix, mean, posterior, widening)
         else:
             mean, posterior = posterior_of(prior, told)
@@ -158,7 +158,7 @@ def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
     show if they were right."""
     mean, covariance = bank.believed()
     delay = float(mean[-1])
-    moved = replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
+    moved = delayed(batch, delay)
     shown = with_delay(batch.velocity[-1])
     wide = CONSTANTS.doubted_prior_factor * (shown @ covariance @ shown.T)
     return seen_from(moved, mean[:-1], wide), shown @ mean

@@ -24,7 +24,7 @@ def later(batch: Batch, delay: float) -> Batch:
             batch,
             latitude=batch.latitude - delay * batch.velocity[:, 0] / north,
             longitude=batch.longitude - delay * batch.velocity[:, 1] / east,
-            beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
+            beside=tuple(replace(one, batch=delayed(one.batch, delay)) for one in batch.beside),
         )
     _, scan = np.unique(batch.time, return_index=True)  # channels of a scan share stamp and place
     track = batch.time, batch.latitude, batch.longitude, np.zeros(len(batch)), batch.velocity
@@ -36,11 +36,13 @@ def later(batch: Batch, delay: float) -> Batch:
         longitude=np.asarray(at.longitude),
         velocity=np.stack([at.v_north, at.v_east], axis=-1),
         end_place=batch.end,
-        beside=tuple(replace(one, batch=_delayed(one.batch, delay)) for one in batch.beside),
+        beside=tuple(replace(one, batch=delayed(one.batch, delay)) for one in batch.beside),
     )
 
 
-def _delayed(batch: Batch, delay: float) -> Batch:
+def delayed(batch: Batch, delay: float) -> Batch:
+    """Return a batch whose readings are later than told by a time (s): of earlier places, and
+    reduced with the state there."""
     return replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
 
 
