@@ -35,6 +35,10 @@ from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
 
 PATIENCE = 60.0
+"""How long a test waits for what must come (s of wall time)."""
+
+ENDPOINTS = 4
+"""How often an endpoint is created that its peer does not find."""
 
 NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD)
 """Topics that nobody publishes in a graph without such sensors, whose start is known."""
@@ -116,14 +120,44 @@ class Bench:
     def publisher(self, topic: Topic) -> Any:
         """Return a publisher that the node listens to."""
         if topic.name not in self.publishers:
-            publisher = self.publishers[topic.name] = self.probe.create_publisher(
-                topic.type, topic.name, topics.LOSSLESS
-            )
-            # the probe hears itself as well
-            self.wait(
-                lambda: publisher.get_subscription_count() >= 2, f"listeners of {topic.name}"
+            self.publishers[topic.name] = self._discovered(
+                lambda: self.probe.create_publisher(topic.type, topic.name, topics.LOSSLESS),
+                lambda made: made.get_subscription_count() >= 2,  # the probe hears itself as well
+                self.probe.destroy_publisher,
+                f"listeners of {topic.name}",
             )
         return self.publishers[topic.name]
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Return what a service of the node answers."""
+        client = self._discovered(
+            lambda: self.probe.create_client(kind, f"{self.node.get_name()}/{name}"),
+            lambda made: made.service_is_ready(),
+            self.probe.destroy_client,
+            f"service {name}",
+        )
+        answer = client.call_async(request)
+        self.wait(answer.done, f"the answer of {name}")
+        self.probe.destroy_client(client)
+        return answer.result()
+
+    def _discovered(
+        self,
+        create: Callable[[], Any],
+        ready: Callable[[Any], bool],
+        destroy: Callable[[Any], Any],
+        what: str,
+    ) -> Any:
+        """Return an endpoint that its peer has found. On a loaded machine the middleware now and
+        then misses one for good: it is then created anew."""
+        for _ in range(ENDPOINTS):
+            made, end = create(), time.monotonic() + PATIENCE / ENDPOINTS
+            while time.monotonic() < end:
+                if ready(made):
+                    return made
+                self.executor.spin_once(timeout_sec=0.05)
+            destroy(made)
+        raise AssertionError(f"waited in vain for {what}")
 
     def imu(
         self,

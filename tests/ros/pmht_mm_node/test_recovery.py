@@ -96,11 +96,7 @@ def test_reset(scenario, drive, tmp_path) -> None:
     with bench(topics.PMHT_MM, scenario(), checkpoint=str(tmp_path)) as made:
         drive(made, 1, 8)
         assert list(tmp_path.iterdir())
-        client = made.probe.create_client(Trigger, "pmht_mm_node/reset")
-        made.wait(client.service_is_ready, "the service")
-        answer = client.call_async(Trigger.Request())
-        made.wait(answer.done)
-        assert answer.result().success
+        assert made.call(Trigger, "reset", Trigger.Request()).success
         assert not list(tmp_path.iterdir())
         drive(made, 9, 12)
         assert made.heard["pmht_mm/fix"][-1].status.status == -1

@@ -209,11 +209,7 @@ def test_reset(scenario, drive, tmp_path) -> None:
     with bench(topics.UKF_FUSION, scenario(), checkpoint=str(tmp_path)) as made:
         drive(made, (1, 50))
         made.wait(lambda: 50 in stamps(made, topics.NAV_FIX))
-        client = made.probe.create_client(Trigger, "ukf_fusion_node/reset")
-        made.wait(client.service_is_ready, "the service")
-        answer = client.call_async(Trigger.Request())
-        made.wait(answer.done)
-        assert answer.result().success
+        assert made.call(Trigger, "reset", Trigger.Request()).success
         made.heard["nav/fix"].clear()
         drive(made, (51, 52))
         assert says(made, "waits for a pose") == ERROR
