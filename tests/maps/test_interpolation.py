@@ -11,6 +11,7 @@ from isogal.maps.interpolation import (
     Grid,
     bilinear_at,
     column_position,
+    look_up,
     value_and_gradient,
     values_and_gradients,
     values_at,
@@ -153,6 +154,25 @@ def test_array_versions_equal_the_single_point():
     np.testing.assert_array_equal(
         single[:, 0], values_at(grid_of(values, 0.0, 1.0, 0.0, 0.01), lat, lon)
     )
+
+
+@pytest.mark.parametrize("around", [False, True], ids=["part", "round the Earth"])
+def test_look_up_equals_the_single_point_to_the_last_digit(around):
+    """Outside, at missing nodes, a whole circle away and in the second map as well."""
+    values = noise_grid(60, 40)
+    values[12, 17] = np.nan
+    step = 2.0 * math.pi / 40 if around else 0.01
+    grid = Grid(values, 30, 0.0, 1.0, 0.0, step)
+    rng = np.random.default_rng(5)
+    lat, lon = rng.uniform(-1.0, 31.0, 500), step * rng.uniform(-1.0, 41.0, 500)
+    lat[0], lon[0] = np.nan, np.nan
+    lon[250:] += 2.0 * math.pi
+    row, column, out = np.empty(500, int), np.empty(500, int), np.empty(500)
+    for channel in (0, 1):
+        single = [value_and_gradient(grid, *p, channel)[0] for p in zip(lat, lon, strict=True)]
+        look_up(grid, lat.copy(), lon.copy(), channel, row, column, out)
+        np.testing.assert_array_equal(out, single)
+        assert 200 < np.isfinite(out).sum() < 500
 
 
 def test_bilinear_stays_between_its_nodes_and_is_nan_outside():

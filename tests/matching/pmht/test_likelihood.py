@@ -287,3 +287,17 @@ def test_many_errors_are_computed_each_for_itself(rough_map):
     likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
     together = likelihood.log(XI)
     assert [likelihood.log(xi[None])[0] for xi in XI] == list(together)
+
+
+@pytest.mark.parametrize("new", [5, None], ids=["five new", "all new"])
+def test_whitened_residuals_are_those_of_the_cholesky_factor(rough_map, new):
+    batch, _ = make_batch(rough_map)
+    batch = batch if new is None else replace(batch, new=new)
+    likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
+    of_rows = np.stack([likelihood.linearise(xi)[0] for xi in XI], axis=1)
+    expected = np.linalg.solve(likelihood.factor, of_rows)[likelihood.first_new :]
+    np.testing.assert_allclose(likelihood.whitened(of_rows), expected, rtol=1e-9, atol=1e-9)
+    square = ((likelihood.projection.T @ expected) ** 2).sum(axis=0)
+    log = -0.5 * ((expected**2).sum(axis=0) - square)
+    np.testing.assert_allclose(likelihood.log(XI), log, rtol=1e-9)
+    np.testing.assert_allclose((likelihood.reduced_many(XI) ** 2).sum(axis=1), -2.0 * log, 1e-8)

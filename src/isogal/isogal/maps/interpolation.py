@@ -162,6 +162,61 @@ def values_at(grid: Grid, lat: Array, lon: Array) -> Array:
 
 
 @kernel(error_model="numpy")
+def look_up(grid, lat, lon, channel, row, column, out):  # type: ignore[no-untyped-def]
+    """Write the values of one map at many points: those of ``value_and_gradient`` to the last
+    digit, in loops that the compiler makes vector instructions of.
+
+    Parameters
+    ----------
+    grid : Grid
+    lat, lon : (N,) arrays
+        rad; overwritten.
+    channel : int
+    row, column : (N,) arrays of int
+        Work space.
+    out : (N,) array
+    """
+    values, n, lat0, dlat, lon0, dlon = grid
+    m = values.shape[1]
+    if is_periodic(m, dlon):
+        for k in range(lat.shape[0]):
+            out[k] = value_and_gradient(grid, lat[k], lon[k], channel)[0]
+        return
+    first, circle = channel * n, TWO_PI / dlon
+    for k in range(lat.shape[0]):
+        y, x = (lat[k] - lat0) / dlat, (lon[k] - lon0) / dlon
+        x = x - math.floor(x / circle) * circle if x < 0.0 or x > m - 1.0 else x
+        inside = 1.0 <= y <= n - 2.0 and 1.0 <= x <= m - 2.0
+        y, x = y if inside else 1.0, x if inside else 1.0
+        i, j = min(math.floor(y), n - 3), min(math.floor(x), m - 3)
+        lat[k], lon[k] = y - i, x - j
+        row[k], column[k] = first + i - 1, j - 1
+        out[k] = 0.0 if inside else math.nan
+    for k in range(lat.shape[0]):
+        t, u = lat[k], lon[k]
+        a0 = ((-0.5 * u + 1.0) * u - 0.5) * u
+        a1 = (1.5 * u - 2.5) * u * u + 1.0
+        a2 = ((-1.5 * u + 2.0) * u + 0.5) * u
+        a3 = (0.5 * u - 0.5) * u * u
+        c0 = ((-0.5 * t + 1.0) * t - 0.5) * t
+        c1 = (1.5 * t - 2.5) * t * t + 1.0
+        c2 = ((-1.5 * t + 2.0) * t + 0.5) * t
+        c3 = (0.5 * t - 0.5) * t * t
+        # unsigned: else each index is asked whether it counts from the end
+        i, j = np.uint64(row[k]), np.uint64(column[k])
+        one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+        j1, j2, j3 = j + one, j + two, j + three
+        p = a0 * values[i, j] + a1 * values[i, j1] + a2 * values[i, j2] + a3 * values[i, j3]
+        i += one
+        q = a0 * values[i, j] + a1 * values[i, j1] + a2 * values[i, j2] + a3 * values[i, j3]
+        i += one
+        r = a0 * values[i, j] + a1 * values[i, j1] + a2 * values[i, j2] + a3 * values[i, j3]
+        i += one
+        s = a0 * values[i, j] + a1 * values[i, j1] + a2 * values[i, j2] + a3 * values[i, j3]
+        out[k] += c0 * p + c1 * q + c2 * r + c3 * s
+
+
+@kernel(error_model="numpy")
 def bilinear_at(grid: Grid, lat: Array, lon: Array) -> Array:
     """Interpolate linearly between the four nodes around each point; NaN where one is missing or
     outside.

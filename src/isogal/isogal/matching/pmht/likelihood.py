@@ -90,8 +90,11 @@ class BatchLikelihood:
     """(T, T) R: covariance of sensor, map and bias."""
     factor: Array
     """(T, T) lower Cholesky factor L of it."""
+    whitening: Array
+    """(T, n) transpose of the last n rows of L⁻¹, which make the n new readings' whitened
+    residuals of residuals."""
     projection: Array
-    """(new, M) D C'⁻¹, what the nuisance parameters explain of the whitened residuals."""
+    """(n, M) D C'⁻¹, what the nuisance parameters explain of the whitened residuals."""
     first_new: int
     """Row of the first reading that no earlier batch has used."""
     rows: Integers
@@ -152,13 +155,14 @@ class BatchLikelihood:
             nuisance_position=batch.nuisance_position[rows],
             nuisance_reading=batch.nuisance_reading[rows],
             covariance=covariance,
-            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
+            factor=np.empty((0, 0)),
+            whitening=np.empty((0, 0)),
             projection=np.empty((0, 0)),
             first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
             rows=rows,
             channel=channel,
         )
-        return likelihood.with_nuisance_at(np.zeros(4))
+        return likelihood._with_covariance(covariance)
 
     @property
     def _readings(self) -> Readings:
@@ -181,9 +185,8 @@ class BatchLikelihood:
         return log_likelihood(
             self.grid,
             self._readings,
-            self.factor,
+            self.whitening,
             self.projection,
-            self.first_new,
             np.ascontiguousarray(xi),
         )
 
@@ -198,16 +201,18 @@ class BatchLikelihood:
         residual, slope = self.linearise(xi)
         if not np.isfinite(residual).all():
             return residual, slope
-        white = np.linalg.solve(self.factor, np.column_stack([residual, slope]))[self.first_new :]
-        reduced: Array = np.asarray(self._left @ white, dtype=np.float64)
+        reduced: Array = self._left @ self.whitened(np.column_stack([residual, slope]))
         return reduced[:, 0], reduced[:, 1:]
 
     def reduced_many(self, xi: Array) -> Array:
         """Return the residuals (S, n) of `reduced` at errors xi (S, 4)."""
-        white = whitened(
-            self.grid, self._readings, self.factor, self.first_new, np.ascontiguousarray(xi)
-        )
-        return white @ self._left.T
+        white = whitened(self.grid, self._readings, self.whitening, np.ascontiguousarray(xi))
+        return np.asarray(white.T @ self._left.T)
+
+    def whitened(self, of_rows: Array) -> Array:
+        """Return (n, ...) the new readings' part of what is known of all rows (T, ...), given that
+        of the older ones and in units of its 1-sigma."""
+        return np.asarray(self.whitening.T @ of_rows)
 
     @property
     def _left(self) -> Array:
@@ -233,7 +238,7 @@ class BatchLikelihood:
 
     def with_nuisance_at(self, xi: Array) -> "BatchLikelihood":
         """Return the likelihood with G taken at the error xi (4,)."""
-        effect = np.linalg.solve(self.factor, self.nuisance_at(xi))[self.first_new :]
+        effect = self.whitened(self.nuisance_at(xi))
         inner = np.linalg.cholesky(np.eye(effect.shape[1]) + effect.T @ effect)
         return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, effect.T).T))
 
@@ -253,9 +258,7 @@ class BatchLikelihood:
         The whitened new residuals are w = e - D d, with e and d ~ N(0, 1).
         """
         residual, slope = self.linearise(xi)
-        white = np.linalg.solve(
-            self.factor, np.column_stack([residual, slope, self.nuisance_at(xi)])
-        )[self.first_new :]
+        white = self.whitened(np.column_stack([residual, slope, self.nuisance_at(xi)]))
         effect = white[:, 5:]
         covariance = np.asarray(np.linalg.inv(np.eye(effect.shape[1]) + effect.T @ effect))
         by = -covariance @ effect.T @ white[:, :5]
@@ -263,8 +266,12 @@ class BatchLikelihood:
 
     def scaled(self, variance: float) -> "BatchLikelihood":
         """Return the likelihood with R times a factor."""
+        sigma = math.sqrt(variance)
         likelihood = replace(
-            self, covariance=self.covariance * variance, factor=self.factor * np.sqrt(variance)
+            self,
+            covariance=self.covariance * variance,
+            factor=self.factor * sigma,
+            whitening=self.whitening / sigma,
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 
@@ -277,12 +284,16 @@ class BatchLikelihood:
         kept: dict[str, Any] = {
             name: np.ascontiguousarray(getattr(self, name)[good]) for name in _PER_ROW
         }
+        likelihood = replace(self, **kept, first_new=int(good[: self.first_new].sum()))
+        return likelihood._with_covariance(covariance)
+
+    def _with_covariance(self, covariance: Array) -> "BatchLikelihood":
+        factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         likelihood = replace(
             self,
-            **kept,
             covariance=covariance,
-            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
-            first_new=int(good[: self.first_new].sum()),
+            factor=factor,
+            whitening=_whitening(factor, self.first_new),
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 
@@ -303,12 +314,7 @@ class BatchLikelihood:
             + sigma**2 * np.eye(len(self.level))
             + reduction @ velocity @ reduction.T
         )
-        likelihood = replace(
-            self,
-            covariance=covariance,
-            factor=np.asarray(np.linalg.cholesky(covariance), dtype=np.float64),
-        )
-        return likelihood.with_nuisance_at(np.zeros(4))
+        return self._with_covariance(covariance)
 
     def misfit(self, xi: Array) -> float:
         """Return the chi-square of the new readings at xi (4,): -2 `log`."""
@@ -328,3 +334,9 @@ class BatchLikelihood:
             np.eye(self.projection.shape[1]) - self.projection.T @ self.projection
         )[1]
         return -white + 0.5 * float(explained) - 0.5 * math.log(2.0 * math.pi) * self.new_count
+
+
+def _whitening(factor: Array, first_new: int) -> Array:
+    """Return (T, n) the transpose of the last rows of a Cholesky factor's inverse."""
+    columns = np.eye(len(factor))[:, first_new:]
+    return np.ascontiguousarray(np.linalg.solve(factor.T, columns))

@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.maps.interpolation import value_and_gradient
+from isogal.maps.interpolation import look_up, value_and_gradient
 
 
 class Readings(NamedTuple):
@@ -53,88 +53,72 @@ def slopes(grid, channel, latitude, longitude, nodes):  # type: ignore[no-untype
     return by_lat, by_lon
 
 
-@kernel(forceinline=True)
-def _moved(readings, t, a, b, c, d):  # type: ignore[no-untyped-def]
-    """Return where reading t was taken (rad) if the error is xi = (a, b, c, d), and what the
-    reduction then adds to it. The map is looked up by the caller: only there does the compiler see
-    that its derivatives are not needed, which is two thirds of the time."""
-    f, j, radian = readings.transition[t], readings.jacobian[t], readings.radian
-    north = f[0, 0] * a + f[0, 1] * b + f[0, 2] * c + f[0, 3] * d
-    east = f[1, 0] * a + f[1, 1] * b + f[1, 2] * c + f[1, 3] * d
-    return (
-        readings.latitude[t] - north * radian[t, 0],
-        readings.longitude[t] - east * radian[t, 1],
-        j[0] * a + j[1] * b + j[2] * c + j[3] * d,
-    )
-
-
-@kernel
-def log_likelihood(  # type: ignore[no-untyped-def]
-    grid, readings, factor, projection, first_new, xi
-):
-    """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
-    -inf off the map. `factor`, `projection` and `first_new` as in `likelihood.BatchLikelihood`.
-    """
-    channel, level, nodes = readings.channel, readings.level, readings.nodes
-    samples, rows, points = xi.shape[0], level.shape[0], nodes.shape[1] == 1
-    out = np.empty(samples)
-    whitened = np.empty(rows)
-    inverse = np.empty(rows)
-    diagonal = True
-    for t in range(rows):
-        inverse[t] = 1.0 / factor[t, t]
-        for u in range(t):
-            if factor[t, u] != 0.0:
-                diagonal = False
-    # without correlation the older rows say nothing about the new
-    start = first_new if diagonal else 0
+@kernel(error_model="numpy")
+def whitened(grid, readings, whitening, xi):  # type: ignore[no-untyped-def]
+    """Return (n, S) the whitened residuals of the n new readings at errors xi (S, 4); `whitening`
+    as in `likelihood.BatchLikelihood`."""
+    channel, latitude, longitude, radian, level, transition, jacobian, nodes = readings
+    samples, rows, new = xi.shape[0], level.shape[0], whitening.shape[1]
+    first_new = rows - new
+    x = np.empty((4, samples))
     for s in range(samples):
-        a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
-        total = 0.0
-        for t in range(start, rows):
-            lat, lon, reduced = _moved(readings, t, a, b, c, d)
-            if points:
-                value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
-            else:
-                value, _, _ = sensed(grid, lat, lon, nodes[t], channel[t])
-            r = level[t] - value - reduced
-            if not diagonal:
-                for u in range(t):
-                    r -= factor[t, u] * whitened[u]
-            r *= inverse[t]
-            whitened[t] = r
-            if t >= first_new:
-                total += r * r
-        for m in range(projection.shape[1]):
-            explained = 0.0
-            for t in range(first_new, rows):
-                explained += projection[t - first_new, m] * whitened[t]
-            total -= explained * explained
-        out[s] = -0.5 * total if math.isfinite(total) else -np.inf
+        for i in range(4):
+            x[i, s] = xi[s, i]
+    a, b, c, d = x[0], x[1], x[2], x[3]
+    out = np.zeros((new, samples))
+    lat, lon, value = np.empty(samples), np.empty(samples), np.empty(samples)
+    row, column = np.empty(samples, np.int64), np.empty(samples, np.int64)
+    residual = np.empty(samples)
+    for t in range(rows):
+        counts = t >= first_new
+        for k in range(new):
+            counts = counts or whitening[t, k] != 0.0
+        if not counts:  # without correlation the older rows say nothing about the new
+            continue
+        f, j = transition[t], jacobian[t]
+        for s in range(samples):
+            residual[s] = level[t]
+        for k in range(nodes.shape[1]):
+            for s in range(samples):
+                north = f[0, 0] * a[s] + f[0, 1] * b[s] + f[0, 2] * c[s] + f[0, 3] * d[s]
+                east = f[1, 0] * a[s] + f[1, 1] * b[s] + f[1, 2] * c[s] + f[1, 3] * d[s]
+                lat[s] = latitude[t] - north * radian[t, 0] + nodes[t, k, 0]
+                lon[s] = longitude[t] - east * radian[t, 1] + nodes[t, k, 1]
+            look_up(grid, lat, lon, channel[t], row, column, value)
+            for s in range(samples):
+                residual[s] -= nodes[t, k, 2] * value[s]
+        for s in range(samples):
+            residual[s] -= j[0] * a[s] + j[1] * b[s] + j[2] * c[s] + j[3] * d[s]
+        for k in range(max(t - first_new, 0), new):
+            weight, total = whitening[t, k], out[k]
+            for s in range(samples):
+                total[s] += weight * residual[s]
     return out
 
 
-@kernel
-def whitened(grid, readings, factor, first_new, xi):  # type: ignore[no-untyped-def]
-    """Return (S, n) the whitened residuals of the n new readings at errors xi (S, 4)."""
-    channel, level, nodes = readings.channel, readings.level, readings.nodes
-    samples, rows, points = xi.shape[0], level.shape[0], nodes.shape[1] == 1
-    out = np.empty((samples, rows - first_new))
-    white = np.empty(rows)
+@kernel(error_model="numpy")
+def log_likelihood(grid, readings, whitening, projection, xi):  # type: ignore[no-untyped-def]
+    """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
+    -inf off the map. `whitening` and `projection` as in `likelihood.BatchLikelihood`.
+    """
+    white = whitened(grid, readings, whitening, xi)
+    samples, new = xi.shape[0], white.shape[0]
+    out, explained = np.zeros(samples), np.empty(samples)
+    for k in range(new):
+        row = white[k]
+        for s in range(samples):
+            out[s] += row[s] * row[s]
+    for m in range(projection.shape[1]):
+        for s in range(samples):
+            explained[s] = 0.0
+        for k in range(new):
+            row = white[k]
+            for s in range(samples):
+                explained[s] += projection[k, m] * row[s]
+        for s in range(samples):
+            out[s] -= explained[s] * explained[s]
     for s in range(samples):
-        a, b, c, d = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
-        for t in range(rows):
-            lat, lon, reduced = _moved(readings, t, a, b, c, d)
-            if points:
-                value, _, _ = value_and_gradient(grid, lat, lon, channel[t])
-            else:
-                value, _, _ = sensed(grid, lat, lon, nodes[t], channel[t])
-            r = level[t] - value - reduced
-            for u in range(t):
-                r -= factor[t, u] * white[u]
-            white[t] = r / factor[t, t]
-            if t >= first_new:
-                out[s, t - first_new] = white[t]
+        out[s] = -0.5 * out[s] if math.isfinite(out[s]) else -np.inf
     return out
 
 

@@ -88,11 +88,7 @@ class TrackMonitor(Monitor):
         residual, slope = likelihood.linearise(mean)
         if not np.isfinite(residual).all():
             return fix
-        new = slice(likelihood.first_new, None)
-        white = np.asarray(
-            np.linalg.solve(likelihood.factor, np.column_stack([residual, slope])),
-            dtype=np.float64,
-        )[new]
+        white = likelihood.whitened(np.column_stack([residual, slope]))
         excess = excess_covariance(white[:, 0], white[:, 1:], batch.prior)
         return with_excess(fix, excess, batch.new)
 

@@ -279,9 +279,7 @@ class LinearBias:
         mean = whole[:4]
         residual, slope = likelihood.linearise(mean)
         drift = likelihood.nuisance_at(mean)
-        white = np.linalg.solve(likelihood.factor, np.column_stack([residual, slope, drift]))[
-            likelihood.first_new :
-        ]
+        white = likelihood.whitened(np.column_stack([residual, slope, drift]))
         count = self.own.shape[1]
         U = white[:, -count:]
         inner = np.eye(count) + U.T @ U
