@@ -149,7 +149,7 @@ def some(scenario: Scenario, runs: range, full: Path, path: Path, present: bool)
         return None
     record = Runs.load(full) if full.exists() else simulate(scenario, runs)
     covariance = record.covariance[..., [0, 0, 1], [0, 1, 1]]
-    with atomic_path(path, make_folder=True) as temporary, temporary.open("wb") as stream:
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,
             time=record.time,

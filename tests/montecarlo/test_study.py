@@ -100,18 +100,19 @@ def test_dask_worker_with_other_source_is_refused(
         )
 
 
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "no-port"])
 def test_no_scheduler_there(
-    tmp_path: Path, small_case: Case, watcher: Watcher, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    small_case: Case,
+    watcher: Watcher,
+    monkeypatch: pytest.MonkeyPatch,
+    address: str,
 ) -> None:
     from isogal.montecarlo import cluster as module
 
     monkeypatch.setattr(module, "TIMEOUT", 0.5)
-    with pytest.raises(
-        InputError, match=r"--scheduler tcp://127.0.0.1:9: no Dask scheduler answers"
-    ):
-        compute_cases(
-            [small_case], Store(tmp_path), Backend(scheduler="tcp://127.0.0.1:9"), watcher
-        )
+    with pytest.raises(InputError, match=f"--scheduler {address}: no Dask scheduler answers"):
+        compute_cases([small_case], Store(tmp_path), Backend(scheduler=address), watcher)
 
 
 def test_only_what_is_new_is_computed(

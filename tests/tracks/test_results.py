@@ -116,5 +116,5 @@ def test_the_suffix_chooses_the_format(tmp_path):
         InputError, match=r"results are written to .json, .csv, .geojson files, not to '.txt'"
     ):
         writer_for(tmp_path / "a.txt")
-    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
-        write_results(objects, tmp_path / "none" / "a.json")
+    with pytest.raises(InputError, match="cannot be made: Not a directory"):
+        write_results(objects, tmp_path / "a.json" / "none" / "a.json")

@@ -29,7 +29,7 @@ def changed(**changes):
         ({"time": np.zeros(60)}, "times must increase; reading 2"),
         ({"latitude": np.full(60, 2.0)}, "no such place at reading 1"),
         ({"sigma": np.zeros(60)}, "sigma of reading 1 must be > 0"),
-        ({"reduction": "speed"}, "reduction must be one of none, latitude, velocity"),
+        ({"reduction": "speed"}, "must be one of none, latitude, velocity"),
     ],
 )
 def test_wrong_numbers_are_refused(changes, message):

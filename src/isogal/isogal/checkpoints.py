@@ -79,7 +79,7 @@ def save(
     TypeError
         A value cannot be saved.
     """
-    write_atomic(path, encode(owner, saved, omit), make_folder=True, sync=sync)
+    write_atomic(path, encode(owner, saved, omit), sync=sync)
 
 
 def load(

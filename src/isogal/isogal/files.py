@@ -1,4 +1,4 @@
-"""Files that are either whole or absent."""
+"""Files that are either whole or absent, and the folders that they are in."""
 
 import os
 import tempfile
@@ -9,8 +9,34 @@ from pathlib import Path
 from isogal.errors import InputError
 
 
+def make_folder(folder: str | Path) -> None:
+    """Make a folder for what is to be written, unless it is there; raises InputError."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InputError(f"{folder}: is a file, where a folder is needed") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+
+
+def check_output(path: str | Path, folder: bool = False) -> None:
+    """Raise InputError where a file (or a folder, with files in it) could not be written: to be
+    asked before what takes long."""
+    path = Path(path)
+    if path.exists() and path.is_dir() != folder:
+        what = "file, where a folder" if folder else "folder, where a file"
+        raise InputError(f"{path}: is a {what} is needed")
+    there = path if folder else path.parent
+    while not there.exists():
+        there = there.parent
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        why = "may not be written to" if there.is_dir() else "is not a folder"
+        raise InputError(f"{path}: cannot be written: {there} {why}")
+
+
 @contextmanager
-def atomic_path(path: str | Path, make_folder: bool = False, sync: bool = True) -> Iterator[Path]:
+def atomic_path(path: str | Path, sync: bool = True) -> Iterator[Path]:
     """Give a temporary path beside ``path``, which takes its name only when the block ends well.
 
     Whoever reads ``path`` sees the old file or the new one, also when this process is killed.
@@ -18,8 +44,7 @@ def atomic_path(path: str | Path, make_folder: bool = False, sync: bool = True) 
     Parameters
     ----------
     path : path
-    make_folder : bool
-        Whether missing folders are made; otherwise they are an error.
+        Folders that are missing are made.
     sync : bool
         Whether the file is brought to the disk before it takes its name.
 
@@ -29,9 +54,8 @@ def atomic_path(path: str | Path, make_folder: bool = False, sync: bool = True) 
         The file or its folder cannot be written.
     """
     path = Path(path)
+    make_folder(path.parent)
     try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
             prefix=f".{path.name}.", suffix=f".part{path.suffix}", dir=path.parent
         )
@@ -54,9 +78,7 @@ def atomic_path(path: str | Path, make_folder: bool = False, sync: bool = True) 
         temporary.unlink(missing_ok=True)
 
 
-def write_atomic(
-    path: str | Path, data: bytes | str, make_folder: bool = False, sync: bool = True
-) -> None:
+def write_atomic(path: str | Path, data: bytes | str, sync: bool = True) -> None:
     """Write a whole file, text as UTF-8; see `atomic_path`."""
-    with atomic_path(path, make_folder, sync) as temporary:
+    with atomic_path(path, sync) as temporary:
         temporary.write_bytes(data.encode("utf-8") if isinstance(data, str) else data)

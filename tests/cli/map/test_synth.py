@@ -22,7 +22,7 @@ def test_a_window_becomes_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--out", "/nowhere/x.nc", *WINDOW), "cannot be written"),
+        (("--out", "/dev/null/x.nc", *WINDOW), "cannot be written"),
         (("--out", "x.nc", *WINDOW, "--quantity", "geoid"), "not geoid"),
         (("--out", "x.nc", *WINDOW, "--set", "rute.speed=3"), "unknown key 'rute'"),
         (("--out", "x.tif", *WINDOW), "x.tif: must end in .nc"),

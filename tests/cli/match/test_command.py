@@ -111,7 +111,7 @@ BAD = {
     "no track": (["--track", "none.csv"], "none.csv: no such file or folder"),
     "no map": (["--map", "none.nc"], "none.nc: no such file or folder"),
     "suffix": (["--out", "x.txt"], "x.txt: results are written to .json, .csv, .geojson files"),
-    "folder": (["--out", "none/x.json"], "none/x.json"),
+    "folder": (["--out", "/dev/null/x.json"], "/dev/null/x.json: cannot be written"),
     "matcher": (["--matcher", "pmth"], "matcher.name"),
     "key": (
         ["--set", "matcher.stirde=3"],
@@ -127,11 +127,11 @@ BAD = {
     "length that is no number": (["--batch-length", "x"], "matcher.batch_length"),
     "prior": (
         ["--prior-sigma", "0"],
-        "1-sigma of the track's position error must be 0.001 to 1e+06 m, is 0",
+        "(--prior-sigma) must be 0.001 to 1e+06 m, is 0",
     ),
     "prior that is no number": (
         ["--prior-sigma", "nan"],
-        "position error must be 0.001 to 1e+06 m, is nan",
+        "(--prior-sigma) must be 0.001 to 1e+06 m, is nan",
     ),
     "sensor": (["--sensor-sigma", "0"], "--sensor-sigma: must be > 0"),
     "map sigma": (
@@ -144,7 +144,10 @@ BAD = {
     "unit": (["--track-unit", "nT"], "--track-unit: 'nT' does not fit a disturbance map"),
     "unknown unit": (["--track-unit", "stone"], "--track-unit: unknown unit 'stone'"),
     "wrong unit": (["--track-unit", "mGal"], "they look like m/s²: give --track-unit 'm/s²'"),
-    "reduction": (["--reduction", "speed"], "reduction must be one of none, latitude, velocity"),
+    "reduction": (
+        ["--reduction", "speed"],
+        "(--reduction) must be one of none, latitude, velocity",
+    ),
     "folder without a bag": (["--track", "."], "no MCAP file in this folder"),
     "unknown option": (["--sigma", "3"], "No such option: --sigma"),
     "stray word": (["more"], "Got unexpected extra argument"),

@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from pathlib import Path
 
 import pytest
 
@@ -32,7 +33,9 @@ def feed(scenario) -> Feed:
 
 def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeypatch) -> None:
     short = feed.scenario
-    table = run_campaign(short, tmp_path, (1, 1), True, Interrupt(), lambda text: None)
+    monkeypatch.chdir(tmp_path.parent)  # what is made lies where the folder was when it was named
+    out = Path(tmp_path.name)
+    table = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
     assert table["trials"] == len(QUICK)
     for row in table["faults"]:
         assert (row["crashes"], row["not_finite"], row["surprises"]) == (0, 0, [])
@@ -45,7 +48,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     monkeypatch.setattr(campaign, "run_trials", None)
     with (tmp_path / OUTCOMES).open("a") as stream:
         stream.write('{"fault": "imu NaN", "tri')
-    again = run_campaign(short, tmp_path, (1, 1), True, Interrupt(), lambda text: None)
+    again = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
     assert again == table
 
 

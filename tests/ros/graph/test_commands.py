@@ -94,12 +94,17 @@ BAD = [
         "does not cover the route",
     ),
     (("run", "SETTINGS", "--set", "matcher.options={nonsense: 1}"), "nonsense"),
-    (("run", "SETTINGS", "--out", "TMP/file/out"), "cannot be made: Not a directory"),
+    (("run", "SETTINGS", "--out", "TMP/file/out"), "cannot be written"),
     (
         ("run", "SETTINGS", "--bag", "TMP/bag", "--out", "TMP/out"),
         "there is a bag already; give another folder",
     ),
     (("run", "SETTINGS", "--rate", "-1"), "--rate"),
+    (("run", "SETTINGS", "--port", "8080"), "--port 8080: goes with --live"),
+    (
+        ("run", "SETTINGS", "--set", "route.duration=5"),
+        "route: takes 5 s, and the first reading comes after 10 s",
+    ),
     (("replay", "TMP/none"), "no such bag"),
     (("replay", "TMP/no.mcap"), "not an MCAP file"),
 ]

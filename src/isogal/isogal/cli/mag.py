@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isogal.cli.checks import finite, not_negative
+from isogal.cli.checks import finite, not_negative, output_file, output_folder
 from isogal.cli.map.results import print_json
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
@@ -138,12 +138,22 @@ def calibrate(
     fitting: Fitting,
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="FILE.yaml", help="Coefficients.", rich_help_panel=RESULTS),
+        typer.Option(
+            "--out",
+            metavar="FILE.yaml",
+            callback=output_file,
+            help="Coefficients.",
+            rich_help_panel=RESULTS,
+        ),
     ],
     report: Annotated[
         Path | None,
         typer.Option(
-            "--report", metavar="DIR", help="Page with a figure.", rich_help_panel=RESULTS
+            "--report",
+            metavar="DIR",
+            callback=output_folder,
+            help="Page with a figure.",
+            rich_help_panel=RESULTS,
         ),
     ] = None,
     json: Json = False,
@@ -189,6 +199,7 @@ class Coefficients:
         typer.Option(
             "--learnt",
             metavar="FILE.yaml",
+            callback=output_file,
             help="With --online: coefficients learnt by the end.",
             rich_help_panel=RESULTS,
         ),
@@ -223,6 +234,7 @@ def compensate(
         typer.Option(
             "--out",
             metavar="FILE.csv",
+            callback=output_file,
             help="Track with the anomaly as value.",
             rich_help_panel=RESULTS,
         ),

@@ -85,15 +85,15 @@ def _load(name: str) -> Any:
     return command
 
 
-def _fill_paragraphs(command: Any) -> None:
+def _fill_paragraphs(command: Any, below: bool = True) -> None:
     """Let the help of a command, which is its docstring, fill the width of the terminal: keep the
     paragraphs, join their lines."""
     if command.help:
         command.help = "\n\n".join(
             " ".join(paragraph.split()) for paragraph in command.help.split("\n\n")
         )
-    for below in getattr(command, "commands", {}).values():
-        _fill_paragraphs(below)
+    for one in getattr(command, "commands", {}).values() if below else ():
+        _fill_paragraphs(one)
 
 
 class _Isogal(TyperGroup):
@@ -113,6 +113,7 @@ class _Isogal(TyperGroup):
 
 @clean_errors
 def _call(group: _Isogal, args: list[str]) -> int:
+    _fill_paragraphs(group, below=False)
     try:
         with group.make_context("isogal", args) as context:
             group.invoke(context)

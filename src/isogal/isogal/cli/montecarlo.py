@@ -37,6 +37,7 @@ def montecarlo(
     Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same
     command goes on, and more runs compute only the new ones. Results do not depend on the number
     or kind of workers."""
+    from isogal.files import make_folder
     from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.store import Store
     from isogal.montecarlo.study import compute_cases
@@ -45,7 +46,7 @@ def montecarlo(
     backend = workers.backend()
     case = _checked_case(settings, runs)
     store = Store(results.runs)
-    results.out.mkdir(parents=True, exist_ok=True)
+    make_folder(results.out)
     start = time.monotonic()
     with ending_well(store.folder), LiveProgress(settings.matcher.name) as display:
         compute_cases([case], store, backend, display)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isogal.cli.checks import output_folder
+
 if TYPE_CHECKING:
     from isogal.montecarlo.study import Backend
     from isogal.scenario import Scenario
@@ -80,6 +82,7 @@ class StudyResults:
         typer.Option(
             "--out",
             metavar="DIR",
+            callback=output_folder,
             help="Folder of results, report, figures and finished runs.",
             rich_help_panel=RESULTS,
         ),

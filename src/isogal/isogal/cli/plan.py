@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isogal.cli.checks import positive
+from isogal.cli.checks import output_file, positive
 from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
@@ -90,6 +90,7 @@ class PlanResults:
         typer.Option(
             "--out",
             metavar="FILE",
+            callback=output_file,
             help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
             rich_help_panel=RESULTS,
         ),
@@ -99,6 +100,7 @@ class PlanResults:
         typer.Option(
             "--path",
             metavar="FILE.yaml",
+            callback=output_file,
             help="nav_msgs/Path for ros2 topic pub.",
             rich_help_panel=RESULTS,
         ),

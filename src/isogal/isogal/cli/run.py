@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.checks import finite
+from isogal.cli.checks import finite, output_folder
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, ScenarioChoice
 from isogal.errors import InputError
@@ -28,6 +28,7 @@ def run(
         typer.Option(
             "--bag",
             metavar="DIR",
+            callback=output_folder,
             help="Folder of the recording; default: bag in --out.",
             rich_help_panel=RESULTS,
         ),
@@ -37,6 +38,7 @@ def run(
         typer.Option(
             "--out",
             metavar="DIR",
+            callback=output_folder,
             help="Folder of summary, report and figures.",
             rich_help_panel=RESULTS,
         ),
@@ -80,8 +82,7 @@ def run(
     from isogal_ros.graph.watching import Live
 
     settings = chosen.load()
-    if respawn and in_process:
-        raise InputError("--respawn: nodes in one process cannot be started again one by one")
+    _check(port if not live else 0, respawn and in_process)
     raise typer.Exit(
         run_command(
             settings,
@@ -96,17 +97,26 @@ def run(
     )
 
 
+def _check(unused_port: int, respawn_in_process: bool) -> None:
+    if unused_port:
+        raise InputError(f"--port {unused_port}: goes with --live")
+    if respawn_in_process:
+        raise InputError("--respawn: nodes in one process cannot be started again one by one")
+
+
 @with_groups
 def replay(
     chosen: ScenarioChoice,
     bag: Annotated[
-        Path, typer.Argument(metavar="BAG", help="Folder of a recording, or its MCAP file.")
+        Path,
+        typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="DIR",
+            callback=output_folder,
             help="Folder for summary, report and figures of the replay.",
             rich_help_panel=RESULTS,
         ),
@@ -132,6 +142,7 @@ def replay(
     from isogal.scenario import load_scenario
     from isogal_ros.graph.commands import TOLERANCE, replay_command
 
+    bag = bag / "bag" if (bag / "bag").is_dir() else bag
     changes = chosen.set_ or []
     other = load_scenario(chosen.scenario) if chosen.scenario is not None else None
     if tolerance is None and other is None and not changes:
@@ -150,6 +161,7 @@ def faults(
         typer.Option(
             "--out",
             metavar="DIR",
+            callback=output_folder,
             help="Folder of recordings, outcomes and table; what is there is not run again.",
             rich_help_panel=RESULTS,
         ),

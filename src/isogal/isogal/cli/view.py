@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isogal.cli.checks import output_file, output_folder
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
@@ -27,7 +28,11 @@ def view(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="FILE.html", help="The page.", rich_help_panel=RESULTS, dir_okay=False
+            "--out",
+            metavar="FILE.html",
+            callback=output_file,
+            help="The page.",
+            rich_help_panel=RESULTS,
         ),
     ] = Path("out/view.html"),
     run: Annotated[
@@ -83,6 +88,7 @@ def compare(
         typer.Option(
             "--out",
             metavar="DIR",
+            callback=output_folder,
             help="Folder for report.html and the figure of errors over time.",
             rich_help_panel=RESULTS,
         ),

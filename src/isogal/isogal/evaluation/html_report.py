@@ -133,14 +133,14 @@ def write_report(
         footer=f"Isogal {isogal.__version__}. An isogal is a line of equal gravity.",
     )
     path = folder / "report.html"
-    write_atomic(path, html, make_folder=True)
+    write_atomic(path, html)
     return path
 
 
 def _picture(illustration: Illustration, folder: Path, numbers: Iterator[int]) -> dict[str, Any]:
     """Write the PNG file of a figure; return what the page needs of it."""
     data = style.png(illustration.figure)
-    write_atomic(folder / f"{illustration.name}.png", data, make_folder=True)
+    write_atomic(folder / f"{illustration.name}.png", data)
     return {
         "data": base64.b64encode(data).decode("ascii"),
         "caption": illustration.caption,

@@ -233,7 +233,7 @@ class Runs:
                 _DETAIL_PREFIX + item.name: getattr(self.detail, item.name)
                 for item in fields(self.detail)
             }
-        with atomic_path(path, make_folder=True) as temporary, temporary.open("wb") as stream:
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
 
     @staticmethod

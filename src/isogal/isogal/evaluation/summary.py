@@ -147,7 +147,7 @@ def canonical_json(value: Any) -> str:
 
 def write_json(path: str | Path, value: Any) -> None:
     """Write `canonical_json` of the value; the file appears whole or not at all."""
-    write_atomic(path, canonical_json(value), make_folder=True)
+    write_atomic(path, canonical_json(value))
 
 
 def _format(value: Any, indent: str) -> str:

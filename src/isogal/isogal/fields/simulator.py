@@ -123,10 +123,15 @@ def true_readings(
     Raises
     ------
     InputError
-        The map does not cover the route, the instrument does not measure its quantity, or no such
-        instrument can be there.
+        The route ends before the first scan, the map does not cover it, the instrument does not
+        measure its quantity, or no such instrument can be there.
     """
     i = scan_index(scenario, trajectory) if index is None else index
+    if not len(i):
+        raise InputError(
+            f"scenario: route: takes {trajectory.time[-1]:g} s, and the first reading comes after"
+            f" {scenario.steps_per_scan * trajectory.dt:g} s"
+        )
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
     missing = ~np.isfinite(value.reshape(len(i), -1)).all(axis=1)

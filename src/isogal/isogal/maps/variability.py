@@ -45,7 +45,7 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
         n = points² - 1.
     """
     if points < 3 or points % 2 == 0:
-        raise InputError(f"variability points must be odd and at least 3, is {points}")
+        raise InputError(f"variability points (--points) must be odd and at least 3, is {points}")
     if not (half_width > 0.0 and math.isfinite(half_width)):
         raise InputError(f"variability window must be > 0 m, is {half_width}")
     side = np.linspace(-half_width, half_width, points)

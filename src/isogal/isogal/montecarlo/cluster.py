@@ -51,14 +51,9 @@ def cluster_results(
     WorkerError
         A chunk failed, or its workers died too often.
     """
-    from distributed import Client, as_completed
+    from distributed import as_completed
 
-    try:
-        client = Client(address, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({error})"
-        ) from None
+    client = _connected(address)
     topic = f"isogal-{os.getpid()}"
     named = {_name(chunk): chunk for chunk in chunks}
     futures: dict[Any, Chunk] = {}
@@ -87,6 +82,21 @@ def cluster_results(
         if futures:
             client.cancel(list(futures))
         client.close()
+
+
+def _connected(address: str) -> Any:
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    try:
+        scheme, place = parse_address(address)
+        if scheme in ("tcp", "tls"):
+            parse_host_port(place)  # else a client is half made, and its end takes 20 s
+        return Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error})"
+        ) from None
 
 
 def _result(future: Any, chunk: Chunk) -> Runs:

@@ -9,6 +9,7 @@ import numpy as np
 import isogal
 from isogal.evaluation.bound import unaided_covariance
 from isogal.evaluation.summary import write_json
+from isogal.files import make_folder
 from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Display, compute_cases
@@ -59,7 +60,7 @@ def reproduce(
     out = Path(out)
     cases = cases_of(plan)
     store = Store(out / "runs")
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     compute_cases(list(cases.values()), store, backend, display)
     results = measure(plan, cases, store)
     claims = judge(results)

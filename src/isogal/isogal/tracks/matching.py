@@ -48,9 +48,9 @@ _LONGEST = 4
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
 _LIMITS = {
-    "position": (1e-3, 1e6, "m"),
-    "velocity": (0.0, 1e3, "m/s"),
-    "walk": (0.0, 1e6, "m"),
+    "position": (1e-3, 1e6, "m", "--prior-sigma"),
+    "velocity": (0.0, 1e3, "m/s", "--velocity-sigma"),
+    "walk": (0.0, 1e6, "m", "--walk-sigma"),
 }
 
 
@@ -74,12 +74,12 @@ class Uncertainty:
     only where they are chained."""
 
     def __post_init__(self) -> None:
-        for name, (least, most, unit) in _LIMITS.items():
+        for name, (least, most, unit, option) in _LIMITS.items():
             value = getattr(self, name)
             if not least <= value <= most:
                 raise InputError(
-                    f"1-sigma of the track's {name} error must be {least:g} to {most:g} {unit}, is"
-                    f" {value:g}"
+                    f"1-sigma of the track's {name} error ({option}) must be {least:g} to {most:g}"
+                    f" {unit}, is {value:g}"
                 )
 
     @property

@@ -105,7 +105,8 @@ class Track:
             )
         if self.reduction not in REDUCTIONS:
             raise InputError(
-                f"reduction must be one of {', '.join(REDUCTIONS)}, is '{self.reduction}'"
+                f"reduction (--reduction) must be one of {', '.join(REDUCTIONS)}, is"
+                f" '{self.reduction}'"
             )
         if (self.sigma <= 0.0).any():
             raise InputError(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import make_folder, write_atomic
 from isogal_ros.bags.definitions import schema_text
 from isogal_ros.bags.metadata import Contents, RecordedTopic, earlier_files, yaml_text
 from isogal_ros.bags.parts import parts
@@ -146,10 +146,7 @@ def prepare_folder(folder: Path, replace: bool) -> None:
             raise InputError(f"{folder}: there is a bag already; give another folder")
         for entry in entries:
             entry.unlink()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    make_folder(folder)
 
 
 class _Stream:

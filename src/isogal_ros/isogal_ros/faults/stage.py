@@ -22,8 +22,6 @@ IDLE = 1000
 """Rounds of timers without a step after which a run does not come to its end."""
 TICK = 5.0
 """s between looks at the wall clock; of diagnostics without news half as many are needed."""
-CHECKPOINT = "checkpoint"
-"""Folder, in the current one."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +83,12 @@ class Stage:
     ----------
     feed : Feed
         What is played to them.
-    checkpoints : bool
-        Whether they write checkpoints, in the folder `CHECKPOINT` of the current one.
+    checkpoints : path, optional
+        Folder of their checkpoints; None = they write none.
     """
 
-    def __init__(self, feed: Feed, checkpoints: bool = False) -> None:
-        self.feed, self._checkpoints = feed, checkpoints
+    def __init__(self, feed: Feed, checkpoints: Path | None = None) -> None:
+        self.feed, self.checkpoints = feed, checkpoints
         self.bus = Bus()
         self.collector = Collector(feed.scenario)
         self.collector.truth = feed.truth
@@ -115,13 +113,12 @@ class Stage:
 
         return take
 
-    def start(self, name: str, checkpoint: bool | None = None) -> None:
+    def start(self, name: str, checkpoint: bool = True) -> None:
         """Make a node and let it begin, with or without what one before it has left."""
         own: dict[str, Any] = {"run": self.feed.run, "peers": list(NODES)}
         own["diagnostics_period"] = 2.0 * TICK
-        if self._checkpoints if checkpoint is None else checkpoint:
-            Path(CHECKPOINT).mkdir(exist_ok=True)
-            own["checkpoint"] = CHECKPOINT
+        if self.checkpoints is not None and checkpoint:
+            own["checkpoint"] = str(self.checkpoints)
         if name == topics.UKF_FUSION:
             own["start_time"] = math.nan if self.bus.now == 0.0 else 0.0
         if name == topics.GRAVIMETER:

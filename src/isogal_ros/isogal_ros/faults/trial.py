@@ -8,11 +8,11 @@ import json
 import os
 import re
 import select
-import shutil
 import signal
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from isogal.seeds import generator
 from isogal_ros.faults.catalogue import Fault, Moment, topics_of
 from isogal_ros.faults.node_faults import Mishap, NodeFault
 from isogal_ros.faults.outcome import Outcome, Span, Track, outcome_of, track_of
-from isogal_ros.faults.stage import CHECKPOINT, Feed, Stage
+from isogal_ros.faults.stage import Feed, Stage
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
@@ -87,10 +87,9 @@ class Reference:
     @classmethod
     def of(cls, feed: Feed) -> "Reference":
         """Play a run without a fault."""
-        with Folder():
-            stage = Stage(feed)
-            for ns in stage.stamps():
-                stage.play(ns)
+        stage = Stage(feed)
+        for ns in stage.stamps():
+            stage.play(ns)
         return cls(track_of(stage.collector), frozenset(shape(text) for _, text in stage.heard))
 
     def outcome(self, run: int) -> Outcome:
@@ -105,8 +104,9 @@ def run_trials(
 ) -> Iterator[Outcome]:
     """Play a run, and yield what became of each fault, by the time it begins."""
     seed = feed.scenario.seed
-    with Folder():
-        stage = Stage(feed, any(isinstance(fault, NodeFault) for fault in faults))
+    with tempfile.TemporaryDirectory(prefix="isogal-faults-") as folder:
+        killing = any(isinstance(fault, NodeFault) for fault in faults)
+        stage = Stage(feed, Path(folder) if killing else None)
         drawn = [
             (*begin_of(seed, feed.run, fault.name, stage.duration), fault) for fault in faults
         ]
@@ -114,7 +114,9 @@ def run_trials(
         for ns in stage.stamps():
             while waiting and waiting[-1][0] <= to_seconds(ns) and not interrupt:
                 begin, rng, fault = waiting.pop()
-                yield Forked(stage, fault, begin, rng, reference).run()
+                with unchanged(stage.checkpoints):
+                    outcome = Forked(stage, fault, begin, rng, reference).run()
+                yield outcome
             if interrupt or not waiting:
                 return
             stage.play(ns)
@@ -173,19 +175,18 @@ class Forked:
     def _played(self) -> Outcome:
         stage, span, crash = self.stage, self._span, None
         mishap: Callable[[float], object] = float
-        with Folder():
-            if isinstance(self.fault, NodeFault):
-                mishap = Mishap(self.fault, self.begin, stage)
-            else:
-                stage.bus.change = Tampering(self.fault, self.begin, self.rng, stage)
-            try:
-                for ns in stage.stamps():
-                    if to_seconds(ns) > span.until:
-                        break
-                    mishap(to_seconds(ns))
-                    stage.play(ns)
-            except Exception:
-                crash = traceback.format_exc(limit=-3)
+        if isinstance(self.fault, NodeFault):
+            mishap = Mishap(self.fault, self.begin, stage)
+        else:
+            stage.bus.change = Tampering(self.fault, self.begin, self.rng, stage)
+        try:
+            for ns in stage.stamps():
+                if to_seconds(ns) > span.until:
+                    break
+                mishap(to_seconds(ns))
+                stage.play(ns)
+        except Exception:
+            crash = traceback.format_exc(limit=-3)
         told = (
             item
             for item in stage.heard
@@ -208,15 +209,15 @@ def _surprises(errors: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))[:SURPRISES]
 
 
-class Folder:
-    """A current folder of its own, with the checkpoints of the one before, deleted in the end."""
-
-    def __enter__(self) -> None:
-        self._before, self._made = Path.cwd(), tempfile.mkdtemp(prefix="isogal-faults-")
-        if (self._before / CHECKPOINT).is_dir() and self._before.name.startswith("isogal-faults-"):
-            shutil.copytree(CHECKPOINT, Path(self._made) / CHECKPOINT)
-        os.chdir(self._made)
-
-    def __exit__(self, *_: object) -> None:
-        os.chdir(self._before)
-        shutil.rmtree(self._made, ignore_errors=True)
+@contextmanager
+def unchanged(folder: Path | None) -> Iterator[None]:
+    """Put the files of a folder back, in the end, as they were."""
+    if folder is None:
+        yield
+        return
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    yield
+    for path in folder.iterdir():
+        path.unlink()
+    for path, content in before.items():
+        path.write_bytes(content)

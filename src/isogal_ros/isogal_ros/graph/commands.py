@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from isogal.files import make_folder
 from isogal.scenario import Scenario
 from isogal_ros.graph.console import Console
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
-from isogal_ros.graph.session import Summary, make_folder, replay_session, run_session
+from isogal_ros.graph.session import Summary, replay_session, run_session
 from isogal_ros.graph.watching import Live
 from isogal_ros.nodes.signals import interrupts
 
@@ -101,6 +102,7 @@ def replay_command(
         if out is not None:
             console.result(f"Report: {out / 'report.html'}")
     if result.interrupted:
+        console.say(f"isogal: interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
     found = result.comparison
     if tolerance is not None and (
@@ -148,6 +150,10 @@ def faults_command(
     else:
         console.result((out / PAGE).read_text(encoding="utf-8"))
     if interrupt:
+        console.say(
+            f"isogal: interrupted; the outcomes so far are kept in {out}, the same command goes on"
+            " from there"
+        )
         return INTERRUPTED
     return FAILED if table["failed"] else 0
 

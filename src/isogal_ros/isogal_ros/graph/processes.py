@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from isogal.files import make_folder
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
@@ -53,7 +54,7 @@ class Processes:
     def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
         self.folder = folder
         self.running: dict[str, subprocess.Popen[bytes]] = {}
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self.parameters = folder / "params.yaml"
         own = {name: plan.own(name) for name in plan.names}
         self.parameters.write_text(parameter_file(plan.scenario, own), encoding="utf-8")

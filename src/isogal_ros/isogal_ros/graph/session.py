@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from isogal.errors import InputError
 from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import true_readings
+from isogal.files import make_folder
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.registry import build_run_matcher
 from isogal.scenario import Scenario, changed_scenario
@@ -154,11 +154,3 @@ def fresh_checkpoints(folder: Path) -> Path:
     for file in folder.glob("*.checkpoint"):
         file.unlink()
     return folder
-
-
-def make_folder(folder: Path) -> None:
-    """Make an output folder; raises InputError where that cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None

@@ -10,11 +10,15 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from isogal.errors import InputError
 from isogal_ros.nodes.signals import INTERRUPTED, Interrupt, interrupts
 
+USAGE = "parameters are --ros-args -p KEY:=VALUE or --params-file FILE"
+"""What a node takes on its command line."""
 DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
 
@@ -57,20 +61,30 @@ def run_node(name: str, make: Callable[[], Any], args: Sequence[str] | None = No
     args : sequence of str, optional
         ROS arguments (``--ros-args ...``); None = those of the command line.
     """
-    rclpy.init(
-        args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO
-    )
+    words = sys.argv[1:] if args is None else list(args)
+    try:
+        if unknown := remove_ros_args([name, *words])[1:]:
+            return _refuse(name, f"unknown argument '{unknown[0]}'; {USAGE}")
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.RCLError as error:
+        why = str(error).partition(", at /")[0]  # where in the sources of rcl
+        return _refuse(name, why.removeprefix("failed to initialize rcl: "))
     with interrupts() as interrupt:
         try:
             return _run(make, interrupt)
         except InputError as error:
-            print(f"{name}: {str(error).removeprefix(f'{name}: ')}", file=sys.stderr)
-            return 2
+            return _refuse(name, str(error))
         except KeyboardInterrupt:
             return INTERRUPTED
         finally:
             interrupt.ends_at_once = False
             rclpy.try_shutdown()
+
+
+def _refuse(name: str, why: str) -> int:
+    """Print in one line what is wrong with the input; return the exit code that says so."""
+    print(f"{name}: {' '.join(why.split()).removeprefix(f'{name}: ')}", file=sys.stderr)
+    return 2
 
 
 def main_of(kind: Callable[[str], Any], name: str) -> Callable[..., None]:

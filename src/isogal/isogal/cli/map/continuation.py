@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, positive
+from isogal.cli.checks import finite, not_negative, output_file, positive
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import say_written
 from isogal.cli.map_choice import MapChoice
@@ -102,7 +102,9 @@ class Heights:
 @with_groups
 def continue_(
     map_: MapChoice,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="NetCDF file to write.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", callback=output_file, help="NetCDF file to write.")
+    ],
     heights: Heights,
     where: PartChoice,
     json: Json = False,

@@ -13,6 +13,7 @@ from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
+from isogal.files import check_output
 
 if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
@@ -57,6 +58,7 @@ class Target:
             raise InputError(f"--to {self.to}: must be netcdf or ggmplus")
         if self.to == "netcdf":
             require_netcdf_name(self.out, " (or give --to ggmplus)")
+        check_output(self.out, folder=self.to == "ggmplus")
 
     def write(self, field_map: "FieldMap", variable: str | None) -> None:
         """Write a map; as this variable, where it can be the name of one. Raises InputError."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import finite
+from isogal.cli.checks import finite, output_folder
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MAP
@@ -62,7 +62,13 @@ def fetch(
     where: PartChoice,
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="DIR", help="Folder of the tiles.", rich_help_panel=RESULTS),
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            callback=output_folder,
+            help="Folder of the tiles.",
+            rich_help_panel=RESULTS,
+        ),
     ] = Path("ggmplus"),
     variable: Annotated[
         list[str] | None,

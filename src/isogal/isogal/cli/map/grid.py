@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, positive
+from isogal.cli.checks import finite, not_negative, output_file, positive
 from isogal.cli.map.results import print_json, require_netcdf_name
 from isogal.cli.map_choice import MAP
 from isogal.cli.option_groups import with_groups
@@ -151,7 +151,9 @@ class Gridding:
 @with_groups
 def grid(
     readings: SurveyChoice,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="NetCDF file to write.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", callback=output_file, help="NetCDF file to write.")
+    ],
     gridding: Gridding,
     json: Json = False,
 ) -> None:

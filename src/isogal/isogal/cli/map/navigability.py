@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isogal.cli.checks import output_file
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import Picture, draw, print_json
 from isogal.cli.map_choice import MapChoice
@@ -33,6 +34,7 @@ class AreaResults:
         typer.Option(
             "--out",
             metavar="FILE",
+            callback=output_file,
             help="Grids as .nc or .tif; repeatable.",
             rich_help_panel=RESULTS,
         ),

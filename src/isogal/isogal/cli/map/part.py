@@ -173,6 +173,8 @@ def _waypoints(route: str) -> str:
                 f"--route: '{item}' must be LATITUDE,LONGITUDE in deg, for example '-38,144.5"
                 " -35,150'"
             )
+    if len(points) < 2:
+        raise InputError(f"--route '{route}': needs at least two points")
     return f"[{','.join(points)}]"
 
 

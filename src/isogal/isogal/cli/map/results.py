@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isogal.cli.checks import output_file
 from isogal.cli.options import RESULTS
 from isogal.errors import InputError
 
@@ -17,7 +18,7 @@ def _png(path: Path | None) -> Path | None:
     """Return a file's name; raises InputError where a picture cannot be written to it."""
     if path is not None and path.suffix.casefold() != ".png":
         raise InputError(f"--figure {path}: must end in .png")
-    return path
+    return output_file(path)
 
 
 Picture = Annotated[
@@ -40,12 +41,11 @@ def require_netcdf_name(path: Path, otherwise: str = "") -> None:
 
 
 def draw(path: Path, figure: "Figure") -> None:
-    """Write a figure as PNG file, in a folder that is made if it is not there; raises
-    InputError."""
+    """Write a figure as PNG file; raises InputError."""
     from isogal.evaluation.figures.style import png
     from isogal.files import write_atomic
 
-    write_atomic(path, png(figure), make_folder=True)
+    write_atomic(path, png(figure))
 
 
 def print_json(found: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from isogal.cli.checks import output_file
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import require_netcdf_name, say_written
 from isogal.cli.map_choice import MAP, make_synthetic
@@ -16,7 +17,13 @@ from isogal.cli.options import RESULTS, Json
 def synth(
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="FILE.nc", help="Map to write.", rich_help_panel=RESULTS),
+        typer.Option(
+            "--out",
+            metavar="FILE.nc",
+            callback=output_file,
+            help="Map to write.",
+            rich_help_panel=RESULTS,
+        ),
     ],
     where: PartChoice,
     quantity: Annotated[

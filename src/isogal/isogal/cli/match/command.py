@@ -24,7 +24,7 @@ def match(
     track = track.resolved()
     results.check()
     matching.check()
-    uncertainty = assumed.of_track()
+    uncertainty = assumed.of_track(matching.chain)
     found = [
         match_and_report(inputs, matching, assumed, uncertainty, results, track.reduction)
         for inputs in read_inputs(map_, track, assumed)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isogal.cli.checks import output_file, output_folder
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
 
@@ -62,7 +63,10 @@ class MatcherChoice:
         """Raise InputError unless the keys and their values are allowed."""
         from isogal.scenario import load_scenario
 
-        load_scenario(None, self.changes())
+        try:
+            load_scenario(None, self.changes())
+        except InputError as error:
+            raise InputError(str(error).removeprefix("scenario: ")) from None
 
     def changes(self) -> list[str]:
         """Return the keys of the scenario's section `matcher` that the options change, as
@@ -168,10 +172,12 @@ class Assumptions:
         ),
     ] = None
 
-    def of_track(self) -> "Uncertainty":
+    def of_track(self, chained: bool) -> "Uncertainty":
         """Return how wrong the track's positions are; raises InputError."""
         from isogal.tracks.matching import Uncertainty
 
+        if self.walk_sigma and not chained:
+            raise InputError(f"--walk-sigma {self.walk_sigma:g}: goes with --chain")
         return Uncertainty(self.prior_sigma, self.velocity_sigma, self.walk_sigma)
 
     def map_changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
@@ -222,6 +228,7 @@ class MatchResults:
         typer.Option(
             "--out",
             metavar="FILE",
+            callback=output_file,
             help="Results, by suffix: .json, .csv or .geojson; repeatable.",
             rich_help_panel=RESULTS,
         ),
@@ -231,6 +238,7 @@ class MatchResults:
         typer.Option(
             "--report",
             metavar="DIR",
+            callback=output_folder,
             help="Folder for a report with figures.",
             rich_help_panel=RESULTS,
         ),

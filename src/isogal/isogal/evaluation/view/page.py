@@ -118,7 +118,7 @@ def write_view(path: str | Path, viewed: ViewedRun, field_map: "RouteMap") -> Pa
         (runs.latitude, runs.longitude),
         field_map,
     )
-    write_atomic(path, frame.page(viewed), make_folder=True)
+    write_atomic(path, frame.page(viewed))
     return Path(path)
 
 

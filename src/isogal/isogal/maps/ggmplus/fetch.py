@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.files import atomic_path
+from isogal.files import atomic_path, make_folder
 from isogal.maps.axes import Window
 from isogal.maps.cache import locked
 from isogal.maps.corridor import Corridor
@@ -85,10 +85,7 @@ def fetch_tiles(
         checksum, the folder cannot be written, or the server has none of the tiles.
     """
     base_url, folder = check_base_url(base_url), Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    make_folder(folder)
     result = Fetched(str(folder))
     with _alone(folder):
         known = read_registry(folder)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.files import atomic_path
+from isogal.files import atomic_path, make_folder
 from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus.tiles import CELLS, KINDS, STEP_DEG, tile_name, tiles_of
 
@@ -45,10 +45,7 @@ def write_ggmplus(
             f"{folder}: GGMplus has no {field_map.quantity} files; it has {', '.join(KINDS)}"
         )
     kind, folder = KINDS[fitting[0]], Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    make_folder(folder)
     paths = []
     for south, west in tiles_of(field_map.extent):
         centres = np.radians(STEP_DEG * (np.arange(CELLS) + 0.5))

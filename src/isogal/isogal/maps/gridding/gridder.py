@@ -53,11 +53,13 @@ class GridSettings:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise InputError(f"method '{self.method}': must be one of {', '.join(METHODS)}")
+            raise InputError(
+                f"method (--method) '{self.method}' must be one of {', '.join(METHODS)}"
+            )
         if self.height is not None and self.method != "sources":
             raise InputError("a map at a chosen height needs the method sources")
         if self.left_out not in (None, "lines", "blocks"):
-            raise InputError(f"left out '{self.left_out}': must be lines or blocks")
+            raise InputError(f"left out (--leave-out) '{self.left_out}': must be lines or blocks")
         if not 0 <= self.trend <= 3:
             raise InputError(f"degree of the trend must be 0 to 3, is {self.trend}")
 

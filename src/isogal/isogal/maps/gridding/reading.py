@@ -57,7 +57,7 @@ def read_survey(
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
     if path.suffix.casefold() in (".nc", ".nc4", ".cdf"):
         columns, said = _netcdf(path, variable)
     else:

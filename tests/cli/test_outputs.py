@@ -1,0 +1,69 @@
+"""No command learns after its work that the result has no place: every option that names a file or
+folder to be written is checked before anything is read."""
+
+from pathlib import Path
+
+import pytest
+
+from helpers.command_line import call
+
+ALMOST = {
+    "match": ("--map", "no.nc", "--track", "no.csv"),
+    "plan": ("--map", "no.nc", "--from", "0,0", "--to", "1,1"),
+    "map grid": ("no.csv",),
+    "map continue": ("no.nc", "--height", "9"),
+    "map convert": ("no.nc",),
+    "montecarlo": ("--runs", "1"),
+    "mag calibrate": ("no.csv",),
+    "mag compensate": ("no.csv",),
+    "compare": ("a", "b"),
+    "view": ("no",),
+    "replay": ("no",),
+}
+"""Arguments that come before, of files that are not there either."""
+FILES = {
+    "match": ("--out", "x.json"),
+    "plan": ("--out", "x.yaml"),
+    "plan --path": ("--path", "x.yaml"),
+    "map grid": ("x.nc",),
+    "map continue": ("x.nc",),
+    "map convert": ("x.nc",),
+    "map synth": ("--out", "x.nc"),
+    "map info --figure": ("no.nc", "--figure", "x.png"),
+    "map navigability": ("no.nc", "--out", "x.nc"),
+    "map variability": ("no.nc", "--figure", "x.png"),
+    "mag calibrate": ("--out", "x.yaml"),
+    "mag compensate": ("--out", "x.csv"),
+    "mag compensate --learnt": ("--out", "y.csv", "--learnt", "x.yaml"),
+    "view": ("--out", "x.html"),
+}
+FOLDERS = {
+    "match --report": ("--report", "x"),
+    "montecarlo": ("--out", "x"),
+    "paper": ("--out", "x"),
+    "run": ("--out", "x"),
+    "run --bag": ("--bag", "x"),
+    "replay": ("--out", "x"),
+    "faults": ("--out", "x"),
+    "compare": ("--out", "x"),
+    "map fetch": ("--base-url", "http://127.0.0.1:9", "--out", "x"),
+    "map convert --to": ("x", "--to", "ggmplus"),
+    "mag calibrate --report": ("--out", "y.yaml", "--report", "x"),
+}
+CASES = [
+    *((name, words, "is a folder, where a file is needed") for name, words in FILES.items()),
+    *((name, words, "is a file, where a folder is needed") for name, words in FOLDERS.items()),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "why"), CASES, ids=[name for name, *_ in CASES])
+def test_an_output_that_cannot_be_written_is_refused_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: tuple[str, ...], why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken = next(word for word in words if word.partition(".")[0] == "x")
+    Path(taken).mkdir() if "file is needed" in why else Path(taken).write_text("kept")
+    command = name.partition(" --")[0]
+    status, out, err = call(*command.split(), *ALMOST.get(command, ()), *words)
+    assert (status, out, err) == (2, "", f"isogal: {taken}: {why}\n")
+    assert [path.name for path in tmp_path.iterdir()] == [taken]

@@ -1,0 +1,52 @@
+"""Where files and folders can be written, and what is said where they cannot."""
+
+from pathlib import Path
+
+import pytest
+
+from isogal.errors import InputError
+from isogal.files import check_output, make_folder, write_atomic
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder, the current one, with a file and a folder in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "folder").mkdir()
+    return tmp_path
+
+
+BAD = [
+    ("folder", False, "folder: is a folder, where a file is needed"),
+    ("file", True, "file: is a file, where a folder is needed"),
+    ("file/new/x.csv", False, "file/new/x.csv: cannot be written: file is not a folder"),
+    ("file/new", True, "file/new: cannot be written: file is not a folder"),
+]
+
+
+@pytest.mark.parametrize(("path", "folder", "message"), BAD)
+def test_what_cannot_be_written_is_known_before(
+    here: Path, path: str, folder: bool, message: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        check_output(path, folder)
+    assert str(error.value) == message
+    with pytest.raises(InputError, match=f"^{path}|^file/new"):  # and is not written
+        make_folder(path) if folder else write_atomic(path, "new")
+    assert Path("file").read_text() == "kept"
+
+
+def test_a_folder_that_may_not_be_written_to(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("folder"))
+    with pytest.raises(InputError, match="folder/new/x: cannot be written: folder may not be"):
+        check_output("folder/new/x")
+
+
+@pytest.mark.parametrize("path", ["new.csv", "file", "folder/x", "a/b/c.csv"])
+def test_the_rest_is_written_with_its_folders(here: Path, path: str) -> None:
+    check_output(path)
+    assert not Path("a").exists()
+    write_atomic(path, "new")
+    assert Path(path).read_text() == "new"
+    check_output(Path(path).parent, folder=True)
