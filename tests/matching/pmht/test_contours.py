@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.pmht.contours import contour_candidates
 
@@ -88,3 +89,27 @@ def test_flat_or_missing_map_is_no_trouble(rough_map):
     candidates = contour_candidates(batch, replace(rough_map, values=values), ERROR, COVARIANCE)
     assert np.isfinite(candidates.weight).all()
     assert np.isfinite(candidates.latitude).all()
+
+
+def test_candidates_are_those_of_newton_steps_in_numpy(rough_map):
+    batch, _ = make_batch(rough_map, ERROR)
+    got = contour_candidates(batch, rough_map, ERROR, COVARIANCE)
+    one = got.scan == 3
+    side = np.linspace(-2.0, 2.0, 4)
+    seeds = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    spread = batch.transition[3] @ COVARIANCE @ batch.transition[3].T
+    centre = batch.transition[3] @ ERROR
+    errors = centre + seeds @ np.linalg.cholesky(spread).T
+    north, east = metres_per_radian(batch.latitude[3])
+    level = (batch.reading - batch.offset - batch.reading_jacobian @ ERROR)[3]
+    limit = 2.0 * np.sqrt(np.trace(spread))
+    for _ in range(3):
+        at = batch.latitude[3] - errors[:, 0] / north, batch.longitude[3] - errors[:, 1] / east
+        value, *slope = rough_map.value_and_gradient(*at)
+        slope = np.stack(slope, axis=-1)
+        step = ((level - value) / (slope**2).sum(axis=1))[:, None] * slope
+        errors = errors - np.clip(step, -limit, limit)
+    latitude = batch.latitude[3] - errors[:, 0] / north
+    apart = np.abs(got.latitude[one][:, None] - latitude).min(axis=1)
+    np.testing.assert_allclose(apart * north, 0.0, atol=1e-2)  # the radii are those of the scan
+    assert one.sum() > 5

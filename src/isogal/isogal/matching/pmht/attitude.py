@@ -47,6 +47,11 @@ def joint_prior(batch: Batch) -> Array:
 
 def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
     """Return the covariance of (x, gain x + e), e ~ N(0, rest)."""
-    cross = covariance @ gain.T
-    whole = np.block([[covariance, cross], [cross.T, gain @ cross + rest]])
-    return np.asarray(symmetric(whole) + 1e-14 * np.diag(np.diag(whole)))
+    n = len(covariance)
+    whole = np.empty((n + len(rest), n + len(rest)))
+    whole[:n, :n], whole[n:, :n] = covariance, gain @ covariance
+    whole[:n, n:] = whole[n:, :n].T
+    whole[n:, n:] = whole[n:, :n] @ gain.T + rest
+    whole = symmetric(whole)
+    whole[np.diag_indices_from(whole)] *= 1.0 + 1e-14
+    return whole

@@ -20,11 +20,14 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
+from isogal.maps.interpolation import look_up
 from isogal.matching.interfaces import LOST_SIGMA, Batch
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.map_error import MapErrorPrior, field_scale
 from isogal.matching.quasi_random import standard_normal
+
+_AT_ONCE = 512
+"""Places whose densities are computed together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,10 +73,10 @@ class Track:
 class _Models:
     """Models of the map's error over a track, and an unknown constant."""
 
-    vectors: tuple[Array, ...]
-    """(n, n) for each correlation length: eigenvectors of the correlation."""
-    values: tuple[Array, ...]
-    """(n,) its eigenvalues."""
+    vectors: Array
+    """(L, n, n) for each correlation length: eigenvectors of the correlation."""
+    values: Array
+    """(L, n) its eigenvalues."""
     prior: MapErrorPrior
     bias_variance: float
 
@@ -82,32 +85,33 @@ class _Models:
         lat, lon = track.latitude, track.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        pairs = [np.linalg.eigh(np.exp(-distance / length)) for length in prior.length]
+        correlation = np.exp(-distance / prior.length[:, None, None])
+        values, vectors = np.linalg.eigh(correlation)
         bias = CONSTANTS.unknown_bias_share * field_scale(field_map)
-        return cls(
-            tuple(np.ascontiguousarray(one.eigenvectors) for one in pairs),
-            tuple(np.maximum(one.eigenvalues, 0.0) for one in pairs),
-            prior,
-            bias**2,
-        )
+        return cls(vectors, np.maximum(values, 0.0), prior, bias**2)
 
     def log_density(self, residual: Array, white: float) -> Array:
-        """Return (S,) log density of residuals (S, n) with white noise of a variance, without the
+        """Return (S,) log density of residuals (n, S) with white noise of a variance, without the
         constant; -inf where one is NaN."""
-        on_map = np.isfinite(residual).all(axis=1)
-        total = np.full(len(residual), -np.inf)
-        by_model = []
-        for j, (vectors, values) in enumerate(zip(self.vectors, self.values, strict=True)):
-            turned, of_bias = residual[on_map] @ vectors, vectors.sum(axis=0)[:, None]
-            weight = 1.0 / (self.prior.sigma**2 * values[:, None] + white)  # (n, sigmas)
-            gain = 1.0 + self.bias_variance * (of_bias**2 * weight).sum(axis=0)
-            explained = self.bias_variance / gain * (turned @ (of_bias * weight)) ** 2
-            log_det = np.log(gain) - np.log(weight).sum(axis=0)
-            square = turned**2 @ weight - explained
-            by_model.append(self.prior.log_weight[:, j] - 0.5 * (square + log_det))
-        every = np.concatenate(by_model, axis=1)
-        top = every.max(axis=1, initial=-np.inf, keepdims=True)
-        total[on_map] = np.log(np.exp(every - top).sum(axis=1)) + top[:, 0]
+        sigma = self.prior.sigma[:, None]
+        weight = 1.0 / (sigma**2 * self.values[:, None] + white)  # (lengths, sigmas, n)
+        of_bias = self.vectors.sum(axis=1)[:, None] * weight
+        gain = 1.0 + self.bias_variance * (of_bias**2 / weight).sum(axis=2, keepdims=True)
+        log_det = np.log(gain) - np.log(weight).sum(axis=2, keepdims=True)
+        constant = self.prior.log_weight.T[..., None] - 0.5 * log_det
+        of_bias *= np.sqrt(self.bias_variance / gain)
+        turn = self.vectors.swapaxes(1, 2).reshape(-1, len(residual))
+        total = np.full(residual.shape[1], -np.inf)
+        # so many at once that what is computed of them stays in the processor's cache
+        for part in np.array_split(np.arange(len(total)), -(-len(total) // _AT_ONCE)):
+            on_map = part[np.isfinite(residual[:, part]).all(axis=0)]
+            if not on_map.size:
+                continue
+            turned = (turn @ residual[:, on_map]).reshape(len(weight), len(residual), -1)
+            square = weight @ turned**2 - (of_bias @ turned) ** 2
+            log = (constant - 0.5 * square).reshape(-1, len(on_map))
+            top = log.max(axis=0, initial=-np.inf)
+            total[on_map] = np.log(np.exp(log - top).sum(axis=0)) + top
         return total
 
     def best_possible(self, white: float, count: int) -> float:
@@ -295,18 +299,24 @@ def _normal(count: int, covariance: Array) -> Array:
     return np.asarray(standard_normal(count, 2) @ np.linalg.cholesky(covariance).T)
 
 
-@kernel
+@kernel(error_model="numpy")
 def _residuals(  # type: ignore[no-untyped-def]
     grid, latitude, longitude, radian, level, since, place, drift
 ):
-    """Return (S, n) readings less the map where a navigator with errors (S, 2) in m and m/s would
+    """Return (n, S) readings less the map where a navigator with errors (S, 2) in m and m/s would
     be."""
-    out = np.empty((place.shape[0], latitude.shape[0]))
-    for s in range(place.shape[0]):
-        for t in range(latitude.shape[0]):
+    samples, rows = place.shape[0], latitude.shape[0]
+    out = np.empty((rows, samples))
+    lat, lon = np.empty(samples), np.empty(samples)
+    row, column = np.empty(samples, np.int64), np.empty(samples, np.int64)
+    for t in range(rows):
+        for s in range(samples):
             north = place[s, 0] + drift[s, 0] * since[t]
             east = place[s, 1] + drift[s, 1] * since[t]
-            lat = latitude[t] - north * radian[t, 0]
-            lon = longitude[t] - east * radian[t, 1]
-            out[s, t] = level[t] - value_and_gradient(grid, lat, lon, 0)[0]
+            lat[s] = latitude[t] - north * radian[t, 0]
+            lon[s] = longitude[t] - east * radian[t, 1]
+        there = out[t]
+        look_up(grid, lat, lon, 0, row, column, there)
+        for s in range(samples):
+            there[s] = level[t] - there[s]
     return out

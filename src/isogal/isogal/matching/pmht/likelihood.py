@@ -42,9 +42,10 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
+    explained,
     linearise,
     log_likelihood,
-    slopes,
+    nuisance,
     whitened,
 )
 from isogal.matching.pmht.noise_model import (
@@ -152,8 +153,8 @@ class BatchLikelihood:
             transition=np.ascontiguousarray(batch.transition[rows]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
             nodes=path_nodes(batch, rows),
-            nuisance_position=batch.nuisance_position[rows],
-            nuisance_reading=batch.nuisance_reading[rows],
+            nuisance_position=np.ascontiguousarray(batch.nuisance_position[rows]),
+            nuisance_reading=np.ascontiguousarray(batch.nuisance_reading[rows]),
             covariance=covariance,
             factor=np.empty((0, 0)),
             whitening=np.empty((0, 0)),
@@ -225,29 +226,20 @@ class BatchLikelihood:
         """Return G (T, M), what each nuisance parameter takes off the residuals at the error xi
         (4,); zero where the map has no gradient.
         """
-        position = xi @ self.transition.transpose(0, 2, 1)
-        by_lat, by_lon = slopes(
-            self.grid,
-            self.channel,
-            self.latitude - position[:, 0] * self.radian[:, 0],
-            self.longitude - position[:, 1] * self.radian[:, 1],
-            self.nodes,
+        return nuisance(
+            self.grid, self._readings, self.nuisance_position, self.nuisance_reading, xi
         )
-        gradient = np.nan_to_num(np.stack([by_lat, by_lon], axis=-1) * self.radian)
-        return np.einsum("ti,tij->tj", gradient, self.nuisance_position) - self.nuisance_reading
 
     def with_nuisance_at(self, xi: Array) -> "BatchLikelihood":
         """Return the likelihood with G taken at the error xi (4,)."""
-        effect = self.whitened(self.nuisance_at(xi))
-        inner = np.linalg.cholesky(np.eye(effect.shape[1]) + effect.T @ effect)
-        return replace(self, projection=np.ascontiguousarray(np.linalg.solve(inner, effect.T).T))
+        return replace(self, projection=explained(self.whitening, self.nuisance_at(xi)))
 
     def with_nuisance_of(self, batch: Batch) -> "BatchLikelihood":
         """Return the likelihood with the nuisance parameters of another batch of these scans."""
         likelihood = replace(
             self,
-            nuisance_position=batch.nuisance_position[self.rows],
-            nuisance_reading=batch.nuisance_reading[self.rows],
+            nuisance_position=np.ascontiguousarray(batch.nuisance_position[self.rows]),
+            nuisance_reading=np.ascontiguousarray(batch.nuisance_reading[self.rows]),
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 

@@ -45,12 +45,56 @@ def sensed(grid, lat, lon, nodes, channel):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def slopes(grid, channel, latitude, longitude, nodes):  # type: ignore[no-untyped-def]
-    """Return (T,) the map's derivatives by latitude and longitude, each row in its channel."""
-    by_lat, by_lon = np.empty(latitude.shape[0]), np.empty(latitude.shape[0])
-    for t in range(latitude.shape[0]):
-        _, by_lat[t], by_lon[t] = sensed(grid, latitude[t], longitude[t], nodes[t], channel[t])
-    return by_lat, by_lon
+def nuisance(grid, readings, position, reading, xi):  # type: ignore[no-untyped-def]
+    """Return (T, M) what each nuisance parameter takes off the residuals at an error xi (4,), if
+    it moves positions by (T, 2, M) and readings by (T, M); by the latter alone where the map has
+    no gradient."""
+    channel, latitude, longitude, radian, _, transition, _, nodes = readings
+    rows, count = reading.shape
+    out = np.empty((rows, count))
+    for t in range(rows):
+        north = 0.0
+        east = 0.0
+        for i in range(4):
+            north += transition[t, 0, i] * xi[i]
+            east += transition[t, 1, i] * xi[i]
+        lat, lon = latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
+        _, by_lat, by_lon = sensed(grid, lat, lon, nodes[t], channel[t])
+        by_north, by_east = by_lat * radian[t, 0], by_lon * radian[t, 1]
+        if not (math.isfinite(by_north) and math.isfinite(by_east)):
+            by_north, by_east = 0.0, 0.0
+        for m in range(count):
+            out[t, m] = by_north * position[t, 0, m] + by_east * position[t, 1, m] - reading[t, m]
+    return out
+
+
+@kernel
+def explained(whitening, effect):  # type: ignore[no-untyped-def]
+    """Return D C'⁻¹ (n, M), C C' = 1 + D' D, of nuisance parameters with effects (T, M), whose
+    whitened effects on the n new readings D (n, M) are by `whitening`."""
+    rows, new = whitening.shape
+    count = effect.shape[1]
+    white = np.zeros((new, count))
+    for t in range(rows):
+        for k in range(max(t - rows + new, 0), new):
+            for m in range(count):
+                white[k, m] += whitening[t, k] * effect[t, m]
+    root = np.eye(count)
+    for a in range(count):
+        for b in range(a + 1):
+            value = root[a, b]
+            for k in range(new):
+                value += white[k, a] * white[k, b]
+            for c in range(b):
+                value -= root[a, c] * root[b, c]
+            root[a, b] = math.sqrt(value) if a == b else value / root[b, b]
+    for k in range(new):
+        for a in range(count):
+            value = white[k, a]
+            for b in range(a):
+                value -= root[a, b] * white[k, b]
+            white[k, a] = value / root[a, a]
+    return white
 
 
 @kernel(error_model="numpy")

@@ -19,7 +19,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+from isogal.matching.pmht.noise_model import NoiseModel, distances, map_correlation
 
 USUAL_LENGTH_M = 4000.0
 """Correlation length of map errors where nobody says otherwise."""
@@ -156,21 +156,11 @@ class MapErrorEstimate:
         unknown = np.concatenate(
             [slope @ np.linalg.cholesky(batch.prior), likelihood.nuisance_at(mean)[first:]], axis=1
         )
-        shapes = np.stack(
-            [
-                residual_covariance(
-                    batch.latitude[rows],
-                    batch.longitude[rows],
-                    np.zeros(len(rows)),
-                    np.ones(len(rows)),
-                    length,
-                    0.0,
-                    channel if len(maps) > 1 else None,
-                    None if batch.filter_path is None else batch.filter_path.part(rows),
-                )
-                for length in self.length
-            ]
-        )
+        apart = distances(batch.latitude[rows], batch.longitude[rows])
+        path = None if batch.filter_path is None else batch.filter_path.part(rows)
+        shapes = np.stack([map_correlation(apart, length, path) for length in self.length])
+        if len(maps) > 1:
+            shapes *= channel[:, None] == channel
         evidence = _evidence(
             noise,
             shapes,

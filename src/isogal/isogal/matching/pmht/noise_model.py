@@ -2,13 +2,14 @@
 the track, an unknown constant.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.matrices import symmetric
@@ -45,14 +46,25 @@ def residual_covariance(
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
-        apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-        distance = np.hypot(apart[..., 0], apart[..., 1])
-        distance = symmetric(distance)
-        shape = _correlation(distance, correlation_length)
-        if filter_path is not None:
-            shape = _mean_over(filter_path, distance, correlation_length)
+        shape = map_correlation(distances(latitude, longitude), correlation_length, filter_path)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
+
+
+def distances(latitude: Array, longitude: Array) -> Array:
+    """Return (T, T) m between places (rad): means of what they are with the radii at the one and
+    at the other."""
+    return np.asarray(_distances(latitude, longitude, *metres_per_radian(latitude)))
+
+
+def map_correlation(
+    distance: Array, length: float | Array, filter_path: FilterPath | None = None
+) -> Array:
+    """Return (T, T) the correlation of map errors of readings at distances (m) from each other;
+    lengths and path as in `residual_covariance`."""
+    if filter_path is not None:
+        return _mean_over(filter_path, distance, length)
+    return _correlation(distance, length)
 
 
 def _correlation(distance: Array, length: float | Array) -> Array:
@@ -144,3 +156,19 @@ def map_sigmas(
     ).reshape(len(xi), -1)
     known = np.isfinite(there)
     return np.sqrt((np.nan_to_num(there) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+
+
+@kernel
+def _distances(latitude, longitude, north, east):  # type: ignore[no-untyped-def]
+    """Return `distances` of places with north and east (T,) metres to a radian."""
+    count = latitude.shape[0]
+    out = np.zeros((count, count))
+    for i in range(count):
+        for j in range(i):
+            d_lat, d_lon = latitude[i] - latitude[j], longitude[i] - longitude[j]
+            d_lon -= 2.0 * math.pi * math.floor(d_lon / (2.0 * math.pi) + 0.5)
+            total = 0.0
+            for k in (i, j):
+                total += math.sqrt((d_lat * north[k]) ** 2 + (d_lon * east[k]) ** 2)
+            out[i, j] = out[j, i] = 0.5 * total
+    return out

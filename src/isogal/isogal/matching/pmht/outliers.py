@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans
-from isogal.earth.frames import horizontal_difference
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import distances
 from isogal.matching.pmht.state import State
 
 
@@ -97,5 +97,4 @@ def smooth_covariance(latitude: Array, longitude: Array, sigma: float, length: f
 
     It stands for the map's values at a wrong place: smooth over the map's features.
     """
-    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-    return sigma**2 * np.exp(-0.5 * (apart**2).sum(axis=-1) / length**2)
+    return sigma**2 * np.exp(-0.5 * (distances(latitude, longitude) / length) ** 2)
