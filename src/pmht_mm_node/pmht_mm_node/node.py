@@ -34,7 +34,7 @@ class PmhtMmNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "field", "fields", "route", "imu", "gravimeter", "magnetometer", "altimeter",
-        "gradiometer", "height", "map", "matcher", "fusion",
+        "gradiometer", "gravity", "height", "map", "matcher", "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",

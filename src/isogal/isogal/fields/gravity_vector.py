@@ -4,6 +4,7 @@
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -39,8 +40,13 @@ class GravityVector:
     """The disturbance vector around a route by its map."""
 
     disturbance: ScalarMap
-    horizontal: ChannelMap
-    """Channels `gravity_north` and `gravity_east`, m/s²."""
+    of_horizontal: Callable[[], ChannelMap]
+    """What computes the horizontal components."""
+
+    @cached_property
+    def horizontal(self) -> ChannelMap:
+        """Channels `gravity_north` and `gravity_east`, m/s²; computed when first asked for."""
+        return self.of_horizontal()
 
 
 def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
@@ -75,10 +81,14 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-    if (measured := _deflections(scenario, corridor)) is not None:
-        return GravityVector(source, measured)
-    coarse = _coarse(source, disturbance_of)
-    return GravityVector(source, horizontal_gravity(coarse, edge=0.0, rim_error=False))
+
+    def horizontal() -> ChannelMap:
+        if (measured := _deflections(scenario, corridor)) is not None:
+            return measured
+        coarse = _coarse(source, disturbance_of)
+        return horizontal_gravity(coarse, edge=0.0, rim_error=False)
+
+    return GravityVector(source, horizontal)
 
 
 def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:

@@ -1,7 +1,7 @@
 """What a navigator knows of horizontal gravity: a map to take off at its own position, and how
 much it believes to be left (docs/mathematics.md, section 3.9)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,26 +46,46 @@ def known_gravity(
     InputError
         The map cannot be read, or does not cover the route.
     """
+    vector = gravity_vector(scenario, trajectory)
+    if vector is None:
+        return KnownGravity()
+    left = residual_gravity(scenario, trajectory, map_sigma)
+    return replace(left, compensation=compensation_by(vector.horizontal, _share(scenario)))
+
+
+def residual_gravity(
+    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+) -> KnownGravity:
+    """Return what `known_gravity` does without the compensation: only what is believed to be left.
+
+    Where all of the map's horizontal gravity is taken off, the map's own part is not computed."""
     settings = scenario.gravity
     vector = gravity_vector(scenario, trajectory)
     if vector is None:
         return KnownGravity()
     if map_sigma is None:
         map_sigma = told_map_sigma(scenario, vector.disturbance)
-    share = settings.compensated_share if settings.compensation == "map" else 0.0
-    along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
-    spread = float(np.sqrt(np.nanmean(along**2)))
-    left = ((1.0 - share) * spread) ** 2
+    share = _share(scenario)
     wrong = 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2
+    left, of_map = 0.0, 1.0
+    if share < 1.0:
+        along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
+        left = (1.0 - share) ** 2 * float(np.nanmean(along**2))
+        of_map = _correlation_length(trajectory, along)
     sigma, length = settings.residual_sigma, settings.residual_correlation_length
     if sigma == "auto":
         sigma = float(np.sqrt(left + wrong))
     if length == "auto":
-        of_map = _correlation_length(trajectory, along)
         of_error = scenario.matcher.map_correlation_length
         weight = left / (left + wrong)
         length = float(np.exp(weight * np.log(of_map) + (1.0 - weight) * np.log(of_error)))
-    return KnownGravity(compensation_by(vector.horizontal, share), float(sigma), float(length))
+    return KnownGravity(residual_sigma=float(sigma), residual_length=float(length))
+
+
+def _share(scenario: Scenario) -> float:
+    """Return the share of the map's horizontal gravity that the navigator takes off."""
+    settings = scenario.gravity
+    return settings.compensated_share if settings.compensation == "map" else 0.0
 
 
 def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:

@@ -16,6 +16,7 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
+from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, arrays_of
 from isogal.matching.transitions import Bridge, across, backwards, carried, condition
 from isogal.scenario import Gravimeter, Height, Scenario
@@ -80,6 +81,8 @@ class BatchBuilder:
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
+        self.gravity = UNMOVED
+        """What moves the navigator within a batch; nothing, unless it is set."""
 
     @classmethod
     def of(cls, scenario: Scenario, context: int = 0, marks: int = 0) -> "BatchBuilder":
@@ -215,8 +218,8 @@ class BatchBuilder:
         """
         scans = list(self._scans)[-self._longest :]
         latitude, longitude, velocity, times = arrays_of(scans)
-        backward, joined, apart = self._errors(latitude, velocity, times, times[-1])
         prior = symmetric(prior)
+        backward, joined, apart = self._errors(latitude, velocity, times, times[-1], prior)
         every, rest = condition(joined, prior, apart)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
@@ -288,7 +291,8 @@ class BatchBuilder:
         )
         latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
         velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
-        back = self._errors(latitude, velocity, batch.time - self._lag.mean, float(batch.time[-1]))
+        told_of = batch.time - self._lag.mean
+        back = self._errors(latitude, velocity, told_of, float(batch.time[-1]), prior)
         every, rest = condition(back[1], prior, back[2])
         at_scan = self._jacobian(latitude, longitude, velocity)
         return replace(
@@ -307,11 +311,21 @@ class BatchBuilder:
         )
 
     def _errors(
-        self, latitude: Array, velocity: Array, times: Array, end: float
+        self,
+        latitude: Array,
+        velocity: Array,
+        times: Array,
+        end: float,
+        prior: Array | None = None,
     ) -> tuple[Array, Array, Array]:
-        """Return `backwards` of scans, and both of `across`."""
+        """Return `backwards` of scans, and both of `across`; given the prior at the end, with what
+        gravity moves beside the latter."""
         plain = backwards(latitude, velocity, times, end)
-        return plain, *across(self._bridge, plain, latitude, velocity, times, end)
+        every, apart = across(self._bridge, plain, latitude, velocity, times, end)
+        if prior is not None:
+            moved = self.gravity.apart(velocity, times, end, prior)
+            apart = np.concatenate([apart, moved], axis=2)
+        return plain, every, apart
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

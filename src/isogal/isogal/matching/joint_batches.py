@@ -9,12 +9,15 @@ from dataclasses import replace
 from typing import Any
 
 from isogal.arrays import Array
+from isogal.fields.known_gravity import KnownGravity, residual_gravity
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.registry import contexts_of
+from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
 from isogal.matching.several import Rhythm
 from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
 
 MapNear = Callable[[int, Batch], Any]
 """Returns the map of a field around a batch."""
@@ -35,15 +38,31 @@ class JointBatches:
         self.builders, self._lead = tuple(builders), lead
 
     @classmethod
-    def of(cls, scenario: Scenario, matcher: Matcher) -> "JointBatches":
-        """Return those of a scenario's fields for its matcher (`registry.build_run_matcher`);
-        raises InputError where the scenario cannot be used."""
+    def of(
+        cls, scenario: Scenario, matcher: Matcher, gravity: KnownGravity | None = None
+    ) -> "JointBatches":
+        """Return those of a scenario's fields for its matcher (`registry.build_run_matcher`).
+
+        Parameters
+        ----------
+        gravity : KnownGravity, optional
+            What the navigator knows of horizontal gravity; default: as the scenario says.
+
+        Raises
+        ------
+        InputError
+            The scenario cannot be used.
+        """
+        if gravity is None:
+            gravity = residual_gravity(scenario.felt_field, build_trajectory(scenario))
         each = scenario.each_field
         rhythm, contexts = Rhythm.of(each), contexts_of(matcher, len(each))
         builders = [
             BatchBuilder.of(one, contexts[field], rhythm.marks(field, one))
             for field, one in enumerate(each)
         ]
+        for builder in builders:
+            builder.gravity = ResidualGravity.of(gravity)
         return cls(builders, rhythm.lead)
 
     @property

@@ -147,7 +147,7 @@ class _ClosedLoop:
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
         self.lead = Rhythm.of(each).lead
-        self.batches = [JointBatches.of(scenario, matcher) for _ in runs]
+        self.batches = [JointBatches.of(scenario, matcher, known) for _ in runs]
         self.memories: list[Any] = [None for _ in runs]
         due = self._due()
         self.batch_at = {scan: batch for batch, scan in enumerate(due)}

@@ -194,9 +194,10 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
     moved = position @ shift
     north, east = metres_per_radian(batch.latitude)
     rows = np.concatenate([position, reading[:, None]], axis=1)
-    by_xi, nuisance = condition(rows, covariance)
-    back, back_nuisance = condition(back, covariance)
-    level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance)
+    apart = _apart(batch)
+    by_xi, nuisance = condition(rows, covariance, apart[0])
+    back, back_nuisance = condition(back, covariance, apart[1])
+    level, level_nuisance = condition(np.eye(BATCH_STATES)[None, 4:], covariance, apart[2])
     end = batch.end
     to_north, to_east = metres_per_radian(end[0])
     return replace(
@@ -215,3 +216,16 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
         attitude=(level[0], level_nuisance[0]),
         beside=beside,
     )
+
+
+def _apart(batch: Batch) -> tuple[Array, Array, Array]:
+    """Return what moves a batch's rows (T, 3, K), the error at the end of the batch before (1, 7,
+    K) and the attitude at its own (1, 3, K) beside the navigator's error at the end."""
+    assert batch.attitude is not None
+    level = np.abs(batch.attitude[1]).max(axis=0)
+    moves = (level == 0.0) & (np.abs(batch.nuisance_position).max(axis=(0, 1)) > 0.0)
+    rows = np.concatenate([batch.nuisance_position, batch.nuisance_reading[:, None]], axis=1)
+    back = np.zeros((BATCH_STATES, moves.size))
+    if batch.back_nuisance is not None:
+        back = batch.back_nuisance
+    return rows[..., moves], back[None][..., moves], np.zeros((1, 3, int(moves.sum())))

@@ -1,0 +1,80 @@
+"""Horizontal gravity that nothing takes off, within a batch."""
+
+import numpy as np
+import pytest
+
+from isogal.matching.batching import BatchBuilder
+from isogal.matching.pmht.past_batches import seen_from
+from isogal.matching.residual_gravity import ResidualGravity
+from isogal.scenario import Matcher
+from isogal.sensors.gravimeter import GravityReduction
+
+SIGMA, SPEED, SPAN = 2e-4, 22.0, 600.0
+TIMES = np.arange(0.0, SPAN + 1.0, 20.0)
+VELOCITY = np.tile([0.6 * SPEED, 0.8 * SPEED], (len(TIMES), 1))
+PRIOR = np.diag([30.0, 30.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]) ** 2
+
+
+@pytest.mark.parametrize("length", [6_000.0, 20_000.0, 1e9])
+def test_covariance_is_that_of_the_process_integrated(length: float) -> None:
+    apart = ResidualGravity(SIGMA, length).apart(VELOCITY, TIMES, SPAN, PRIOR)
+    fine = np.linspace(0.0, SPAN, 1201)
+    step = fine[1]
+    process = SIGMA**2 * np.exp(-np.abs(fine[:, None] - fine) * SPEED / length)
+    weight = np.full(len(fine), step)
+    weight[[0, -1]] = step / 2.0
+    later = np.maximum(fine - TIMES[:, None], 0.0)
+    moves = np.concatenate([later * weight, -np.sign(later) * weight])  # position, velocity
+    expected = moves @ process @ moves.T
+    scale = np.sqrt(np.diag(expected).reshape(2, -1).max(axis=1)).repeat(len(TIMES))
+    for axis in range(2):
+        root = np.concatenate([apart[:, axis], apart[:, 2 + axis]])
+        np.testing.assert_allclose(
+            root @ root.T / scale / scale[:, None], expected / scale / scale[:, None], atol=0.02
+        )
+    assert not (apart[:, 0] * apart[:, 1]).any()
+    assert not apart[:, 4:].any()
+    assert not apart[-1].any()
+
+
+def test_what_is_too_small_to_matter_is_left_out() -> None:
+    assert ResidualGravity(1e-5, 1e4).apart(VELOCITY, TIMES, SPAN, PRIOR).shape == (31, 7, 0)
+    assert ResidualGravity(1e-5, 1e4).apart(VELOCITY, TIMES, SPAN, PRIOR / 100.0).shape[2] > 0
+    assert ResidualGravity().apart(VELOCITY, TIMES, SPAN, PRIOR / 1e9).shape == (31, 7, 0)
+
+
+def build(sigma: float):
+    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GravityReduction(), context=10)
+    builder.gravity = ResidualGravity(sigma, 20_000.0)
+    for k, (time, velocity) in enumerate(zip(TIMES, VELOCITY, strict=True)):
+        builder.add_scan(time, -0.6, 2.4 + 1e-7 * time, velocity, 0.0, 1e-5)
+        if k == 20:
+            builder.build(PRIOR)
+    return builder.build(PRIOR)
+
+
+def test_a_batch_has_it_beside_the_attitude() -> None:
+    without, batch = build(0.0), build(SIGMA)
+    assert without.nuisance_position.shape[2] == 3
+    count = batch.nuisance_position.shape[2]
+    assert count > 3
+    np.testing.assert_array_equal(batch.nuisance_position[..., :3], without.nuisance_position)
+    # the first scan is 580 s before the end: half of that squared, 34 m, a little less for the
+    # process does not stay as it is
+    moved = np.sqrt((batch.nuisance_position[0, :, 3:] ** 2).sum(axis=1))
+    np.testing.assert_allclose(moved, 0.5 * SIGMA * 580.0**2, rtol=0.15)
+    assert batch.back_nuisance is not None
+    assert batch.back_nuisance[:4, 3:].any()
+
+
+def test_another_navigator_sees_it_as_well() -> None:
+    batch = build(SIGMA)
+    other = seen_from(batch, np.zeros(7), 4.0 * PRIOR)
+    np.testing.assert_array_equal(
+        other.nuisance_position[..., 3:], batch.nuisance_position[..., 3:]
+    )
+    assert other.back_nuisance is not None
+    assert batch.back_nuisance is not None
+    assert other.attitude is not None
+    np.testing.assert_array_equal(other.back_nuisance[:, 3:], batch.back_nuisance[:, 3:])
+    assert not other.attitude[1][:, 3:].any()
