@@ -20,6 +20,8 @@ MOST_PANELS = 6
 _COLUMNS = 3
 _DEPTH = 20.0
 """Natural logarithms below the best that are shown."""
+_INSET = 0.38
+"""Side of what is enlarged, in that of the panel."""
 
 
 def has_shifts(matches: Sequence[Match]) -> bool:
@@ -82,13 +84,17 @@ def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array
     """Draw what is too small to be seen."""
     half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
     corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
-    inset = panel.inset_axes((*corner, 0.38, 0.38))
+    inset = panel.inset_axes((*corner, _INSET, _INSET))
+    near = np.abs(shifts.shifts - mean).max(axis=1) < 1e3 * half
+    steps = np.diff(np.unique(np.round(shifts.shifts[near, 1], 3)))
+    side = _INSET * 0.7 * 72.0 * panel.figure.get_figwidth() / panel.get_gridspec().ncols
+    points = 1.15 * side * float(steps.min(initial=2e3 * half)) / (2e3 * half)
     log_weight = shifts.log_likelihood + shifts.log_prior
     inset.scatter(
         shifts.shifts[:, 1] / 1e3,
         shifts.shifts[:, 0] / 1e3,
         c=np.maximum(log_weight - log_weight.max(), -_DEPTH),
-        s=4.0,
+        s=min(points, 0.2 * side) ** 2,  # squares that touch
         marker="s",
         linewidths=0.0,
         cmap="viridis",
@@ -102,7 +108,11 @@ def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array
     inset.set_yticks([])
     inset.grid(False)
     inset.text(
-        0.5, 0.03, f"{2e3 * half:.0f} m", transform=inset.transAxes, ha="center", fontsize=6
+        *(0.5, 0.03, f"{2e3 * half:.0f} m wide"),
+        transform=inset.transAxes,
+        ha="center",
+        fontsize=6,
+        bbox=style.LABEL_BOX,
     )
     panel.indicate_inset_zoom(inset, edgecolor="white")
 

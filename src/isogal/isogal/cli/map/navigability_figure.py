@@ -25,7 +25,7 @@ def navigability_figure(found: "Navigability") -> "Figure":
     titles = (
         "RMS error on arrival (m)",
         "on the worst heading (m)",
-        "second place",
+        "probability of a second place",
         "variability",
     )
     layers = found.layers()
@@ -34,6 +34,8 @@ def navigability_figure(found: "Navigability") -> "Figure":
     high = float(np.nanquantile(found.worst, 0.99))
     for panel, name, title in zip(panels.flat, names, titles, strict=True):
         grid, unit, _ = layers[name]
+        if unit == "m/s²":
+            grid, unit = grid / style.MGAL, "$10^{-5}$ m/s²"
         limits: dict[str, float] = (
             {"vmin": low, "vmax": high} if name.startswith("error") else {"vmin": 0.0}
         )
@@ -51,7 +53,8 @@ def navigability_figure(found: "Navigability") -> "Figure":
         text = f"{title} ({unit})" if name == "variability" else title
         panel.set_title(text)
         panel.grid(False)
-        figure.colorbar(image, ax=panel, shrink=0.8)
+        # as tall as the map, whose shape is its own
+        figure.colorbar(image, cax=panel.inset_axes((1.03, 0.0, 0.04, 1.0)))
     for panel in panels[1]:
         panel.set_xlabel("longitude (deg)")
     for panel in panels[:, 0]:

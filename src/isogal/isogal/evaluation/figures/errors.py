@@ -62,13 +62,15 @@ def error_figure(runs: Runs) -> "Figure":
 def _fix_marks(panel: "Axes", fix_time: Array, runs: Runs, axis: int) -> None:
     error = runs.fix_error[0, :, axis]
     sigma = np.sqrt(runs.fix_covariance[0, :, axis, axis])
+    few = min(60.0 / max(len(fix_time), 1), 1.0)
     panel.errorbar(
         *(fix_time, error, sigma),
         fmt="o",
-        markersize=2.6,
+        markersize=1.6 + few,
         color=style.VERMILION,
-        ecolor="0.45",
-        elinewidth=0.7,
+        ecolor=(0.45, 0.45, 0.45, 0.2 + 0.8 * few),  # many would hide the lines
+        elinewidth=0.3 + 0.4 * few,
+        zorder=1.6,
         label=r"fixes $\pm1\sigma$",
         markeredgewidth=0.0,
     )

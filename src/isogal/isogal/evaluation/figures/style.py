@@ -202,12 +202,21 @@ def field_scale(field_map: "ScalarMap") -> FieldScale:
 
 
 def logarithmic(axis: "Axes") -> None:
-    """Give a panel a logarithmic value axis with plain numbers and a fine grid."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    """Give a panel a logarithmic value axis with plain numbers and a fine grid.
+
+    Where powers of ten are too few to read it by, numbers between them are written as well."""
+    from matplotlib.ticker import FuncFormatter
+
+    def between(value: float, _: object) -> str:
+        low, high = axis.get_ylim()
+        leading = round(value / 10.0 ** math.floor(math.log10(value) + 1e-9))
+        written = range(2, 10) if high < 5.0 * low else (2, 5) if high < 50.0 * low else ()
+        return f"{value:g}" if leading in written else ""
 
     axis.set_yscale("log")
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.yaxis.set_minor_formatter(FuncFormatter(between))
+    axis.tick_params(axis="y", which="minor", labelsize=7.0)
     axis.grid(True, which="minor", axis="y", linewidth=0.25)
 
 
