@@ -50,20 +50,8 @@ def shift_figure(matches: Sequence[Match]) -> "Figure":
 
 def _draw(panel: "Axes", match: Match, shifts: ShiftPosterior) -> "AxesImage":
     cells, log_posterior, size = shifts.overview
-    index = np.rint(cells / size).astype(int)
-    low = index.min(axis=0)
-    picture = np.full(index.max(axis=0) - low + 1, np.nan)
-    picture[tuple((index - low).T)] = np.maximum(log_posterior - log_posterior.max(), -_DEPTH)
-    edges = [(low - 0.5) * size / 1e3, (index.max(axis=0) + 0.5) * size / 1e3]
-    image = panel.imshow(
-        picture,
-        origin="lower",
-        extent=(edges[0][1], edges[1][1], edges[0][0], edges[1][0]),
-        cmap="viridis",
-        vmin=-_DEPTH,
-        vmax=0.0,
-        aspect="equal",
-    )
+    image = _cells(panel, cells, log_posterior - log_posterior.max(), size)
+    west, east = image.get_extent()[:2]
     mean, covariance = shifts.moments
     if match.fix.published:
         covariance = match.covariance[:2, :2]
@@ -75,9 +63,30 @@ def _draw(panel: "Axes", match: Match, shifts: ShiftPosterior) -> "AxesImage":
     panel.set_xlabel("error of the track east (km)")
     panel.set_ylabel("north (km)")
     panel.grid(False)
-    if 4.0 * math.sqrt(float(covariance.max())) < 0.08e3 * float(edges[1][1] - edges[0][1]):
+    if 4.0 * math.sqrt(float(covariance.max())) < 0.08e3 * (east - west):
         _inset(panel, shifts, mean, covariance)
     return image
+
+
+def _cells(panel: "Axes", cells: Array, depth: Array, size: float | None = None) -> "AxesImage":
+    """Draw (K,) values of (K, 2) cells of a regular grid, m north and east; their size (m) is the
+    least distance between two unless told."""
+    if size is None:
+        apart = np.diff(np.unique(np.round(cells[:, 1], 3)))
+        size = float(apart.min()) if apart.size else 1.0
+    index = np.rint((cells - cells.min(axis=0)) / size).astype(int)
+    picture = np.full(index.max(axis=0) + 1, np.nan)
+    picture[tuple(index.T)] = np.maximum(depth, -_DEPTH)
+    (south, west), (north, east) = cells.min(axis=0) - 0.5 * size, cells.max(axis=0) + 0.5 * size
+    return panel.imshow(
+        picture,
+        origin="lower",
+        extent=(west / 1e3, east / 1e3, south / 1e3, north / 1e3),
+        cmap="viridis",
+        vmin=-_DEPTH,
+        vmax=0.0,
+        aspect="equal",
+    )
 
 
 def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array) -> None:
@@ -85,22 +94,9 @@ def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array
     half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
     corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
     inset = panel.inset_axes((*corner, _INSET, _INSET))
-    near = np.abs(shifts.shifts - mean).max(axis=1) < 1e3 * half
-    steps = np.diff(np.unique(np.round(shifts.shifts[near, 1], 3)))
-    side = _INSET * 0.7 * 72.0 * panel.figure.get_figwidth() / panel.get_gridspec().ncols
-    points = 1.15 * side * float(steps.min(initial=2e3 * half)) / (2e3 * half)
     log_weight = shifts.log_likelihood + shifts.log_prior
-    inset.scatter(
-        shifts.shifts[:, 1] / 1e3,
-        shifts.shifts[:, 0] / 1e3,
-        c=np.maximum(log_weight - log_weight.max(), -_DEPTH),
-        s=min(points, 0.2 * side) ** 2,  # squares that touch
-        marker="s",
-        linewidths=0.0,
-        cmap="viridis",
-        vmin=-_DEPTH,
-        vmax=0.0,
-    )
+    near = np.abs(shifts.shifts - mean).max(axis=1) < 1.2e3 * half
+    _cells(inset, shifts.shifts[near], (log_weight - log_weight.max())[near])
     inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
     inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
     inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)
