@@ -1,6 +1,7 @@
 """The packages under src/ as pip, colcon and rosdep see them."""
 
 import ast
+import tomllib
 import xml.etree.ElementTree as ET
 from configparser import ConfigParser
 from importlib.metadata import EntryPoint
@@ -45,6 +46,17 @@ def test_package_xml_and_setup_agree(package: Path) -> None:
 
 def test_all_have_the_version_of_the_library() -> None:
     assert {setup_arguments(package)["version"] for package in PACKAGES} == {isogal.__version__}
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_all_name_the_maintainers_and_addresses_of_the_library(package: Path) -> None:
+    project = tomllib.loads((LIBRARY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    root = ET.parse(package / "package.xml").getroot()
+    named = [{"name": e.text, "email": e.get("email")} for e in root.findall("maintainer")]
+    assert named == project["maintainers"]
+    assert {e.text for e in root.findall("url")} == set(project.get("urls", {}).values())
+    heading = (package / "CHANGELOG.rst").read_text(encoding="utf-8").splitlines()[1]
+    assert heading == f"Changelog for package {package.name}"  # as REP 132 has it
 
 
 LIBRARY = ROOT / "src" / "isogal"
