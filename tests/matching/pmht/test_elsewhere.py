@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import make_batch
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Track, look_elsewhere
 from isogal.matching.pmht.map_error import MapErrorEstimate
 
@@ -113,3 +114,16 @@ def test_groups_of_readings_are_means_with_less_noise(rough_map):
     assert len(groups.level) == 37
     np.testing.assert_allclose(groups.level[-1], track.level[-4:].mean())
     np.testing.assert_allclose(groups.sigma, track.sigma[0] / 2.0)
+
+
+@pytest.mark.parametrize(("wrong", "lost"), [(1e-4, False), (0.0, True)])
+def test_told_to_be_exact_a_bad_map_is_not_a_lost_navigator(rough_map, wrong, lost):
+    """With a sigma that is told and wrong a place far away would win by chance."""
+    for seed in range(4):
+        one = batches(rough_map, AWAY if lost else (60.0, -40.0), seed, scans=60, wrong=wrong)
+        unknown = MapErrorEstimate.unknown(one[0], rough_map).coarse_prior
+        prior = unknown.or_rather(0.0, CONSTANTS.told_probability)
+        assert np.isclose(np.exp(prior.log_weight).sum(), 1.0)
+        found = look_elsewhere(one, one, rough_map, prior, least=2)
+        says = found is not None and found.log_evidence > CONSTANTS.lost_on_any_map_log_evidence
+        assert says == lost

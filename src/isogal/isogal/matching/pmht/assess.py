@@ -10,8 +10,10 @@ import numpy as np
 from isogal.maps.channels import channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, LOST_SIGMA
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.elsewhere import look_elsewhere
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.learn import learn_from
+from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.prepare import unknown_bias
 from isogal.matching.pmht.state import State, Verdict, evidence, rematch
 
@@ -54,7 +56,7 @@ def _assess_disagreement(state: State) -> State:
     bias = unknown_bias(batch, state.field_map, state.settings)
     if biased > max(here + far, there + CONSTANTS.bias_log_evidence):
         return state.decided(Verdict(reason, biased=True, bias=bias))
-    if there > here + far:
+    if there > here + far and _lost_on_any_map(state):
         reason += f"; navigator lost, searching within {LOST_SIGMA[0] / 1000.0:.0f} km (1-sigma)"
         either = state.bias is not None or biased > max(here, there - far)
         return state.decided(Verdict(reason, lost=True, bias=bias if either else None))
@@ -78,6 +80,22 @@ def _explanations(state: State, inflation: float) -> tuple[float, float, float]:
         with_bias = rematch(state, outlier=every, inflation=inflation, bias=bias)
         biased = evidence(with_bias.posterior)
     return evidence(here.posterior), evidence(there.posterior), biased
+
+
+def _lost_on_any_map(state: State) -> bool:
+    """Return whether the readings say that the navigator is elsewhere also to somebody who thinks
+    it possible that the map's error is another than told.
+
+    A map that is much worse than told fits nowhere; with the noise that a moderately wrong
+    assumption explains, some place of the many far away fits a little less badly.
+    """
+    batch, field_map = state.batch, state.field_map
+    if batch.channel is not None:
+        return True
+    unknown = MapErrorEstimate.unknown(batch, field_map).coarse_prior
+    prior = unknown.or_rather(state.settings.noise.map_sigma, CONSTANTS.told_probability)
+    look = look_elsewhere([batch], [batch], field_map, prior, least=2)
+    return look is not None and look.log_evidence > CONSTANTS.lost_on_any_map_log_evidence
 
 
 def _with_larger_noise(state: State, reason: str) -> State:

@@ -142,7 +142,11 @@ class Look:
 
 
 def look_elsewhere(
-    aided: Sequence[Batch], unaided: Sequence[Batch], field_map: AnyMap, prior: MapErrorPrior
+    aided: Sequence[Batch],
+    unaided: Sequence[Batch],
+    field_map: AnyMap,
+    prior: MapErrorPrior,
+    least: int = CONSTANTS.first_look_readings,
 ) -> Look | None:
     """Return where readings fit best; None where no other place could be much better, the track is
     not on the map, the readings are few, or they are of several channels.
@@ -156,10 +160,12 @@ def look_elsewhere(
         a navigator that is lost bend its track.
     field_map : FieldMap or ChannelMap
     prior : MapErrorPrior
+    least : int
+        Readings that are not too few.
     """
     every = Track.of(aided)
     several = aided[-1].channel is not None
-    if several or len(every.level) < CONSTANTS.first_look_readings:
+    if several or len(every.level) < least:
         return None
     first = channels_of(field_map)[0]
     at_own = _Fit.of(every.grouped(CONSTANTS.look_groups), first, prior)

@@ -39,6 +39,17 @@ class MapErrorPrior:
     log_weight: Array
     """(S, L) log probability."""
 
+    def or_rather(self, sigma: float, probability: float) -> "MapErrorPrior":
+        """Return the prior by which a sigma is right with a probability; else it is this one."""
+        of_length = np.logaddexp.reduce(self.log_weight, axis=0)
+        return MapErrorPrior(
+            np.append(self.sigma, sigma),
+            self.length,
+            np.vstack(
+                [self.log_weight + math.log1p(-probability), of_length + math.log(probability)]
+            ),
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapErrorEstimate:
