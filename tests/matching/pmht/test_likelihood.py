@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from helpers.batches import field_map_of, make_batch
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel, distances, residual_covariance
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.matching.reading_noise import reading_covariance
 from isogal.scenario import Gravimeter
 
@@ -287,42 +287,3 @@ def test_many_errors_are_computed_each_for_itself(rough_map):
     likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
     together = likelihood.log(XI)
     assert [likelihood.log(xi[None])[0] for xi in XI] == list(together)
-
-
-@pytest.mark.parametrize("new", [5, None], ids=["five new", "all new"])
-def test_whitened_residuals_are_those_of_the_cholesky_factor(rough_map, new):
-    batch, _ = make_batch(rough_map)
-    batch = batch if new is None else replace(batch, new=new)
-    likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
-    of_rows = np.stack([likelihood.linearise(xi)[0] for xi in XI], axis=1)
-    expected = np.linalg.solve(likelihood.factor, of_rows)[likelihood.first_new :]
-    np.testing.assert_allclose(likelihood.whitened(of_rows), expected, rtol=1e-9, atol=1e-9)
-    square = ((likelihood.projection.T @ expected) ** 2).sum(axis=0)
-    log = -0.5 * ((expected**2).sum(axis=0) - square)
-    np.testing.assert_allclose(likelihood.log(XI), log, rtol=1e-9)
-    np.testing.assert_allclose((likelihood.reduced_many(XI) ** 2).sum(axis=1), -2.0 * log, 1e-8)
-
-
-def test_nuisance_parameters_against_numpy(rough_map):
-    batch, _ = make_batch(rough_map)
-    batch = replace(batch, new=7)
-    likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED).with_nuisance_at(XI[1])
-    moved = batch.transition @ XI[1] * likelihood.radian
-    at = batch.latitude - moved[:, 0], batch.longitude - moved[:, 1]
-    slope = np.stack(rough_map.value_and_gradient(*at)[1:], axis=-1)
-    G = np.einsum("ti,tij->tj", slope, batch.nuisance_position) - batch.nuisance_reading
-    # the slope is per metre of the place it is taken at, the move of where it is believed to be
-    np.testing.assert_allclose(likelihood.nuisance_at(XI[1]), G, rtol=1e-3, atol=1e-12)
-    D = likelihood.whitened(likelihood.nuisance_at(XI[1]))
-    C = np.linalg.cholesky(np.eye(D.shape[1]) + D.T @ D)
-    np.testing.assert_allclose(likelihood.projection, np.linalg.solve(C, D.T).T, rtol=1e-9)
-
-
-def test_distances_are_means_of_both_ways_and_across_180_degrees():
-    rng = np.random.default_rng(7)
-    latitude, longitude = rng.uniform(-0.7, -0.69, 9), np.pi + rng.uniform(-0.01, 0.01, 9)
-    longitude = np.where(longitude > np.pi, longitude - 2.0 * np.pi, longitude)
-    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-    one_way = np.hypot(apart[..., 0], apart[..., 1])
-    expected = 0.5 * (one_way + one_way.T)
-    np.testing.assert_allclose(distances(latitude, longitude), expected, rtol=1e-10)

@@ -7,6 +7,7 @@ mean of C over the last ``samples`` places (at the start over those there are), 
 usual on this stretch"."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,7 @@ SAMPLES = 100
 a few batches."""
 
 
+@lru_cache(maxsize=4)
 def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, Array]:
     """Return the window template: a square lattice without its centre.
 
@@ -42,7 +44,7 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     Returns
     -------
     north, east : (n,) m
-        n = points² - 1.
+        n = points² - 1. Not to be written to.
     """
     if points < 3 or points % 2 == 0:
         raise InputError(f"variability points (--points) must be odd and at least 3, is {points}")

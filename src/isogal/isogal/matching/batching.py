@@ -18,7 +18,7 @@ from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, arrays_of
-from isogal.matching.transitions import Bridge, across, backwards, carried, condition
+from isogal.matching.transitions import Bridge, across, backwards, carried, condition, rates
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
@@ -201,11 +201,13 @@ class BatchBuilder:
         shift = (self._errors(latitude, velocity, times, time)[1] @ jump)[:, :4]
         change = (self._jacobian(latitude, longitude, velocity) * shift).sum(axis=1)
         north, east = metres_per_radian(latitude)
-        for i, scan in enumerate(scans):
-            scan.latitude += shift[i, 0] / north[i]
-            scan.longitude += shift[i, 1] / east[i]
-            scan.velocity = scan.velocity + shift[i, 2:]
-            scan.reading = scan.reading + change[i]
+        places = np.stack([latitude + shift[:, 0] / north, longitude + shift[:, 1] / east], axis=1)
+        velocity = velocity + shift[:, 2:]
+        for i, (scan, place, more) in enumerate(
+            zip(scans, places.tolist(), change.tolist(), strict=True)
+        ):
+            scan.latitude, scan.longitude = place
+            scan.velocity, scan.reading = velocity[i], scan.reading + more
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -248,7 +250,7 @@ class BatchBuilder:
             back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
             backward=backward[:, : len(prior), : len(prior)],
-            reading_covariance=self._noise(scans, sigma),
+            reading_covariance=self._noise(scans, sigma, velocity, times),
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=_rate(at_scan, velocity, times),
@@ -266,17 +268,19 @@ class BatchBuilder:
         details = [scan.detail for scan in scans if scan.detail is not None]
         return self.expansion.expand(batch, [scan.reading for scan in scans], details)
 
-    def _noise(self, scans: list[Scan], sigma: Array) -> Array | None:
+    def _noise(
+        self, scans: list[Scan], sigma: Array, velocity: Array, times: Array
+    ) -> Array | None:
         """Return (T, T) the covariance of the readings' noise and of errors of their height; None
         where it is white."""
-        latitude, longitude, velocity, times = arrays_of(scans)
         covariance = reading_covariance(self.instrument, times, sigma, velocity)
+        if not self._height.measured:
+            return covariance
+        latitude, longitude, *_ = arrays_of(scans)
         up = np.array([scan.height for scan in scans])
         at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-        if self._height.measured:
-            white = np.diag(sigma**2) if covariance is None else covariance
-            return white + height_covariance(self._height, self.reduction, times, at)
-        return covariance
+        white = np.diag(sigma**2) if covariance is None else covariance
+        return white + height_covariance(self._height, self.reduction, times, at)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it
@@ -341,5 +345,5 @@ def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
     its Jacobian (T, 4) at the scans."""
     if len(times) < 2:
         return None
-    moving = np.concatenate([velocity, np.gradient(velocity, times, axis=0)], axis=1)
+    moving = np.concatenate([velocity, rates(velocity, times)], axis=1)
     return np.asarray((jacobian * moving).sum(axis=1))

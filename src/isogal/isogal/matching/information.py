@@ -38,10 +38,9 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    _, ratio, vectors = _relative(covariance, prior)
+    factor, ratio, vectors = _relative(covariance, prior)
     if (np.abs(ratio - 1.0) < _LEAST_CHANGE).all():
         return Information(vector=np.zeros(len(mean)), matrix=np.zeros_like(prior))
-    factor = np.linalg.cholesky(prior)
     ratio = np.minimum(ratio, _LARGEST_RATIO)
     back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
     coordinate = np.linalg.solve(factor, mean) @ vectors
@@ -80,17 +79,18 @@ def shares(information: Information, prior: Array, backward: Array) -> tuple[Inf
         Each about the error at its scan, relative to the estimate there of a navigator that has
         taken the ones before.
     """
-    count, size = len(backward), len(prior)
-    result = []
-    for taken, forward in enumerate(np.linalg.inv(backward)):
-        share = taken / count
-        mean = np.linalg.solve(
-            np.eye(size) + share * prior @ information.matrix, share * prior @ information.vector
-        )
-        left = information.vector - information.matrix @ mean
-        matrix = symmetric(forward.T @ information.matrix @ forward)
-        result.append(Information(forward.T @ left / count, matrix / count))
-    return tuple(result)
+    count = len(backward)
+    taken = np.arange(count)[:, None, None] / count
+    mean = np.linalg.solve(
+        np.eye(len(prior)) + taken * (prior @ information.matrix),
+        taken * (prior @ information.vector)[:, None],
+    )
+    left = information.vector[:, None] - information.matrix @ mean
+    forward = np.linalg.inv(backward)
+    back = forward.swapaxes(1, 2)
+    matrix = symmetric(back @ information.matrix @ forward) / count
+    vector = (back @ left)[..., 0] / count
+    return tuple(Information(*one) for one in zip(vector, matrix, strict=True))
 
 
 def posterior_of(fix: Fix, batch: Batch) -> tuple[Array, Array]:

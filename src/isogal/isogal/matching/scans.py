@@ -39,6 +39,6 @@ def arrays_of(scans: list[Scan]) -> tuple[Array, Array, Array, Array]:
     return (
         np.array([scan.latitude for scan in scans]),
         np.array([scan.longitude for scan in scans]),
-        np.array([scan.velocity for scan in scans]),
+        np.concatenate([scan.velocity for scan in scans]).reshape(-1, 2),
         np.array([scan.time for scan in scans]),
     )

@@ -32,7 +32,7 @@ from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import delayed
 from isogal.matching.pmht.error_hypotheses import ErrorHypotheses, with_delay
-from isogal.matching.pmht.past_batches import error_before, posterior_of, seen_from
+from isogal.matching.pmht.past_batches import error_after, posterior_of, seen_from
 
 CONTRADICTED_COVARIANCE = batch_covariance(500.0, 0.5, 1e-4, 1e-3)
 """(7, 7) what an aid that is not what it says may have done to the navigator besides what fixes
@@ -143,7 +143,7 @@ def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, 
     Where it knows more than its dynamics explain, other sensors have aided it: its error E after
     them is (I - KH) times that before, and I - KH = P_after P_before^-1 (Groves 2013, eq. 3.60).
     """
-    forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
+    forward = error_after(batch)
     scale = np.sqrt(np.diag(prior))
     unaided = forward @ posterior @ forward.T
     unaided = unaided + positive_part(prior - unaided, scale)

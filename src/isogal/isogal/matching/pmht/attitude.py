@@ -3,6 +3,8 @@
 docs/mathematics.md, section 7.3.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from isogal.arrays import Array
@@ -35,9 +37,10 @@ def with_attitude(
     )
 
 
+@lru_cache(maxsize=4)  # several ask it of the same batch
 def joint_prior(batch: Batch) -> Array:
     """Return the navigator's covariance (n, n) of its position, velocity and, where the batch
-    knows it, attitude error; n = 7 or 4.
+    knows it, attitude error; n = 7 or 4. Not to be written to.
     """
     if batch.attitude is None:
         return batch.prior
@@ -53,5 +56,5 @@ def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
     whole[:n, n:] = whole[n:, :n].T
     whole[n:, n:] = whole[n:, :n] @ gain.T + rest
     whole = symmetric(whole)
-    whole[np.diag_indices_from(whole)] *= 1.0 + 1e-14
+    whole.flat[:: len(whole) + 1] *= 1.0 + 1e-14
     return whole

@@ -93,6 +93,8 @@ class Mixture:
         """Join components whose means are within one 1-sigma of each other, drop negligible ones,
         sort heaviest first.
         """
+        if len(self) == 1:
+            return Mixture(np.ones(1), self.mean, self.covariance)
         order = np.argsort(-self.weight, kind="stable")
         order = order[self.weight[order] > negligible]
         weights: list[float] = []

@@ -108,6 +108,8 @@ def _groups(prior: Mixture) -> list[Integers]:
     """
     groups = []
     left = np.arange(len(prior))
+    if len(prior) == 1:
+        return [left]
     while left.size:
         member, front = [], left[:1]
         left = left[1:]
@@ -295,7 +297,8 @@ def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
 
 
 def _largest_sigma(covariance: Array) -> float:
-    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    north, cross, east = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    return math.sqrt(0.5 * (north + east) + math.hypot(0.5 * (north - east), cross))
 
 
 def _points(samples: int, jobs: int) -> int:

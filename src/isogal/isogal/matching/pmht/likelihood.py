@@ -22,7 +22,7 @@ Rows that an earlier batch has used come first (context). By the chain rule the 
 given the old: with R = L L' and w = L⁻¹ r, the last components of w are the innovations of the new
 readings once the map error seen in the old ones is known, and D = (L⁻¹ G)_new is what the nuisance
 parameters do to them; the navigator's prior of d already knows the old readings. So
-log p = -½ (|w|² - |C⁻¹ D' w|²), C C' = 1 + D' D (Woodbury), and no reading counts twice.
+log p = -½ |C⁻¹ w|², C C' = 1 + D D', and no reading counts twice.
 
 docs/mathematics.md, section 5.
 """
@@ -42,10 +42,11 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
-    explained,
     linearise,
     log_likelihood,
+    mode,
     nuisance,
+    reducing,
     whitened,
 )
 from isogal.matching.pmht.noise_model import (
@@ -94,8 +95,8 @@ class BatchLikelihood:
     whitening: Array
     """(T, n) transpose of the last n rows of L⁻¹, which make the n new readings' whitened
     residuals of residuals."""
-    projection: Array
-    """(n, M) D C'⁻¹, what the nuisance parameters explain of the whitened residuals."""
+    reduction: Array
+    """(T, n) the same with the nuisance parameters integrated out: W C'⁻¹ of the whitening W."""
     first_new: int
     """Row of the first reading that no earlier batch has used."""
     rows: Integers
@@ -158,7 +159,7 @@ class BatchLikelihood:
             covariance=covariance,
             factor=np.empty((0, 0)),
             whitening=np.empty((0, 0)),
-            projection=np.empty((0, 0)),
+            reduction=np.empty((0, 0)),
             first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
             rows=rows,
             channel=channel,
@@ -186,8 +187,7 @@ class BatchLikelihood:
         return log_likelihood(
             self.grid,
             self._readings,
-            self.whitening,
-            self.projection,
+            self.reduction,
             np.ascontiguousarray(xi),
         )
 
@@ -202,25 +202,29 @@ class BatchLikelihood:
         residual, slope = self.linearise(xi)
         if not np.isfinite(residual).all():
             return residual, slope
-        reduced: Array = self._left @ self.whitened(np.column_stack([residual, slope]))
-        return reduced[:, 0], reduced[:, 1:]
+        return self.reduction.T @ residual, self.reduction.T @ slope
 
     def reduced_many(self, xi: Array) -> Array:
         """Return the residuals (S, n) of `reduced` at errors xi (S, 4)."""
-        white = whitened(self.grid, self._readings, self.whitening, np.ascontiguousarray(xi))
-        return np.asarray(white.T @ self._left.T)
+        xi = np.ascontiguousarray(xi)
+        return np.asarray(whitened(self.grid, self._readings, self.reduction, xi).T)
 
     def whitened(self, of_rows: Array) -> Array:
         """Return (n, ...) the new readings' part of what is known of all rows (T, ...), given that
         of the older ones and in units of its 1-sigma."""
         return np.asarray(self.whitening.T @ of_rows)
 
-    @property
-    def _left(self) -> Array:
-        """(n, n) symmetric root of 1 - projection projection'."""
-        basis, size, _ = np.linalg.svd(self.projection, full_matrices=False)
-        kept = np.sqrt(np.maximum(1.0 - size**2, 0.0)) - 1.0
-        return np.eye(self.new_count) + (basis * kept) @ basis.T
+    def mode(
+        self, mean: Array, root: Array, steps: int, tolerance: float
+    ) -> tuple[Array, Array, Array, "BatchLikelihood"] | None:
+        """Return the mode of the posterior, the reduced residuals' slope and the precision, as
+        `likelihood_kernels.mode` has them, and the likelihood linearised there; None where it is
+        not found."""
+        arrays = self.nuisance_position, self.nuisance_reading, self.whitening
+        found, z, slope, precision, reduction = mode(
+            self.grid, self._readings, *arrays, mean, root, steps, tolerance
+        )
+        return (z, slope, precision, replace(self, reduction=reduction)) if found else None
 
     def nuisance_at(self, xi: Array) -> Array:
         """Return G (T, M), what each nuisance parameter takes off the residuals at the error xi
@@ -232,7 +236,7 @@ class BatchLikelihood:
 
     def with_nuisance_at(self, xi: Array) -> "BatchLikelihood":
         """Return the likelihood with G taken at the error xi (4,)."""
-        return replace(self, projection=explained(self.whitening, self.nuisance_at(xi)))
+        return replace(self, reduction=reducing(self.whitening, self.nuisance_at(xi)))
 
     def with_nuisance_of(self, batch: Batch) -> "BatchLikelihood":
         """Return the likelihood with the nuisance parameters of another batch of these scans."""
@@ -320,12 +324,8 @@ class BatchLikelihood:
     @property
     def log_normaliser(self) -> float:
         """Log of the constant that `log` leaves out, for comparing noise models."""
-        white = float(np.log(np.diag(self.factor)[self.first_new :]).sum())
-        # det(1 + D D') = 1 / det(1 - projection' projection)
-        explained = np.linalg.slogdet(
-            np.eye(self.projection.shape[1]) - self.projection.T @ self.projection
-        )[1]
-        return -white + 0.5 * float(explained) - 0.5 * math.log(2.0 * math.pi) * self.new_count
+        white = float(np.log(np.diag(self.reduction[self.first_new :])).sum())
+        return white - 0.5 * math.log(2.0 * math.pi) * self.new_count
 
 
 def _whitening(factor: Array, first_new: int) -> Array:

@@ -69,9 +69,9 @@ def nuisance(grid, readings, position, reading, xi):  # type: ignore[no-untyped-
 
 
 @kernel
-def explained(whitening, effect):  # type: ignore[no-untyped-def]
-    """Return D C'⁻¹ (n, M), C C' = 1 + D' D, of nuisance parameters with effects (T, M), whose
-    whitened effects on the n new readings D (n, M) are by `whitening`."""
+def reducing(whitening, effect):  # type: ignore[no-untyped-def]
+    """Return (T, n) W C'⁻¹, C C' = 1 + D D', of a whitening W (T, n) of the n new readings and
+    nuisance parameters with effects (T, M), whitened D = W' effect."""
     rows, new = whitening.shape
     count = effect.shape[1]
     white = np.zeros((new, count))
@@ -79,28 +79,30 @@ def explained(whitening, effect):  # type: ignore[no-untyped-def]
         for k in range(max(t - rows + new, 0), new):
             for m in range(count):
                 white[k, m] += whitening[t, k] * effect[t, m]
-    root = np.eye(count)
-    for a in range(count):
+    root = np.zeros((new, new))
+    for a in range(new):
         for b in range(a + 1):
-            value = root[a, b]
-            for k in range(new):
-                value += white[k, a] * white[k, b]
+            value = 1.0 if a == b else 0.0
+            for m in range(count):
+                value += white[a, m] * white[b, m]
             for c in range(b):
                 value -= root[a, c] * root[b, c]
             root[a, b] = math.sqrt(value) if a == b else value / root[b, b]
-    for k in range(new):
-        for a in range(count):
-            value = white[k, a]
-            for b in range(a):
-                value -= root[a, b] * white[k, b]
-            white[k, a] = value / root[a, a]
-    return white
+    out = np.zeros((rows, new))
+    for t in range(rows):
+        first = max(t - rows + new, 0)  # W is zero before it, as the inverse of a triangle
+        for k in range(first, new):
+            value = whitening[t, k]
+            for b in range(first, k):
+                value -= root[k, b] * out[t, b]
+            out[t, k] = value / root[k, k]
+    return out
 
 
 @kernel(error_model="numpy")
 def whitened(grid, readings, whitening, xi):  # type: ignore[no-untyped-def]
     """Return (n, S) the whitened residuals of the n new readings at errors xi (S, 4); `whitening`
-    as in `likelihood.BatchLikelihood`."""
+    is that of `likelihood.BatchLikelihood` or its `reduction`."""
     channel, latitude, longitude, radian, level, transition, jacobian, nodes = readings
     samples, rows, new = xi.shape[0], level.shape[0], whitening.shape[1]
     first_new = rows - new
@@ -141,27 +143,17 @@ def whitened(grid, readings, whitening, xi):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def log_likelihood(grid, readings, whitening, projection, xi):  # type: ignore[no-untyped-def]
+def log_likelihood(grid, readings, reduction, xi):  # type: ignore[no-untyped-def]
     """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
-    -inf off the map. `whitening` and `projection` as in `likelihood.BatchLikelihood`.
+    -inf off the map. `reduction` as in `likelihood.BatchLikelihood`.
     """
-    white = whitened(grid, readings, whitening, xi)
-    samples, new = xi.shape[0], white.shape[0]
-    out, explained = np.zeros(samples), np.empty(samples)
-    for k in range(new):
+    white = whitened(grid, readings, reduction, xi)
+    out = np.zeros(xi.shape[0])
+    for k in range(white.shape[0]):
         row = white[k]
-        for s in range(samples):
+        for s in range(out.shape[0]):
             out[s] += row[s] * row[s]
-    for m in range(projection.shape[1]):
-        for s in range(samples):
-            explained[s] = 0.0
-        for k in range(new):
-            row = white[k]
-            for s in range(samples):
-                explained[s] += projection[k, m] * row[s]
-        for s in range(samples):
-            out[s] -= explained[s] * explained[s]
-    for s in range(samples):
+    for s in range(out.shape[0]):
         out[s] = -0.5 * out[s] if math.isfinite(out[s]) else -np.inf
     return out
 
@@ -191,3 +183,104 @@ def linearise(grid, readings, xi):  # type: ignore[no-untyped-def]
                 - jacobian[t, i]
             )
     return residual, slope
+
+
+@kernel
+def mode(  # type: ignore[no-untyped-def]
+    grid, readings, position, reading, whitening, mean, root, steps, tolerance
+):
+    """Return the mode of a posterior by Gauss-Newton steps.
+
+    Parameters
+    ----------
+    position, reading, whitening : (T, 2, M), (T, M), (T, n) arrays
+        As in `nuisance` and `reducing`.
+    mean, root : (4,), (4, 4) arrays
+        Of the prior, and a square root of its covariance.
+    steps : int
+        At most.
+    tolerance : float
+        Length of the last step in 1-sigmas of the posterior.
+
+    Returns
+    -------
+    found : bool
+        False off the map, and where the steps do not come to an end.
+    z : (4,) array
+        Mode, in units of the prior.
+    slope : (n, 4) array
+        Derivative of the reduced residuals by z, one step before it.
+    precision : (4, 4) array
+        Of z, there.
+    reduction : (T, n) array
+        There.
+    """
+    new = whitening.shape[1]
+    z, step, x = np.zeros(4), np.empty(4), np.empty(4)
+    slope, precision, factor = np.empty((new, 4)), np.empty((4, 4)), np.empty((4, 4))
+    reduction = whitening
+    for _ in range(steps):
+        for i in range(4):
+            x[i] = mean[i]
+            for j in range(4):
+                x[i] += root[i, j] * z[j]
+        reduction = reducing(whitening, nuisance(grid, readings, position, reading, x))
+        residual, by_xi = linearise(grid, readings, x)
+        right = np.zeros(4)
+        for i in range(4):
+            for j in range(4):
+                precision[i, j] = 1.0 if i == j else 0.0
+        for k in range(new):
+            off = 0.0
+            of_xi = np.zeros(4)
+            for t in range(residual.shape[0]):
+                off -= reduction[t, k] * residual[t]
+                for i in range(4):
+                    of_xi[i] += reduction[t, k] * by_xi[t, i]
+            for j in range(4):
+                slope[k, j] = 0.0
+                for i in range(4):
+                    slope[k, j] += of_xi[i] * root[i, j]
+                off += slope[k, j] * z[j]
+            for i in range(4):
+                right[i] += slope[k, i] * off
+                for j in range(4):
+                    precision[i, j] += slope[k, i] * slope[k, j]
+        if not math.isfinite(right.sum()):
+            return False, z, slope, precision, reduction
+        length = _solve(precision, right, factor, z, step)
+        for i in range(4):
+            z[i] += step[i]
+        if length < tolerance * tolerance:
+            return True, z, slope, precision, reduction
+    return False, z, slope, precision, reduction
+
+
+@kernel
+def _solve(matrix, right, factor, start, step):  # type: ignore[no-untyped-def]
+    """Write what leads from `start` to the solution of matrix x = right, the matrix positive
+    definite; return step' matrix step. `factor` is work space."""
+    n = right.shape[0]
+    for a in range(n):
+        for b in range(a + 1):
+            value = matrix[a, b]
+            for c in range(b):
+                value -= factor[a, c] * factor[b, c]
+            factor[a, b] = math.sqrt(value) if a == b else value / factor[b, b]
+    for a in range(n):
+        value = right[a]
+        for b in range(a):
+            value -= factor[a, b] * step[b]
+        step[a] = value / factor[a, a]
+    for a in range(n - 1, -1, -1):
+        value = step[a]
+        for b in range(a + 1, n):
+            value -= factor[b, a] * step[b]
+        step[a] = value / factor[a, a]
+    length = 0.0
+    for a in range(n):
+        step[a] -= start[a]
+    for a in range(n):
+        for b in range(n):
+            length += step[a] * matrix[a, b] * step[b]
+    return length

@@ -33,20 +33,10 @@ def nearly_linear(
         Prior.
     """
     root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-    z = np.zeros(4)  # in units of the prior
-    for _ in range(CONSTANTS.newton_steps):
-        likelihood = likelihood.with_nuisance_at(mean + root @ z)
-        residual, slope = likelihood.reduced(mean + root @ z)
-        slope = slope @ root
-        if not np.isfinite(residual).all():
-            return None
-        precision = np.eye(4) + slope.T @ slope
-        step = np.linalg.solve(precision, slope.T @ (slope @ z - residual)) - z
-        z = z + step
-        if step @ precision @ step < CONSTANTS.newton_tolerance**2:
-            break
-    else:
+    found = likelihood.mode(mean, root, CONSTANTS.newton_steps, CONSTANTS.newton_tolerance)
+    if found is None:
         return None
+    z, slope, precision, likelihood = found
     if not _linear_over_prior(likelihood, mean, root, z, slope):
         return None
     spread = np.linalg.inv(np.linalg.cholesky(precision)).T  # its square is the covariance

@@ -141,6 +141,8 @@ def map_sigmas(
     """Return (T,) the root mean square of the map's own sigma over where each row may have been
     taken; 0 where it has none.
     """
+    if isinstance(field_map, FieldMap) and isinstance(field_map.sigma, float):
+        return np.full(len(latitude), field_map.sigma)
     if not uneven(field_map):
         return np.nan_to_num(by_channel(field_map, channel, "sigma_at", latitude, longitude))
     values, vectors = np.linalg.eigh(symmetric(covariance))

@@ -84,7 +84,8 @@ def outliers(
         keep = np.flatnonzero(~bad)
         if len(keep) < 3:
             break
-        deviation = np.abs(leave_one_out(residual[keep], covariance[np.ix_(keep, keep)]))
+        part = covariance if len(keep) == len(bad) else covariance[np.ix_(keep, keep)]
+        deviation = np.abs(leave_one_out(residual[keep], part))
         worst = int(np.argmax(deviation))
         if deviation[worst] <= gate:
             return bad

@@ -1,6 +1,7 @@
 """What the monitor of lost navigators remembers of the past."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,14 +47,14 @@ class PastBatch:
             replace(one, batch=one.batch.part(max(len(one.batch) - one.batch.new, one.batch.cut)))
             for one in batch.beside
         )
-        batch = replace(batch, beside=())
+        forward = error_after(batch)
+        batch = replace(batch, beside=()) if beside else batch
         count = unsearched + batch.new
         channels = batch.rows_per_scan
         enough = CONSTANTS.search_readings * channels
         searched = count >= enough or count + batch.new > len(batch)
         searched = searched or batch.backward is None
         kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
-        forward = np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
         told = information, log_evidence, searched, batch.new, forward
         return cls(kept, field_map, *told, beside)
 
@@ -156,6 +157,13 @@ def error_before(batch: Batch) -> Array:
     if before < batch.cut and batch.backward is not None:
         return batch.backward[before]
     return unconditioned(batch, batch.back_transition, batch.back_nuisance)
+
+
+@lru_cache(maxsize=4)  # several ask it of the same batch
+def error_after(batch: Batch) -> Array:
+    """Return (7, 7) the error at a batch's end per unit of error at the end of the batch before.
+    Not to be written to."""
+    return np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
 
 
 def posterior_of(prior: Array, information: Information | None) -> tuple[Array, Array]:
