@@ -9,6 +9,7 @@ what is told otherwise (docs/mathematics.md, section 9.1).
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -116,12 +117,7 @@ class MapErrorEstimate:
         """Log Bayes factor of a sigma above the one from which there is doubt against one that is
         not.
         """
-        above = self.sigma > 1.001 * self.doubtful
-        if above.all() or not above.any():
-            return 0.0
-        return _log_mean(self.log_weight[above], self.prior[above]) - _log_mean(
-            self.log_weight[~above], self.prior[~above]
-        )
+        return _doubt(self)
 
     @property
     def probability(self) -> Array:
@@ -136,12 +132,8 @@ class MapErrorEstimate:
         """
         if self.batches == 0 and base.map_sigma > 0.0:
             return base
-        p = self.probability
-        return replace(
-            base,
-            map_sigma=float((p.sum(axis=1) * self.sigma).sum()),
-            correlation_length=float(np.exp((p.sum(axis=0) * np.log(self.length)).sum())),
-        )
+        sigma, length = _means(self)
+        return replace(base, map_sigma=sigma, correlation_length=length)
 
     def update(
         self, batch: Batch, likelihood: BatchLikelihood, field_map: AnyMap, mean: Array
@@ -186,6 +178,26 @@ class MapErrorEstimate:
         """Return the estimate for the diagnostics."""
         model = self.model(base)
         return {"map_sigma": model.map_sigma, "map_correlation_length_m": model.correlation_length}
+
+
+@lru_cache(maxsize=4)  # several ask it of the same estimate
+def _means(estimate: MapErrorEstimate) -> tuple[float, float]:
+    """Return mean sigma and the exponential of the mean log length."""
+    p = estimate.probability
+    return (
+        float((p.sum(axis=1) * estimate.sigma).sum()),
+        float(np.exp((p.sum(axis=0) * np.log(estimate.length)).sum())),
+    )
+
+
+@lru_cache(maxsize=4)
+def _doubt(estimate: MapErrorEstimate) -> float:
+    above = estimate.sigma > 1.001 * estimate.doubtful
+    if above.all() or not above.any():
+        return 0.0
+    return _log_mean(estimate.log_weight[above], estimate.prior[above]) - _log_mean(
+        estimate.log_weight[~above], estimate.prior[~above]
+    )
 
 
 def _log_mean(log_weight: Array, log_prior: Array) -> float:
