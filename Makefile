@@ -4,6 +4,7 @@
 #   make test [ARGS="tests/cli -k help"]   the test suite
 #   make wheel-test   build and install the library alone, and match a track with it
 #   make bench        accuracy and speed beside the last committed figures
+#   make coverage     which lines and branches of the library the tests reach
 #   make docs         the documentation as a site, in build/site
 #   make test-docs    all that README and tutorials show (longer)
 #   make lint | format | lock | clean
@@ -14,7 +15,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-docs wheel-test docs bench lint format install install-development lock clean
+.PHONY: demo test coverage test-docs wheel-test docs bench lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -23,6 +24,15 @@ demo: install
 # and so their fixtures, together, in the order of tests/conftest.py: what takes long first.
 test: install-development
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+# Branch coverage of the library, by all tests (twice as long as these) or some: ARGS="tests/maps".
+coverage: install-development
+	@$(BIN)/python -c "import coverage" 2> /dev/null || $(BIN)/pip install --quiet "coverage>=7.10"
+	@mkdir -p build/coverage
+	@$(BIN)/python -m coverage erase
+	@$(BIN)/python -m coverage run -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(BIN)/python -m coverage combine --quiet
+	@$(BIN)/python -m coverage report $(if $(ARGS),--fail-under=0)
 
 # The library as anybody gets it: wheel and sdist built and installed without ROS.
 wheel-test:
