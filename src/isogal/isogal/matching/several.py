@@ -103,13 +103,21 @@ class JointMatcher:
             step.take(beside)
         return step.fix(), step.remembered()
 
-    # What monitors ask (`monitoring.Monitored`): of the first field, but for the hypotheses.
+    # What monitors ask (`monitoring.Monitored`): of the first field, but for the hypotheses, and
+    # for whether somebody has told how wrong the maps are, all of them.
 
     def insight(self, memory: JointMemory | None) -> Insight:
         """Say what the matchers have come to believe."""
         whole = memory or JointMemory((None,) * len(self.matchers))
-        own = self._watched.insight(whole.memories[self.lead])
-        return replace(own, hypotheses=whole.hypotheses)
+        each = [
+            matcher.insight(one)
+            for matcher, one in zip(self.matchers, whole.memories, strict=True)
+            if isinstance(matcher, Monitored)
+        ]
+        own, prior = self._watched.insight(whole.memories[self.lead]), None
+        if any(one.map_error_prior is not None for one in each):
+            prior = self.map_error_prior(whole, self.lead)
+        return replace(own, hypotheses=whole.hypotheses, map_error_prior=prior)
 
     def sceptic(
         self, batch: Batch, before: Any, after: JointMemory, variance: float, confidence: float

@@ -35,6 +35,7 @@ What watches the matcher from outside (`isogal.matching.monitoring`):
 
     lost_navigator         finds a navigator that is lost without knowing it
     elsewhere              do the readings fit much better somewhere else?
+    last_hour              readings as one track, and what the navigator's errors do to them
     other_fields           what do other fields say of that?
     past_batches           what is remembered for that
     assumptions_monitor    finds out that what was told is wrong: navigator, fixes, delay

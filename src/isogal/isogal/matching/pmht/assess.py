@@ -12,6 +12,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE, LOST_SIGMA
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import look_elsewhere
 from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.last_hour import LastHour
 from isogal.matching.pmht.learn import learn_from
 from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.prepare import unknown_bias
@@ -94,7 +95,7 @@ def _lost_on_any_map(state: State) -> bool:
         return True
     unknown = MapErrorEstimate.unknown(batch, field_map).coarse_prior
     prior = unknown.or_rather(state.settings.noise.map_sigma, CONSTANTS.told_probability)
-    look = look_elsewhere([batch], [batch], field_map, prior, least=2)
+    look = look_elsewhere(LastHour.of_batch(batch, channels_of(field_map)[0], prior), least=2)
     return look is not None and look.log_evidence > CONSTANTS.lost_on_any_map_log_evidence
 
 

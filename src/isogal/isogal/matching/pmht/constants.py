@@ -198,6 +198,9 @@ class Constants:
     """Into such cells: a place is rarely known better by an hour's readings taken as a whole."""
     look_one_place_m: float = 1500.0
     """Places closer to the best one than this count as one."""
+    look_negligible_share: float = 0.1
+    """Of a group's noise, below which a component of the navigator's own error in the readings is
+    left out."""
     look_place_probability: float = 0.8
     """Of that place, where a search begins there: it is to decide, and it may be wrong."""
     look_bent_track_m: float = 500.0

@@ -3,13 +3,11 @@ neighbourhood, which says when a search is worth its time.
 
 A navigator that is lost without knowing it meets a map that seems poor. Here and elsewhere are
 compared by their evidence with the map's error integrated out over the same prior: near with a
-poor map, elsewhere with a good one (docs/mathematics.md, section 8.7). The track is taken to be
-displaced as a whole, and readings are averaged in groups, so that a look costs as much as some
-fixes whatever the length of the track.
+poor map, elsewhere with a good one (docs/mathematics.md, section 8.7). Readings are averaged in
+groups, so that a look costs as much as some fixes whatever the length of the track.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +16,12 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import look_up
-from isogal.matching.interfaces import LOST_SIGMA, Batch
+from isogal.matching.interfaces import LOST_SIGMA
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.last_hour import LastHour, LostError, Track
 from isogal.matching.pmht.map_error import MapErrorPrior, field_scale
 from isogal.matching.quasi_random import standard_normal
 
@@ -31,54 +30,17 @@ _AT_ONCE = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """Readings along a track, oldest first."""
-
-    latitude: Array
-    """(N,) rad, where the navigator believed to be."""
-    longitude: Array
-    """(N,) rad."""
-    level: Array
-    """(N,) reading less its known offset, map's unit."""
-    sigma: Array
-    """(N,) 1-sigma white noise of each."""
-    time: Array
-    """(N,) s."""
-
-    @classmethod
-    def of(cls, batches: Sequence[Batch]) -> "Track":
-        """Return the new readings of batches, one after the other."""
-        rows = [
-            np.stack([one.latitude, one.longitude, one.reading - one.offset, one.sigma, one.time])
-            for one in batches
-        ]
-        every = np.concatenate(rows, axis=1)
-        return cls(*every[:, np.isfinite(every[2])])
-
-    def grouped(self, most: int) -> "Track":
-        """Return means of equally many readings, so many at most."""
-        size = -(-len(self.level) // most)
-        count = len(self.level) // size
-
-        def mean(values: Array) -> Array:
-            return np.asarray(values[-count * size :].reshape(count, size).mean(axis=1))
-
-        return Track(
-            mean(self.latitude), mean(self.longitude), mean(self.level),
-            np.sqrt(mean(self.sigma**2) / size), mean(self.time),
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Models:
-    """Models of the map's error over a track, and an unknown constant."""
+    """Models of the map's error over a track, an unknown constant, and what the navigator's own
+    error puts into the readings."""
 
     vectors: Array
     """(L, n, n) for each correlation length: eigenvectors of the correlation."""
     values: Array
     """(L, n) its eigenvalues."""
     prior: MapErrorPrior
-    bias_variance: float
+    common: Array
+    """(n, K) the constant and the navigator's error, per unit-variance component of K."""
 
     @classmethod
     def of(cls, track: Track, field_map: FieldMap, prior: MapErrorPrior) -> "_Models":
@@ -88,19 +50,24 @@ class _Models:
         correlation = np.exp(-distance / prior.length[:, None, None])
         values, vectors = np.linalg.eigh(correlation)
         bias = CONSTANTS.unknown_bias_share * field_scale(field_map)
-        return cls(vectors, np.maximum(values, 0.0), prior, bias**2)
+        common = np.concatenate([np.full((len(lat), 1), bias), _main_part(track)], axis=1)
+        return cls(vectors, np.maximum(values, 0.0), prior, common)
 
     def log_density(self, residual: Array, white: float) -> Array:
         """Return (S,) log density of residuals (n, S) with white noise of a variance, without the
         constant; -inf where one is NaN."""
         sigma = self.prior.sigma[:, None]
         weight = 1.0 / (sigma**2 * self.values[:, None] + white)  # (lengths, sigmas, n)
-        of_bias = self.vectors.sum(axis=1)[:, None] * weight
-        gain = 1.0 + self.bias_variance * (of_bias**2 / weight).sum(axis=2, keepdims=True)
-        log_det = np.log(gain) - np.log(weight).sum(axis=2, keepdims=True)
-        constant = self.prior.log_weight.T[..., None] - 0.5 * log_det
-        of_bias *= np.sqrt(self.bias_variance / gain)
+        common = (self.vectors.swapaxes(1, 2) @ self.common)[:, None]  # (lengths, 1, n, K)
+        weighted = common * weight[..., None]
+        precision = np.eye(common.shape[-1]) + common.swapaxes(2, 3) @ weighted
+        factor = np.linalg.cholesky(precision)
+        of_common = np.linalg.solve(factor, weighted.swapaxes(2, 3))
+        log_det = 2.0 * np.log(np.diagonal(factor, axis1=2, axis2=3)).sum(axis=2)
+        log_det -= np.log(weight).sum(axis=2)
+        constant = (self.prior.log_weight.T - 0.5 * log_det)[..., None]
         turn = self.vectors.swapaxes(1, 2).reshape(-1, len(residual))
+        rows = of_common.reshape(len(weight), -1, len(residual))
         total = np.full(residual.shape[1], -np.inf)
         # so many at once that what is computed of them stays in the processor's cache
         for part in np.array_split(np.arange(len(total)), -(-len(total) // _AT_ONCE)):
@@ -108,7 +75,8 @@ class _Models:
             if not on_map.size:
                 continue
             turned = (turn @ residual[:, on_map]).reshape(len(weight), len(residual), -1)
-            square = weight @ turned**2 - (of_bias @ turned) ** 2
+            explained = (rows @ turned).reshape(*of_common.shape[:3], -1)
+            square = weight @ turned**2 - (explained**2).sum(axis=2)
             log = (constant - 0.5 * square).reshape(-1, len(on_map))
             top = log.max(axis=0, initial=-np.inf)
             total[on_map] = np.log(np.exp(log - top).sum(axis=0)) + top
@@ -141,79 +109,104 @@ class Look:
         return likely and self.log_evidence > CONSTANTS.look_log_evidence
 
 
-def look_elsewhere(
-    aided: Sequence[Batch],
-    unaided: Sequence[Batch],
-    field_map: AnyMap,
-    prior: MapErrorPrior,
-    least: int = CONSTANTS.first_look_readings,
-) -> Look | None:
-    """Return where readings fit best; None where no other place could be much better, the track is
-    not on the map, the readings are few, or they are of several channels.
-
-    Parameters
-    ----------
-    aided : sequence of Batch
-        Without what earlier ones have used; the last one's prior is the navigator's own.
-    unaided : sequence of Batch
-        The same for a navigator that has taken none of the fixes since the first batch: those of
-        a navigator that is lost bend its track.
-    field_map : FieldMap or ChannelMap
-    prior : MapErrorPrior
-    least : int
-        Readings that are not too few.
+def look_elsewhere(hour: LastHour, least: int = CONSTANTS.first_look_readings) -> Look | None:
+    """Return where the readings of all fields fit best; None where no other place could be much
+    better, the track is not on the map, or the readings of each field are fewer than the least.
     """
-    every = Track.of(aided)
-    several = aided[-1].channel is not None
-    if several or len(every.level) < least:
+    if max((len(one.aided.level) for one in hour.seen), default=0) < least:
         return None
-    first = channels_of(field_map)[0]
-    at_own = _Fit.of(every.grouped(CONSTANTS.look_groups), first, prior)
-    own = _normal(CONSTANTS.look_own_points, aided[-1].prior[:2, :2])
-    here = float(np.logaddexp.reduce(at_own.log_density(own, 0.0 * own))) - math.log(len(own))
+    at_own = _Fits.of(hour, aided=True)
+    own = _normal(CONSTANTS.look_own_points, hour.own)
+    here = float(np.logaddexp.reduce(at_own.log_density(_still(own)))) - math.log(len(own))
     if not at_own.may_be_beaten(here):
         return None
-    fit = _Fit.of(Track.of(unaided).grouped(CONSTANTS.look_groups), first, prior)
-    if not fit.touches_map:
+    fits = _Fits.of(hour, aided=False)
+    if not fits.touch_maps:
         return None
-    places, drift, value = fit.best_places(unaided[0].prior[2:4, 2:4])
+    errors, value = fits.best_places(hour.lost)
     lost = LOST_SIGMA[0]
-    value = value - 0.5 * (places**2).sum(axis=1) / lost**2
+    value = value - 0.5 * (errors[:, :2] ** 2).sum(axis=1) / lost**2
     there = float(np.logaddexp.reduce(value))
     if not math.isfinite(there):
         return None
     cell = 2.0 * math.log(CONSTANTS.look_fine_cell_m / lost) - math.log(2.0 * math.pi)
-    at_start = places - drift * fit.half
-    return _found(at_start, np.exp(value - there), there + cell - here)
+    at_first = errors @ hour.lost.first[:2].T
+    return _found(at_first, np.exp(value - there), there + cell - here)
 
 
-def evidence_at(
-    tracks: tuple[Sequence[Batch], Sequence[Batch]],
-    field_map: AnyMap,
-    prior: MapErrorPrior,
-    place: tuple[Array, Array],
-) -> float:
+def evidence_at(hour: LastHour, place: tuple[Array, Array]) -> float:
     """Return by how much readings are more likely at a place than where the navigator believes to
     be, as a log Bayes factor.
 
     Parameters
     ----------
-    tracks : pair of sequences of Batch
-        `aided` and `unaided` of `look_elsewhere`.
+    hour : LastHour
     place : (2,) and (2, 2) arrays
         m and m²: error of the unaided navigator at the end of its track, if it is there.
     """
-    aided, unaided = tracks
-    first = channels_of(field_map)[0]
-    own = _normal(CONSTANTS.look_own_points, aided[-1].prior[:2, :2])
-    here = _Fit.of(Track.of(aided).grouped(CONSTANTS.look_groups), first, prior)
-    there = _Fit.of(Track.of(unaided).grouped(CONSTANTS.look_groups), first, prior)
+    own = _normal(CONSTANTS.look_own_points, hour.own)
     spread = place[1] + CONSTANTS.look_bent_track_m**2 * np.eye(2)
     ends = place[0] + _normal(CONSTANTS.look_own_points, spread)
-    drift = _normal(len(ends), unaided[0].prior[2:4, 2:4])[::-1]  # else they go together
-    value = there.log_density(ends - drift * there.half, drift)
-    own_value = here.log_density(own, 0.0 * own)
-    return float(np.logaddexp.reduce(value) - np.logaddexp.reduce(own_value))
+    drawn = standard_normal(len(ends), BATCH_STATES - 2)[::-1]  # else they go together
+    there = _Fits.of(hour, aided=False).log_density(hour.lost.with_end(ends, drawn))
+    here = _Fits.of(hour, aided=True).log_density(_still(own))
+    return float(np.logaddexp.reduce(there) - np.logaddexp.reduce(here))
+
+
+def _still(place: Array) -> Array:
+    """Return errors (S, 7) of places (S, 2) and nothing else."""
+    return np.concatenate([place, np.zeros((len(place), BATCH_STATES - 2))], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fits:
+    """How well the tracks of all fields fit their maps where they are displaced."""
+
+    fits: tuple["_Fit", ...]
+
+    @classmethod
+    def of(cls, hour: LastHour, aided: bool) -> "_Fits":
+        return cls(
+            tuple(
+                _Fit.of(
+                    (one.aided if aided else one.unaided).grouped(CONSTANTS.look_groups),
+                    one.field_map,
+                    one.prior,
+                )
+                for one in hour.seen
+            )
+        )
+
+    @property
+    def touch_maps(self) -> bool:
+        """Whether some of each track is on its map where it is believed to be."""
+        return all(one.touches_map for one in self.fits)
+
+    def log_density(self, error: Array, bend: float = 0.0) -> Array:
+        """Return (S,) log density of the readings for errors (S, 7) in the middle of the track,
+        with further, independent errors of each place, 1-sigma in m."""
+        return np.asarray(sum(one.log_density(error, bend) for one in self.fits))
+
+    def may_be_beaten(self, here: float) -> bool:
+        """Whether some place could be so much better than the navigator's own that it counts."""
+        least = 2.0 * math.log(LOST_SIGMA[0] / CONSTANTS.look_fine_cell_m)
+        possible = sum(one.best_possible for one in self.fits) - least
+        return math.isfinite(here) and possible - here > CONSTANTS.look_log_evidence
+
+    def best_places(self, lost: LostError) -> tuple[Array, Array]:
+        """Return errors (K, 7) in the middle of the track, and log densities (K,) of the readings,
+        around the best cells of all."""
+        cell, fine = CONSTANTS.look_cell_m, CONSTANTS.look_fine_cell_m
+        coarse = _square(np.arange(-CONSTANTS.look_reach_m, CONSTANTS.look_reach_m + 1.0, cell))
+        whole = lost.whole(coarse, np.zeros((len(coarse), BATCH_STATES - 2)))
+        bent = [one.track.position[:, :, 2:] @ lost.root for one in self.fits]
+        bend = max(math.sqrt(float((one**2).sum(axis=2).mean())) for one in bent)
+        value = self.log_density(whole, math.hypot(cell / math.sqrt(12.0), bend))
+        best = np.argsort(-value, kind="stable")[: CONSTANTS.look_best_cells]
+        inside = _square(np.arange(-0.5 * (cell - fine), 0.5 * cell, fine))
+        places = (coarse[best][:, None] + inside).reshape(-1, 2)
+        errors = lost.whole(places, standard_normal(len(places), BATCH_STATES - 2))
+        return errors, self.log_density(errors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,55 +225,33 @@ class _Fit:
         return cls(track, field_map, _Models.of(track, field_map, prior), white)
 
     @property
-    def half(self) -> float:
-        """Half of the time that the track takes, s."""
-        return 0.5 * float(self.track.time[-1] - self.track.time[0])
-
-    @property
     def touches_map(self) -> bool:
         """Whether some of the track is on the map where it is believed to be."""
         values = self.field_map.value(self.track.latitude, self.track.longitude)
         return bool(np.isfinite(values).any())
 
-    def log_density(self, place: Array, drift: Array, blur: float = 0.0) -> Array:
-        """Return (S,) log density of the readings for errors (S, 2) in m in the middle of the
-        track and their rate (S, 2) in m/s, with a further white noise."""
+    @property
+    def best_possible(self) -> float:
+        """See `_Models.best_possible`."""
+        return self.models.best_possible(self.white, len(self.track.level))
+
+    def log_density(self, error: Array, bend: float) -> Array:
+        """See `_Fits.log_density`."""
         track = self.track
         north, east = metres_per_radian(track.latitude)
         radian = np.stack([1.0 / north, 1.0 / east], axis=-1)
-        since = track.time - 0.5 * (track.time[0] + track.time[-1])
         residual = _residuals(
-            self.field_map.grid, track.latitude, track.longitude, radian, track.level, since,
-            np.ascontiguousarray(place), np.ascontiguousarray(drift),
+            self.field_map.grid, track.latitude, track.longitude, radian, track.level,
+            track.position, track.reading, np.ascontiguousarray(error),
         )  # fmt: skip
+        blur = self._slope() * bend if bend > 0.0 else 0.0
         return self.models.log_density(residual, self.white + blur**2)
-
-    def may_be_beaten(self, here: float) -> bool:
-        """Whether some place could be so much better than the navigator's own that it counts."""
-        least = 2.0 * math.log(LOST_SIGMA[0] / CONSTANTS.look_fine_cell_m)
-        possible = self.models.best_possible(self.white, len(self.track.level)) - least
-        return math.isfinite(here) and possible - here > CONSTANTS.look_log_evidence
-
-    def best_places(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """Return errors (K, 2) in the middle of the track, their rates (K, 2) by a covariance
-        (2, 2) in m²/s², and log densities (K,) of the readings, around the best cells of all."""
-        cell, fine = CONSTANTS.look_cell_m, CONSTANTS.look_fine_cell_m
-        coarse = _square(np.arange(-CONSTANTS.look_reach_m, CONSTANTS.look_reach_m + 1.0, cell))
-        bend = self.half / math.sqrt(3.0) * math.sqrt(0.5 * float(np.trace(velocity)))
-        blur = self._slope() * math.hypot(cell / math.sqrt(12.0), bend)
-        value = self.log_density(coarse, np.zeros_like(coarse), blur)
-        best = np.argsort(-value, kind="stable")[: CONSTANTS.look_best_cells]
-        inside = _square(np.arange(-0.5 * (cell - fine), 0.5 * cell, fine))
-        places = (coarse[best][:, None] + inside).reshape(-1, 2)
-        drift = _normal(len(places), velocity)
-        return places, drift, self.log_density(places, drift)
 
     def _slope(self) -> float:
         """Return the RMS gradient of the map along the track, unit per m, of one component."""
         lat, lon = self.track.latitude, self.track.longitude
-        _, by_lat, by_lon = self.field_map.value_and_gradient(lat, lon)
-        north, east = metres_per_radian(lat)
-        return math.sqrt(0.5 * float(np.nanmean((by_lat / north) ** 2 + (by_lon / east) ** 2)))
+        _, by_north, by_east = self.field_map.value_and_gradient(lat, lon)
+        return math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
 
 
 def _found(places: Array, weight: Array, log_evidence: float) -> Look:
@@ -305,24 +276,36 @@ def _normal(count: int, covariance: Array) -> Array:
     return np.asarray(standard_normal(count, 2) @ np.linalg.cholesky(covariance).T)
 
 
+def _main_part(track: Track) -> Array:
+    """Return (n, K) few components with the covariance of `Track.root`, but for what is far below
+    the white noise."""
+    left, size, _ = np.linalg.svd(track.root, full_matrices=False)
+    least = CONSTANTS.look_negligible_share * float(np.median(track.sigma))
+    return np.asarray((left * size)[:, size > least], dtype=np.float64)
+
+
 @kernel(error_model="numpy")
 def _residuals(  # type: ignore[no-untyped-def]
-    grid, latitude, longitude, radian, level, since, place, drift
+    grid, latitude, longitude, radian, level, position, reading, error
 ):
-    """Return (n, S) readings less the map where a navigator with errors (S, 2) in m and m/s would
-    be."""
-    samples, rows = place.shape[0], latitude.shape[0]
+    """Return (n, S) readings less the map where a navigator with errors (S, 7) would be, and less
+    what these put into them."""
+    samples, rows = error.shape[0], latitude.shape[0]
     out = np.empty((rows, samples))
-    lat, lon = np.empty(samples), np.empty(samples)
+    lat, lon, known = np.empty(samples), np.empty(samples), np.empty(samples)
     row, column = np.empty(samples, np.int64), np.empty(samples, np.int64)
     for t in range(rows):
         for s in range(samples):
-            north = place[s, 0] + drift[s, 0] * since[t]
-            east = place[s, 1] + drift[s, 1] * since[t]
+            north, east, effect = 0.0, 0.0, 0.0
+            for i in range(error.shape[1]):
+                north += position[t, 0, i] * error[s, i]
+                east += position[t, 1, i] * error[s, i]
+                effect += reading[t, i] * error[s, i]
             lat[s] = latitude[t] - north * radian[t, 0]
             lon[s] = longitude[t] - east * radian[t, 1]
+            known[s] = level[t] - effect
         there = out[t]
         look_up(grid, lat, lon, 0, row, column, there)
         for s in range(samples):
-            there[s] = level[t] - there[s]
+            there[s] = known[s] - there[s]
     return out

@@ -25,17 +25,16 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.information import replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
 from isogal.matching.matrices import positive_part
-from isogal.matching.monitoring import Insight, Monitor, Monitored
+from isogal.matching.monitoring import Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look, look_elsewhere
-from isogal.matching.pmht.other_fields import log_evidence_of_others
+from isogal.matching.pmht.other_fields import hour_of, log_evidence_of_others
 from isogal.matching.pmht.past_batches import (
     PastBatch,
     posterior_of,
     recent,
     seen_from,
-    without_fixes,
 )
 
 
@@ -87,8 +86,6 @@ class Watch:
     search: _Search | None = None
     threshold: float = CONSTANTS.doubt_log_evidence
     """Doubt that starts the next search."""
-    unsearched: int = 0
-    """How many readings of the last batches no search would have matched."""
     seen: int = 0
     """Readings since the navigator's place was known."""
     look_at: int = CONSTANTS.first_look_readings
@@ -110,8 +107,7 @@ class LostNavigatorMonitor(Monitor):
         if batch.attitude is None or fix.reset or doubt is None:
             return fix, Watch(after, threshold=watch.threshold)
         gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
-        past = PastBatch.of(batch, field_map, fix, gained, watch.unsearched)
-        unsearched = 0 if past.searched else watch.unsearched + batch.new
+        past = PastBatch.of(batch, field_map, fix, gained, watch.history)
         history, search = recent((*watch.history, past)), watch.search
         seen, look_at = watch.seen + batch.new, watch.look_at
         if search is not None:
@@ -120,8 +116,8 @@ class LostNavigatorMonitor(Monitor):
             search = _Search(waiting=history)
         if seen >= look_at:
             look_at = seen + CONSTANTS.look_every_readings
-            search = self._looked(search, history, insight)
-        watch = Watch(after, history, search, watch.threshold, unsearched, seen, look_at)
+            search = self._looked(search, history, after)
+        watch = Watch(after, history, search, watch.threshold, seen, look_at)
         return (fix, watch) if search is None else self._continue(search, fix, watch, doubt)
 
     def without_hypotheses(self, memory: Watch | None) -> Watch | None:
@@ -131,21 +127,21 @@ class LostNavigatorMonitor(Monitor):
         return replace(memory, memory=self.matcher.without_hypotheses(memory.memory))
 
     def _looked(
-        self, search: _Search | None, history: tuple[PastBatch, ...], insight: Insight
+        self, search: _Search | None, history: tuple[PastBatch, ...], memory: Any
     ) -> _Search | None:
         """Return the search after a look at the last hour's readings: one where the look says that
         the navigator is, unless it is under way there."""
-        look = self._look(history, insight)
+        look = self._look(history, memory)
         if look is None or not look.says_lost or (search is not None and search.covers(look)):
             return search
         return _Search(waiting=history, look=look)
 
-    def _look(self, history: tuple[PastBatch, ...], insight: Insight) -> Look | None:
-        prior = insight.map_error_prior
-        if prior is None:
+    def _look(self, history: tuple[PastBatch, ...], memory: Any) -> Look | None:
+        insight = self.matcher.insight(memory)
+        if insight.map_error_prior is None:
             return None
-        aided = [past.new_readings for past in history]
-        return look_elsewhere(aided, without_fixes(history), history[-1].field_map, prior)
+        hour = hour_of(self.matcher, memory, history, insight.map_error_prior)
+        return None if hour is None else look_elsewhere(hour)
 
     def _continue(
         self, search: _Search, fix: Fix, watch: Watch, doubt: float
@@ -185,7 +181,7 @@ class LostNavigatorMonitor(Monitor):
         a noise model, which one batch may have misled."""
         if search.look is None:
             return self.matcher.insight(search.memory).log_evidence - search.log_evidence
-        look = self._look(watch.history, self.matcher.insight(watch.memory))
+        look = self._look(watch.history, watch.memory)
         return look.log_evidence if look is not None and search.covers(look) else 0.0
 
     def _others(self, search: _Search, watch: Watch) -> float:
@@ -212,9 +208,7 @@ class LostNavigatorMonitor(Monitor):
             covariance = forward @ search.covariance @ forward.T + grown
         fix, memory, mean = None, search.memory, np.zeros(BATCH_STATES)
         if past.searched:
-            batch = past.batch
-            first = max(0, len(batch) - batch.new - CONSTANTS.search_context_readings)
-            seen = seen_from(batch.part(first), shift, covariance)
+            seen = seen_from(_shortened(past.batch), shift, covariance)
             fix, memory = self.matcher.match(seen, past.field_map, search.memory)
             mean, covariance = posterior_of(covariance, fix.information if fix.published else None)
         following = replace(
@@ -239,6 +233,13 @@ class LostNavigatorMonitor(Monitor):
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
+
+
+def _shortened(batch: Batch) -> Batch:
+    """Return a batch with as many of its older readings as a search sees."""
+    beside = tuple(replace(one, batch=_shortened(one.batch)) for one in batch.beside)
+    first = max(0, len(batch) - batch.new - CONSTANTS.search_context_readings)
+    return replace(batch.part(first), beside=beside)
 
 
 def _reacquisition(found: Fix, batch: Batch, search: _Search) -> Fix:

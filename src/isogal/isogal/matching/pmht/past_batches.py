@@ -1,5 +1,6 @@
 """What the monitor of lost navigators remembers of the past."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -22,7 +23,7 @@ class PastBatch:
 
     batch: Batch
     """Its new readings alone, or where a search is to match, all those since the last such batch
-    as new ones and older ones."""
+    as new ones and older ones, with those of other fields."""
     field_map: AnyMap
     information: Information | None
     """What the navigator was told; None = nothing."""
@@ -39,39 +40,70 @@ class PastBatch:
 
     @classmethod
     def of(
-        cls, batch: Batch, field_map: AnyMap, fix: Fix, log_evidence: float, unsearched: int
+        cls,
+        batch: Batch,
+        field_map: AnyMap,
+        fix: Fix,
+        log_evidence: float,
+        before: "Sequence[PastBatch]" = (),
     ) -> "PastBatch":
-        """Remember a batch; no search would have matched so many readings before it."""
+        """Remember a batch after those before it."""
         information = fix.information if fix.published else None
-        beside = tuple(
-            replace(one, batch=one.batch.part(max(len(one.batch) - one.batch.new, one.batch.cut)))
-            for one in batch.beside
-        )
-        forward = error_after(batch)
-        batch = replace(batch, beside=()) if beside else batch
-        count = unsearched + batch.new
-        channels = batch.rows_per_scan
-        enough = CONSTANTS.search_readings * channels
+        stretch = _unsearched(before)
+        count = sum(past.new for past in stretch) + batch.new
+        enough = CONSTANTS.search_readings * batch.rows_per_scan
         searched = count >= enough or count + batch.new > len(batch)
         searched = searched or batch.backward is None
-        kept = _with_new(batch, count) if searched else batch.part(len(batch) - batch.new)
+        kept, others = batch.part(len(batch) - batch.new), tuple(map(_new_ones, batch.beside))
+        if searched:
+            since = {
+                one.field: sum(
+                    each.batch.new
+                    for past in stretch
+                    for each in past.beside
+                    if each.field == one.field
+                )
+                for one in batch.beside
+            }
+            whole = [
+                replace(one, batch=_with_new(one.batch, since[one.field] + one.batch.new))
+                for one in batch.beside
+            ]
+            kept = replace(_with_new(batch, count), beside=tuple(whole))
+        forward = error_after(batch)
         told = information, log_evidence, searched, batch.new, forward
-        return cls(kept, field_map, *told, beside)
+        return cls(kept, field_map, *told, others)
 
     @property
     def new_readings(self) -> Batch:
         """Its readings that no earlier batch had used."""
         return self.batch.part(max(len(self.batch) - self.new, self.batch.cut))
 
-    @property
-    def unsearched(self) -> int:
-        """How many readings up to its end no search would have matched."""
-        return 0 if self.searched else self.new
+    def new_of(self, field: int | None) -> Batch | None:
+        """Return the new readings of a field beside, or (None) its own; None where there are
+        none."""
+        if field is None:
+            return self.new_readings
+        return next((one.batch for one in self.beside if one.field == field), None)
 
     @property
     def posterior(self) -> tuple[Array, Array]:
         """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given it."""
         return posterior_of(joint_prior(self.batch), self.information)
+
+
+def _unsearched(history: Sequence[PastBatch]) -> Sequence[PastBatch]:
+    """Return the last ones, since that which a search would match."""
+    first = len(history)
+    while first and not history[first - 1].searched:
+        first -= 1
+    return history[first:]
+
+
+def _new_ones(beside: Beside) -> Beside:
+    """Return the new readings of another field."""
+    batch = beside.batch
+    return replace(beside, batch=batch.part(max(len(batch) - batch.new, batch.cut)))
 
 
 def recent(history: tuple[PastBatch, ...]) -> tuple[PastBatch, ...]:
@@ -87,24 +119,15 @@ def recent(history: tuple[PastBatch, ...]) -> tuple[PastBatch, ...]:
     return history[first:]
 
 
-def without_fixes(history: tuple[PastBatch, ...]) -> list[Batch]:
+def without_fixes(history: Sequence[PastBatch], field: int | None = None) -> list[Batch | None]:
     """Return the new readings of batches as a navigator would have them that has taken none of
-    the fixes since the first."""
-    shifts = taken_before(history)
-    return [_moved(past.new_readings, by) for past, by in zip(history, shifts, strict=True)]
+    the fixes since the first; see `PastBatch.new_of`."""
+    every = zip(history, taken_before(history), strict=True)
+    seen = [(past.new_of(field), by) for past, by in every]
+    return [None if one is None else _moved(one, by) for one, by in seen]
 
 
-def others_without_fixes(history: tuple[PastBatch, ...], field: int) -> list[Batch]:
-    """Return the same of the readings of another field."""
-    return [
-        _moved(one.batch, by)
-        for past, by in zip(history, taken_before(history), strict=True)
-        for one in past.beside
-        if one.field == field
-    ]
-
-
-def taken_before(history: tuple[PastBatch, ...]) -> list[Array]:
+def taken_before(history: Sequence[PastBatch]) -> list[Array]:
     """Return what fixes since the first have added to the estimate before each batch's, (7,)."""
     shifts, shift = [], np.zeros(BATCH_STATES)
     for k, past in enumerate(history):

@@ -1,0 +1,276 @@
+"""The readings of the last hour as one track of a navigator that may be lost, and what its own
+error does to them.
+
+What a navigator's error is at a reading follows from what it is in the middle of the track by its
+linear dynamics (docs/mathematics.md, section 4.2): a wrong place moves it as a whole; velocity and
+tilt bend it, and put the Eötvös effect of a wrong velocity into readings of gravity. A wrong
+latitude tilts the navigator as time goes by (section 8.7).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch
+from isogal.matching.matrices import positive_part, square_root
+from isogal.matching.pmht.attitude import joint_prior
+from isogal.matching.pmht.map_error import MapErrorPrior
+from isogal.matching.pmht.past_batches import PastBatch, without_fixes
+from isogal.matching.transitions import unconditioned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Readings along a track, oldest first."""
+
+    latitude: Array
+    """(N,) rad, where the navigator believed to be."""
+    longitude: Array
+    """(N,) rad."""
+    level: Array
+    """(N,) reading less its known offset, map's unit."""
+    sigma: Array
+    """(N,) 1-sigma white noise of each."""
+    position: Array
+    """(N, 2, 7) position error (m) at each per unit of the navigator's error in the middle."""
+    reading: Array
+    """(N, 7) what of that is in each reading."""
+    root: Array
+    """(N, K) what else of the navigator's errors is in the readings, per unit-variance component
+    of K."""
+
+    @classmethod
+    def of(cls, parts: Sequence[tuple[Batch, Array, Array, Array]]) -> "Track":
+        """Return the readings that there are in batches, each with what the navigator's errors do
+        to it, one after the other."""
+        rows = [
+            np.stack([one.latitude, one.longitude, one.reading - one.offset, one.sigma])
+            for one, *_ in parts
+        ]
+        every = np.concatenate(rows, axis=1)
+        known = np.isfinite(every[2])
+        effects = [np.concatenate([one[i] for one in parts])[known] for i in (1, 2, 3)]
+        return cls(*every[:, known], *effects)
+
+    def grouped(self, most: int) -> "Track":
+        """Return means of equally many readings, so many at most."""
+        size = -(-len(self.level) // most)
+        count = len(self.level) // size
+
+        def mean(values: Array) -> Array:
+            cut = values[-count * size :]
+            return np.asarray(cut.reshape(count, size, *values.shape[1:]).mean(axis=1))
+
+        means = {one.name: mean(getattr(self, one.name)) for one in fields(self)}
+        means["sigma"] = np.sqrt(mean(self.sigma**2) / size)
+        return Track(**means)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What one field has read."""
+
+    aided: Track
+    """Of the navigator as it is."""
+    unaided: Track
+    """The same of one that has taken none of the fixes since the first batch: those of a navigator
+    that is lost bend its track."""
+    field_map: FieldMap
+    prior: MapErrorPrior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LostError:
+    """The error of an unaided navigator in the middle of its track, if it is lost: of its place p
+    (m), the others are gain p + root e with e ~ N(0, 1)."""
+
+    gain: Array
+    """(5, 2)."""
+    root: Array
+    """(5, 5)."""
+    first: Array
+    """(7, 7) the error at the end of the first batch per unit of error in the middle."""
+    last: Array
+    """(7, 7) at the end of the last."""
+
+    @classmethod
+    def of(cls, prior: Array, first: Array, last: Array) -> "LostError":
+        """Return it for what the navigator says of its error at the end of the first batch, a
+        covariance (7, 7); `first` and `last` as above."""
+        wide = prior + LOST_COVARIANCE
+        to_middle = np.linalg.inv(first)
+        covariance = to_middle @ wide @ to_middle.T
+        gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+        rest = covariance[2:, 2:] - gain @ covariance[:2, 2:]
+        return cls(gain, square_root(rest), first, last)
+
+    def whole(self, place: Array, drawn: Array) -> Array:
+        """Return errors (S, 7) of places (S, 2) and components (S, 5)."""
+        return np.concatenate([place, place @ self.gain.T + drawn @ self.root.T], axis=1)
+
+    def with_end(self, end: Array, drawn: Array) -> Array:
+        """Return errors (S, 7) whose places at the end of the track are (S, 2)."""
+        by_place = self.last[:2, :2] + self.last[:2, 2:] @ self.gain
+        left = end - drawn @ (self.last[:2, 2:] @ self.root).T
+        return self.whole(np.asarray(np.linalg.solve(by_place, left.T).T), drawn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastHour:
+    """What a look is given."""
+
+    seen: tuple[Seen, ...]
+    """Of each field."""
+    own: Array
+    """(2, 2) m², the navigator's own covariance at the end."""
+    lost: LostError
+
+    @classmethod
+    def of(
+        cls, history: Sequence[PastBatch], maps: dict[int | None, tuple[FieldMap, MapErrorPrior]]
+    ) -> "LastHour":
+        """Return the readings in past batches.
+
+        Parameters
+        ----------
+        history : sequence of PastBatch
+            With attitude.
+        maps : dict
+            Of each field its map and what was believed of the map's error before any reading; None
+            is the field of the batches themselves, others are those beside them.
+        """
+        dynamics = _Dynamics.of(history)
+        prior = joint_prior(history[0].batch)
+        lost = LostError.of(prior, dynamics.since_middle[0], dynamics.since_middle[-1])
+        at_middle = np.concatenate([np.zeros((2, BATCH_STATES - 2)), lost.root])
+        aided, unaided = dynamics.errors(aided=True), dynamics.errors(aided=False)
+        unaided = [
+            np.concatenate([to @ at_middle, one], axis=1)
+            for to, one in zip(dynamics.since_middle, unaided, strict=True)
+        ]
+        made = []
+        for field, (field_map, map_error) in maps.items():
+            tracks = (
+                _aided_track(history, field, aided, field_map),
+                _unaided_track(history, field, dynamics, unaided),
+            )
+            made.append(Seen(*tracks, field_map, map_error))
+        return cls(tuple(made), history[-1].batch.prior[:2, :2], lost)
+
+    @classmethod
+    def of_batch(cls, batch: Batch, field_map: FieldMap, map_error: MapErrorPrior) -> "LastHour":
+        """Return the readings of one batch alone, of one field."""
+        known, whole = joint_prior(batch), np.zeros((BATCH_STATES, BATCH_STATES))
+        whole[: len(known), : len(known)] = known
+        lost = LostError.of(whole, np.eye(BATCH_STATES), np.eye(BATCH_STATES))
+        own = square_root(whole)
+        at_rows, in_reading = _by_end(batch)
+        root = in_reading[:, 2:] @ lost.root
+        aided = Track.of([_aided(batch, own, own, field_map)])
+        unaided = Track.of([(batch, at_rows, in_reading, root)])
+        seen = Seen(aided, unaided, field_map, map_error)
+        return cls((seen,), batch.prior[:2, :2], lost)
+
+
+def _aided_track(
+    history: Sequence[PastBatch], field: int | None, errors: Sequence[Array], field_map: FieldMap
+) -> Track:
+    """Return the track of the navigator as it is."""
+    parts = []
+    for past, by_error in zip(history, errors, strict=True):
+        one = past.new_of(field)
+        if one is not None:
+            parts.append(_aided(one, by_error, errors[-1], field_map))
+    return Track.of(parts)
+
+
+def _aided(
+    batch: Batch, errors: Array, at_end: Array, field_map: FieldMap
+) -> tuple[Batch, Array, Array, Array]:
+    """Return a batch of the navigator as it is, as `Track.of` takes it: its error (7, K) at the
+    end of the track stands for that in the middle, and what it was before is linearised."""
+    at_rows, in_reading = _by_end(batch)
+    moved = at_rows @ errors - at_end[:2]
+    _, *slope = field_map.value_and_gradient(batch.latitude, batch.longitude)
+    by_place = np.nan_to_num(np.stack(slope, axis=-1))[:, None]
+    root = in_reading @ errors - (by_place @ moved)[:, 0]
+    still = np.zeros_like(at_rows)
+    still[:, 0, 0] = still[:, 1, 1] = 1.0
+    return batch, still, np.zeros_like(in_reading), root
+
+
+def _unaided_track(
+    history: Sequence[PastBatch],
+    field: int | None,
+    dynamics: "_Dynamics",
+    errors: Sequence[Array],
+) -> Track:
+    """Return the track of a navigator that has taken none of the fixes."""
+    parts = []
+    for k, one in enumerate(without_fixes(history, field)):
+        if one is not None:
+            at_rows, in_reading = _by_end(one)
+            to_middle = dynamics.since_middle[k]
+            root = in_reading @ errors[k]
+            parts.append((one, at_rows @ to_middle, in_reading @ to_middle, root))
+    return Track.of(parts)
+
+
+def _by_end(batch: Batch) -> tuple[Array, Array]:
+    """Return position errors (T, 2, 7) at a batch's rows, and what is in the readings (T, 7), per
+    unit of the error at its end; of a batch without attitude those by the tilts are 0."""
+    if batch.attitude is not None:
+        return (
+            unconditioned(batch, batch.transition, batch.nuisance_position),
+            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading),
+        )
+    by_tilt = np.zeros((len(batch), 2, BATCH_STATES - batch.transition.shape[2]))
+    return (
+        np.concatenate([batch.transition, by_tilt], axis=2),
+        np.concatenate([batch.reading_jacobian, by_tilt[:, 0]], axis=1),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Dynamics:
+    """How the navigator's error goes on from batch to batch."""
+
+    history: Sequence[PastBatch]
+    since_middle: tuple[Array, ...]
+    """(7, 7) error at each batch end per unit of that at the end of the one in the middle."""
+
+    @classmethod
+    def of(cls, history: Sequence[PastBatch]) -> "_Dynamics":
+        since = [np.eye(BATCH_STATES)]
+        for past in history[1:]:
+            since.append(past.forward @ since[-1])
+        to_first = np.linalg.inv(since[len(since) // 2])
+        return cls(history, tuple(one @ to_first for one in since))
+
+    def errors(self, aided: bool) -> list[Array]:
+        """Return of each batch end the error (7, K) per unit-variance component of K: of the
+        navigator with its fixes, each of which takes a part of it away; or of one without them,
+        what its sensors have added since the first."""
+        before = joint_prior(self.history[0].batch)
+        sources = [square_root(before) if aided else np.zeros((BATCH_STATES, 0))]
+        forward = [np.eye(BATCH_STATES)]
+        for last, past in zip(self.history, self.history[1:], strict=False):
+            prior, after = joint_prior(past.batch), last.posterior[1]
+            scale = np.sqrt(np.diag(prior))
+            left = past.forward @ np.linalg.solve(before, after).T if aided else past.forward
+            kept = left @ before if aided else past.forward @ after
+            sources.append(square_root(positive_part(prior - kept @ left.T, scale)))
+            forward.append(left)
+            before = prior
+        width = [one.shape[1] for one in sources]
+        total, every, column = np.zeros((BATCH_STATES, sum(width))), [], 0
+        for step, source, count in zip(forward, sources, width, strict=True):
+            total = step @ total
+            total[:, column : column + count] = source
+            column += count
+            every.append(total.copy())
+        return every
