@@ -137,6 +137,7 @@ class Batch:
             **{name: getattr(self, name)[which] for name in PER_ROW},
             reading_rate=None if self.reading_rate is None else self.reading_rate[which],
             backward=None if self.backward is None else self.backward[which],
+            channel=None if self.channel is None else self.channel[which],
             beam=None if self.beam is None else self.beam[which],
             parameters=None if self.parameters is None else self.parameters.part(which),
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],

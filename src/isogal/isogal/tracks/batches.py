@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.tiled_map import ScalarMap
+from isogal.maps.channels import RouteMap
 from isogal.matching.interfaces import Batch
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.track import Track
@@ -84,7 +84,7 @@ def build_batch(
     )
 
 
-def without_map_edge(batch: Batch, field_map: ScalarMap) -> Batch:
+def without_map_edge(batch: Batch, field_map: RouteMap) -> Batch:
     """Return the batch without the readings near which the map ends.
 
     A place off the map cannot be judged, and matchers take it as impossible: a reading whose true

@@ -14,6 +14,9 @@ Batches can be matched in two ways:
   navigator. The fixes still hold the information of the measurements alone; `Match.error` and
   `Match.covariance` combine all batches so far.
 
+Several fields along one track have one error, so that their batches are matched together, each
+field with a noise of its own.
+
 No reading counts twice: the rows that a matcher gets as context are conditioned on, and the
 information of an ambiguous batch, which is carried on as hypotheses, is published with the batch
 that resolves it."""
@@ -31,15 +34,15 @@ from isogal.fusion.fix import apply_fix
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Information, Matcher, declined
-from isogal.matching.monitoring import Monitored
-from isogal.matching.pmht.robust import TrackMonitor
-from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.batches import batch_ends, between_batches, build_batch, without_map_edge
+from isogal.tracks.batches import batch_ends, between_batches
+from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
 from isogal.tracks.integrated.matcher import RIGID, IntegratedMatcher
 from isogal.tracks.integrated.search import ShiftPosterior
 from isogal.tracks.track import Track
 
+Progress = Callable[[int, int], None]
+"""Called with how many batches are done, and how many there are."""
 _EMPTY = 5.0
 """A fix whose least 1-sigma is this many times the prior's largest is declined: it narrows no
 direction by more than 2 %."""
@@ -127,7 +130,7 @@ def match_track(
     chained: bool = False,
     matcher: Matcher | None = None,
     checked: bool = True,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Match]:
     """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`).
 
@@ -135,6 +138,8 @@ def match_track(
     ----------
     chained : bool
         Whether each batch starts from what the earlier ones have told.
+    matcher : Matcher, optional
+        Instead of the one that the settings name.
     checked : bool
         Whether fixes must stand up to a wrong noise model: `pmht` integrates its noise out where
         the track is rigid (`isogal.tracks.integrated`), else see `isogal.matching.pmht.robust`.
@@ -146,10 +151,41 @@ def match_track(
     InputError
         The matcher's options are wrong, or the track's reduction does not fit the quantity.
     """
+    fields = (TrackField(field_map.quantity, track, field_map, settings),)
+    if matcher is None:
+        matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
+    return _matched(fields, uncertainty, matcher, chained, progress)
+
+
+def match_fields(
+    fields: Sequence[TrackField],
+    uncertainty: Uncertainty,
+    *,
+    chained: bool = False,
+    checked: bool = True,
+    progress: Progress | None = None,
+) -> list[Match]:
+    """Match all batches of a track that has readings of several fields, or of several channels.
+
+    The batches are those that the first field's settings say. Other parameters and errors as for
+    `match_track`; InputError too where fields are not of one track (`fields.check_fields`).
+    """
+    check_fields(fields)
+    matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
+    return _matched(fields, uncertainty, matcher, chained, progress)
+
+
+def _matched(
+    fields: Sequence[TrackField],
+    uncertainty: Uncertainty,
+    matching: Matcher,
+    chained: bool,
+    progress: Progress | None,
+) -> list[Match]:
+    track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
-    matching = matcher or _matcher(settings, _bend(track, ends, uncertainty), checked)
     integrated = isinstance(matching, IntegratedMatcher)
-    jacobian = track.jacobian(field_map.quantity)
+    jacobians = [one.track.jacobian(one.quantity) for one in fields]
     earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
@@ -161,9 +197,11 @@ def match_track(
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
         rows = slice(max(0, used - earlier), end)
-        batch = build_batch(track, jacobian, rows, end - used, error, covariance)
-        near = field_map.near(batch.latitude, batch.longitude)
-        batch = batch if integrated else without_map_edge(batch, near)
+        batches = [
+            one.batch(jacobian, rows, end - used, error, covariance)
+            for one, jacobian in zip(fields, jacobians, strict=True)
+        ]
+        batch, near = joint_batch(fields, batches, edge=not integrated)
         fix, memory = matching.match(batch, near, memory)
         known = _TrackError(batch, error, covariance)
         apply_fix(fix := _unless_empty(fix, batch), known)
@@ -180,22 +218,17 @@ def match_track(
     return matches
 
 
+def _is_rigid(field: TrackField, uncertainty: Uncertainty) -> bool:
+    """Whether the velocity error bends no batch of a track by much."""
+    ends = batch_ends(len(field.track), field.settings)
+    return _bend(field.track, ends, uncertainty) < RIGID
+
+
 def _bend(track: Track, ends: Sequence[int], uncertainty: Uncertainty) -> float:
     """Return by how much the velocity error may bend the longest batch, m."""
     starts = [0, *ends[:-1]]
     longest = max(track.time[e - 1] - track.time[s] for s, e in zip(starts, ends, strict=True))
     return float(uncertainty.velocity * longest)
-
-
-def _matcher(settings: MatcherSettings, bend: float, checked: bool) -> Matcher:
-    """Return the matcher that the settings name: `pmht` of a rigid track with its noise
-    integrated out, any other in its own way, checked where it can be."""
-    matching = load_matcher(settings)
-    if not (checked and isinstance(matching, Monitored)):
-        return matching
-    if settings.name == "pmht" and bend < RIGID:
-        return IntegratedMatcher.from_settings(settings)
-    return TrackMonitor(matching)
 
 
 def _unless_empty(fix: Fix, batch: Batch) -> Fix:

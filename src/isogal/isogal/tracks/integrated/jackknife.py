@@ -27,12 +27,29 @@ _MODELS = 12
 """Likeliest noise models that are used."""
 
 
-def jackknife_excess(posterior: ShiftPosterior) -> Array:
-    """Return (2, 2) m², what must be added to the posterior's covariance."""
-    mean, covariance = posterior.moments
+def jackknife_excess(*posteriors: ShiftPosterior) -> Array:
+    """Return (2, 2) m², what must be added to the posterior's covariance; of several fields each
+    without the halves of its own readings, whose errors are independent."""
+    covariance = posteriors[0].moments[1]
+    every = [_scatter(posterior) for posterior in posteriors]
+    known = [scatter for scatter in every if scatter is not None]
+    if not known:
+        return np.zeros((2, 2))
+    scatter = sum(known[1:], known[0])
+    factor = np.linalg.cholesky(covariance)
+    relative = np.linalg.solve(factor, np.linalg.solve(factor, scatter).T)
+    values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
+    axes = factor @ vectors
+    return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
+
+
+def _scatter(posterior: ShiftPosterior) -> Array | None:
+    """Return (2, 2) m² the covariance of the fixes without halves of a field's readings; None
+    where they are too few to say."""
+    mean, _ = posterior.moments
     new = len(posterior.readings) - posterior.readings.first_new
     if new < _FEWEST:
-        return np.zeros((2, 2))
+        return None
     parts, weight = _block_likelihoods(posterior)
     total = parts.sum(axis=1)
     shifts = posterior.shifts
@@ -45,12 +62,7 @@ def jackknife_excess(posterior: ShiftPosterior) -> Array:
         share = np.exp(log_density - log_density.max())
         means.append(share @ shifts / share.sum())
     apart = np.array(means) - mean
-    scatter = apart.T @ apart / len(apart) * (BLOCKS - LEFT_OUT) / LEFT_OUT
-    factor = np.linalg.cholesky(covariance)
-    relative = np.linalg.solve(factor, np.linalg.solve(factor, scatter).T)
-    values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
-    axes = factor @ vectors
-    return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
+    return np.asarray(apart.T @ apart / len(apart) * (BLOCKS - LEFT_OUT) / LEFT_OUT)
 
 
 def _block_likelihoods(posterior: ShiftPosterior) -> tuple[Array, Array]:

@@ -1,6 +1,7 @@
-"""From a batch of a rigid track to a fix."""
+"""From a batch of a rigid track to a fix; of several fields, from their batches side by side."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,9 +19,9 @@ from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.integrated.continued_map import ContinuedMap, continued
 from isogal.tracks.integrated.estimates import figures, outliers
 from isogal.tracks.integrated.jackknife import jackknife_excess
-from isogal.tracks.integrated.noise_models import Told, noise_models
+from isogal.tracks.integrated.noise_models import NoiseModels, Told, noise_models
 from isogal.tracks.integrated.readings import Readings, readings_of
-from isogal.tracks.integrated.search import ShiftPosterior, search
+from isogal.tracks.integrated.search import ShiftPosterior, search_fields
 
 CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
@@ -42,12 +43,23 @@ RIGID = 25.0
 class Memory:
     """What is carried from batch to batch."""
 
-    log_weight: Array | None = None
-    """Log prior of the noise models for the next batch; None = nothing learnt."""
+    log_weight: tuple[Array | None, ...] = ()
+    """Of each field the log prior of the noise models for the next batch; None = nothing
+    learnt."""
     posterior: ShiftPosterior | None = None
     """Of the last batch, for display; None = there is none."""
-    map: ContinuedMap | None = None
-    """Of the last batch."""
+    maps: tuple[ContinuedMap, ...] = ()
+    """Of the last batch, for each field."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OneField:
+    """A field in a batch."""
+
+    index: int
+    """In the list of fields."""
+    readings: Readings
+    models: NoiseModels
 
 
 @dataclass(frozen=True)
@@ -58,6 +70,8 @@ class IntegratedMatcher:
     name: str = "pmht"
     context: int = 0
     takes_channels: bool = False
+    others: tuple[tuple[str, Told], ...] = ()
+    """Name of each field beside the batch's own, and what is told of its errors."""
 
     @classmethod
     def from_settings(cls, matcher: MatcherSettings) -> "IntegratedMatcher":
@@ -77,6 +91,11 @@ class IntegratedMatcher:
             )
         )
 
+    def beside(self, others: Sequence[tuple[str, "IntegratedMatcher"]]) -> "IntegratedMatcher":
+        """Return the matcher of several fields: this one's, and named ones that a batch has
+        `beside` it, in this order and with the same rows."""
+        return replace(self, others=tuple((name, one.told) for name, one in others))
+
     def match(
         self, batch: Batch, field_map: FieldMap, memory: Memory | None
     ) -> tuple[Fix, Memory]:
@@ -85,58 +104,101 @@ class IntegratedMatcher:
         nothing = replace(memory, posterior=None)
         if reason := unusable(batch):
             return declined(batch, reason), nothing
-        prior = batch.prior[:2, :2]
-        continued_map = self._continued(batch, field_map, memory)
-        nothing = replace(nothing, map=continued_map)
-        readings = readings_of(batch, continued_map)
-        if reason := too_few(batch, readings.count, FEWEST_READINGS):
-            return declined(batch, reason), nothing
-        posterior, left_out = self._posterior(readings, prior, memory)
-        excess = jackknife_excess(posterior)
-        numbers = {
-            **figures(posterior),
-            "readings_left_out": float(left_out + readings.off_map),
-            "widened": float(np.sqrt(np.trace(excess) / np.trace(posterior.moments[1]))),
-        }
-        if posterior.probability < CONFIDENCE:
+        each = [(self.told, batch, field_map)]
+        each += [
+            (told, one.batch, one.field_map)
+            for (_, told), one in zip(self.others, batch.beside, strict=True)
+        ]
+        maps = tuple(
+            _continued(*one, memory.maps[i] if memory.maps else None) for i, one in enumerate(each)
+        )
+        nothing = replace(nothing, maps=maps)
+        fields, reasons = [], []
+        for index, ((told, seen, _), continued_map) in enumerate(zip(each, maps, strict=True)):
+            readings = readings_of(seen, continued_map)
+            reasons.append(too_few(seen, readings.count, FEWEST_READINGS))
+            if not reasons[-1]:
+                models = _models(told, readings, memory, index)
+                fields.append(_OneField(index, readings, models))
+        if not fields:
+            return declined(batch, reasons[0] or "no readings"), nothing
+        posteriors, left_out = _posteriors(fields, batch.prior[:2, :2])
+        excess, first = jackknife_excess(*posteriors), posteriors[0]
+        numbers = self._figures(fields, posteriors, left_out)
+        numbers["widened"] = float(np.sqrt(np.trace(excess) / np.trace(first.moments[1])))
+        if first.probability < CONFIDENCE:
             reason = (
-                f"ambiguous: {posterior.places} places fit, the best with probability"
-                f" {posterior.probability:.2f}; longer batches or a narrower prior may tell them"
+                f"ambiguous: {first.places} places fit, the best with probability"
+                f" {first.probability:.2f}; longer batches or a narrower prior may tell them"
                 " apart"
             )
-            return declined(batch, reason, **numbers), replace(nothing, posterior=posterior)
-        fix = _fix(batch, posterior, excess, numbers)
-        return fix, Memory(_remembered(posterior), posterior, continued_map)
+            return declined(batch, reason, **numbers), replace(nothing, posterior=first)
+        fix = _fix(batch, first, excess, numbers)
+        learnt: list[Array | None] = list(memory.log_weight or (None,) * len(each))
+        for one, posterior in zip(fields, posteriors, strict=True):
+            learnt[one.index] = _remembered(posterior)
+        return fix, Memory(tuple(learnt), first, maps)
 
-    def _continued(self, batch: Batch, field_map: FieldMap, memory: Memory) -> ContinuedMap:
-        """Return the map around a batch continued; the last one's where that is the same."""
-        reach = _MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
-        last = memory.map
-        if last is not None and last.original is field_map and last.reach >= reach:
-            return last
-        return continued(field_map, reach, self.told.sigma or 0.0)
+    def _figures(
+        self,
+        fields: Sequence[_OneField],
+        posteriors: Sequence[ShiftPosterior],
+        left_out: Sequence[int],
+    ) -> dict[str, float]:
+        """Return what readings say of errors, those of other fields with their names."""
+        numbers: dict[str, float] = {}
+        for one, posterior, count in zip(fields, posteriors, left_out, strict=True):
+            prefix = f"{self.others[one.index - 1][0]}." if one.index else ""
+            left = float(count + one.readings.off_map)
+            named = {**figures(posterior), "readings_left_out": left}
+            numbers |= {f"{prefix}{name}": value for name, value in named.items()}
+        return numbers
 
-    def _posterior(
-        self, readings: Readings, prior: Array, memory: Memory
-    ) -> tuple[ShiftPosterior, int]:
-        """Return the posterior without outliers, and how many readings were left out."""
-        continued_map = readings.map
-        own = not isinstance(continued_map.field.sigma, float)
-        told, scalar = self.told, continued_map.field.sigma
-        if isinstance(scalar, float) and scalar > (told.sigma or 0.0):
-            told = replace(told, sigma=scalar)
-        models = noise_models(told, own, continued_map.spread)
-        if memory.log_weight is not None and memory.log_weight.shape == models.log_prior.shape:
-            models = replace(models, log_prior=memory.log_weight)
-        count, most = readings.count, _MOST_OUTLIERS * len(readings)
-        posterior = search(readings, prior, models)
-        for _ in range(_ROUNDS):
+
+def _continued(
+    told: Told, batch: Batch, field_map: FieldMap, last: ContinuedMap | None
+) -> ContinuedMap:
+    """Return the map around a batch continued; the last one's where that is the same."""
+    reach = _MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
+    if last is not None and last.original is field_map and last.reach >= reach:
+        return last
+    return continued(field_map, reach, told.sigma or 0.0)
+
+
+def _models(told: Told, readings: Readings, memory: Memory, index: int) -> NoiseModels:
+    """Return the noise models of a field, with the prior that was learnt."""
+    continued_map = readings.map
+    own = not isinstance(continued_map.field.sigma, float)
+    scalar = continued_map.field.sigma
+    if isinstance(scalar, float) and scalar > (told.sigma or 0.0):
+        told = replace(told, sigma=scalar)
+    models = noise_models(told, own, continued_map.spread)
+    learnt = memory.log_weight[index] if memory.log_weight else None
+    if learnt is not None and learnt.shape == models.log_prior.shape:
+        models = replace(models, log_prior=learnt)
+    return models
+
+
+def _posteriors(
+    fields: Sequence[_OneField], prior: Array
+) -> tuple[tuple[ShiftPosterior, ...], list[int]]:
+    """Return the posterior as each field has it, without outliers, and how many of its readings
+    were left out."""
+    readings = [one.readings for one in fields]
+    models = [one.models for one in fields]
+    most = [_MOST_OUTLIERS * len(one) for one in readings]
+    posteriors = search_fields(list(zip(readings, models, strict=True)), prior)
+    for _ in range(_ROUNDS):
+        found = False
+        for i, posterior in enumerate(posteriors):
             bad = outliers(posterior)
-            if not bad.any() or bad.sum() > most:
-                break
-            readings = readings.without(bad)
-            posterior = search(readings, prior, models)
-        return posterior, count - readings.count
+            if bad.any() and bad.sum() <= most[i]:
+                readings[i], found = readings[i].without(bad), True
+        if not found:
+            break
+        posteriors = search_fields(list(zip(readings, models, strict=True)), prior)
+    left = zip(fields, readings, strict=True)
+    return posteriors, [one.readings.count - now.count for one, now in left]
 
 
 def _remembered(posterior: ShiftPosterior) -> Array:

@@ -3,9 +3,13 @@
 The first grid covers the prior; cells that are not impossible are divided by three, until they
 are smaller than half the posterior's 1-sigma. A coarse cell is not misjudged for being coarse:
 where no shift on the grid is right, the noise models with larger errors take over, and the
-likelihood is as wide as it should be."""
+likelihood is as wide as it should be.
+
+Several fields along one track have one shift and noise models of their own: what the others say
+is part of the prior of each."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +55,7 @@ class ShiftPosterior:
     log_likelihood: Array
     """(S,) of all noise models together."""
     log_prior: Array
-    """(S,) of the shift; without its constant."""
+    """(S,) of the shift, with what other fields say of it; without its constant."""
     by_model: Array
     """(correlations, shapes, scales, offsets) posterior probabilities of the noise models."""
     models: NoiseModels
@@ -95,23 +99,34 @@ def moments_of(shifts: Array, weight: Array) -> tuple[Array, Array]:
 
 def search(readings: Readings, prior: Array, models: NoiseModels) -> ShiftPosterior:
     """Return the posterior of the shift, N(0, prior (2, 2)) before the readings."""
-    cells, size = _first_cells(readings, prior)
+    return search_fields(((readings, models),), prior)[0]
+
+
+Fields = Sequence[tuple[Readings, NoiseModels]]
+"""Readings of each field, and the noise models that they may have."""
+
+
+def search_fields(fields: Fields, prior: Array) -> tuple[ShiftPosterior, ...]:
+    """Return the posterior of the shift by the readings of several fields, once for each of them
+    with its own likelihood."""
+    cells, size = _first_cells([readings for readings, _ in fields], prior)
     precision = np.asarray(np.linalg.inv(prior), dtype=np.float64)
+    screening = [(readings, models.screening) for readings, models in fields]
     overview: tuple[Array, Array, float] | None = None
     if len(cells) > _SCREENED:
-        few = _at(readings, cells, size, precision, models.screening, None)
-        overview = few[0], _total(few), size
-        order = np.argsort(-_total(few), kind="stable")
+        few = _at(screening, cells, size, precision, None)
+        overview = few.shifts, few.total, size
+        order = np.argsort(-few.total, kind="stable")
         cells = cells[np.sort(order[:_SCREENED])]
     # with the errors of where the readings turn out to be
-    few = _at(readings, cells, size, precision, models.screening, None)
-    where = few[0], _normalised(_total(few))
+    few = _at(screening, cells, size, precision, None)
+    where = few.shifts, _normalised(few.total)
     for level in range(_LEVELS):
-        state = _at(readings, cells, size, precision, models, where)
+        state = _at(fields, cells, size, precision, where)
         if level == 0:
-            overview = overview or (state[0], _total(state), size)
-        total = _total(state)
-        where = state[0], _normalised(total)
+            overview = overview or (state.shifts, state.total, size)
+        total = state.total
+        where = state.shifts, _normalised(total)
         spread = moments_of(*where)[1]
         least = math.sqrt(max(float(np.linalg.eigvalsh(spread)[0]), 0.0))
         if size < _FINE_ENOUGH * least or level == _LEVELS - 1:
@@ -120,57 +135,101 @@ def search(readings: Readings, prior: Array, models: NoiseModels) -> ShiftPoster
         keep = keep[np.argsort(-total[keep], kind="stable")[:_KEPT]]
         cells, size = _divided(cells[keep]), size / 3.0
     assert overview is not None
-    shifts, residual, likelihoods, log_prior, around = state
-    likelihoods += log_prior - total.max()
-    by_model = np.exp(likelihoods, out=likelihoods).sum(axis=-1)
-    return ShiftPosterior(
-        shifts=shifts,
-        size=size,
-        log_likelihood=total - log_prior,
-        log_prior=log_prior,
-        by_model=by_model / by_model.sum(),
-        models=models,
-        around=around,
-        residual=residual,
-        readings=readings,
-        mode=_modes(cells, size, total),
-        overview=overview,
-    )
+    mode = _modes(cells, size, total)
+    return tuple(state.posterior(index, size, mode, overview) for index in range(len(fields)))
 
 
-_Evaluated = tuple[Array, Array, Array, Array, Surroundings]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Evaluated:
+    """What readings say of shifts."""
+
+    shifts: Array
+    """(S, 2)."""
+    log_prior: Array
+    """(S,) of the shifts."""
+    fields: Fields
+    residuals: list[Array]
+    """(m, S) of each field."""
+    likelihoods: list[Array]
+    """(correlations, shapes, scales, offsets, S) of each field, of all its noise models with their
+    prior."""
+    around: list[Surroundings]
+    """What R of each is made of: with the map's errors of where the readings probably are."""
+    each: list[Array]
+    """(S,) log-likelihood of each, with all noise models alike."""
+
+    @property
+    def total(self) -> Array:
+        """(S,) the log posterior of each shift."""
+        return self._but(None)
+
+    def _but(self, left_out: int | None) -> Array:
+        """Return the log posterior without the readings of one field."""
+        total: Array | None = None
+        for index, one in enumerate(self.each):
+            if index != left_out:
+                total = one if total is None else total + one
+        return self.log_prior if total is None else total + self.log_prior
+
+    def posterior(
+        self, index: int, size: float, mode: Integers, overview: tuple[Array, Array, float]
+    ) -> ShiftPosterior:
+        """Return the posterior as one field has it; its likelihoods are used up."""
+        total, log_prior = self.total, self._but(index)
+        readings, models = self.fields[index]
+        likelihoods = self.likelihoods[index]
+        likelihoods += log_prior - total.max()
+        by_model = np.exp(likelihoods, out=likelihoods).sum(axis=-1)
+        return ShiftPosterior(
+            shifts=self.shifts,
+            size=size,
+            log_likelihood=total - log_prior,
+            log_prior=log_prior,
+            by_model=by_model / by_model.sum(),
+            models=models,
+            around=self.around[index],
+            residual=self.residuals[index],
+            readings=readings,
+            mode=mode,
+            overview=overview,
+        )
 
 
 def _at(
-    readings: Readings,
+    fields: Fields,
     cells: Integers,
     size: float,
     precision: Array,
-    models: NoiseModels,
     where: tuple[Array, Array] | None,
 ) -> _Evaluated:
-    """Return shifts, residuals, log-likelihoods of all models with their prior, log prior of the
-    shifts, and what R is made of: with the map's errors of where the readings probably are."""
+    """Return what the readings say of shifts; `where` they probably are, else where the prior
+    says."""
     shifts = np.asarray(cells * size, dtype=np.float64)
-    residual = readings.residuals(shifts)
     log_prior: Array = -0.5 * np.einsum("si,ij,sj->s", shifts, precision, shifts)
-    around = surroundings(readings, *(where or (shifts, np.exp(log_prior))))
-    likelihoods = log_likelihoods(residual, models, around)
-    likelihoods += models.log_prior[..., None]
-    if old := readings.first_new:  # of the new readings, given the old ones
-        likelihoods -= log_likelihoods(residual[:old], models, around.part(old))
-    outside = ~np.isfinite(residual).all(axis=0)
-    if outside.any():
-        likelihoods[..., outside] = -1e6
-    return shifts, residual, likelihoods, log_prior, around
+    state = _Evaluated(shifts, log_prior, fields, [], [], [], [])
+    for readings, models in fields:
+        residual = readings.residuals(shifts)
+        around = surroundings(readings, *(where or (shifts, np.exp(log_prior))))
+        likelihoods = log_likelihoods(residual, models, around)
+        likelihoods += models.log_prior[..., None]
+        if old := readings.first_new:  # of the new readings, given the old ones
+            likelihoods -= log_likelihoods(residual[:old], models, around.part(old))
+        outside = ~np.isfinite(residual).all(axis=0)
+        if outside.any():
+            likelihoods[..., outside] = -1e6
+        state.residuals.append(residual)
+        state.likelihoods.append(likelihoods)
+        state.around.append(around)
+        state.each.append(_of_all_models(likelihoods))
+    return state
 
 
-def _total(state: _Evaluated) -> Array:
-    """Return (S,) the log posterior of each shift, with all noise models alike."""
-    each = state[2].reshape(-1, state[2].shape[-1])
+def _of_all_models(likelihoods: Array) -> Array:
+    """Return (S,) the log-likelihood of each shift, with all noise models alike."""
+    each = likelihoods.reshape(-1, likelihoods.shape[-1])
     top = each.max(axis=0)
     share = each - top
-    return np.asarray(top + np.log(np.exp(share, out=share).sum(axis=0)) + state[3])
+    return np.asarray(top + np.log(np.exp(share, out=share).sum(axis=0)))
 
 
 def surroundings(readings: Readings, shifts: Array, weight: Array) -> Surroundings:
@@ -195,10 +254,10 @@ def _normalised(log_density: Array) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def _first_cells(readings: Readings, prior: Array) -> tuple[Integers, float]:
+def _first_cells(every: Sequence[Readings], prior: Array) -> tuple[Integers, float]:
     """Return the (K, 2) first cells as whole numbers, and their size, m."""
     deviation = np.sqrt(np.diag(prior))
-    node = min(readings.map.original.cell_size_m(float(np.mean(readings.latitude))))
+    node = min(min(one.map.original.cell_size_m(float(np.mean(one.latitude)))) for one in every)
     least, most = _CELLS
     size = min(max(least, min(node, most)), _PRIOR_SHARE * float(deviation.min()))
     area = 4.0 * _REACH**2 * float(deviation.prod())

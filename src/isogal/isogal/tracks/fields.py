@@ -1,0 +1,106 @@
+"""Readings of one or several fields along the same track, and the matcher of them all."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.channels import ChannelMap, RouteMap
+from isogal.matching.channels import channel_batch
+from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.monitoring import Monitored
+from isogal.matching.pmht.robust import TrackMonitor
+from isogal.matching.registry import load_matcher
+from isogal.matching.several import JointMatcher
+from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.batches import build_batch, without_map_edge
+from isogal.tracks.integrated.matcher import IntegratedMatcher
+from isogal.tracks.track import Track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelReadings:
+    """Readings of several numbers each, such as components of the gradient tensor."""
+
+    values: Array
+    """(N, C) unit of the maps; NaN = no reading."""
+    covariance: Array
+    """(C, C) of the sensor's noise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackField:
+    """One field along a track."""
+
+    name: str
+    track: Track
+    """Times and places are the same for all fields."""
+    field_map: RouteMap
+    settings: MatcherSettings
+    channels: ChannelReadings | None = None
+    """Instead of the track's values, where the map has several channels."""
+
+    @property
+    def quantity(self) -> str:
+        """What the map is of."""
+        return self.field_map.quantity
+
+    def batch(
+        self, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array
+    ) -> Batch:
+        """Return rows of the track as a batch; parameters of `batches.build_batch`."""
+        batch = build_batch(self.track, jacobian, rows, new, error, covariance)
+        if self.channels is None:
+            return batch
+        return channel_batch(batch, self.channels.values[rows], self.channels.covariance)
+
+
+def check_fields(fields: Sequence[TrackField]) -> None:
+    """Raise InputError where fields do not belong to one track, or have one name."""
+    first = fields[0]
+    for one in fields[1:]:
+        same = len(one.track) == len(first.track) and bool(
+            (one.track.time == first.track.time).all()
+        )
+        if not same:
+            raise InputError(
+                f"{one.track.where}: readings of {one.name} are not at the times of those of"
+                f" {first.name}"
+            )
+    names = [one.name for one in fields]
+    if len(set(names)) < len(names):
+        raise InputError(f"fields of a track need names of their own, not {', '.join(names)}")
+
+
+def joint_batch(
+    fields: Sequence[TrackField], batches: Sequence[Batch], edge: bool
+) -> tuple[Batch, RouteMap]:
+    """Return the batch of the first field with those of the others beside it, and its map; `edge`:
+    without readings near which a map ends."""
+    each = []
+    for index, (field, batch) in enumerate(zip(fields, batches, strict=True)):
+        near = field.field_map.near(batch.latitude, batch.longitude)
+        each.append(Beside(index, without_map_edge(batch, near) if edge else batch, near))
+    batch = each[0].batch
+    return (replace(batch, beside=tuple(each[1:])) if each[1:] else batch), each[0].field_map
+
+
+def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matcher:
+    """Return the matcher that the settings name.
+
+    `pmht` of a rigid track of numbers has its noise integrated out, of all fields at once; any
+    other works in its own way, checked where it can be, and those of several fields one after the
+    other (`isogal.matching.several`)."""
+    scalar = all(one.channels is None for one in fields)
+    integrable = checked and rigid and scalar
+    if integrable and all(one.settings.name == "pmht" for one in fields):
+        each = [IntegratedMatcher.from_settings(one.settings) for one in fields]
+        names = [one.name for one in fields]
+        return each[0].beside(list(zip(names, each, strict=True))[1:])
+    matchers = tuple(
+        load_matcher(one.settings, isinstance(one.field_map, ChannelMap)) for one in fields
+    )
+    if len(fields) > 1:
+        return JointMatcher(matchers, tuple(one.name for one in fields), 0)
+    only = matchers[0]
+    return TrackMonitor(only) if checked and isinstance(only, Monitored) else only
