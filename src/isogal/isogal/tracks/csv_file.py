@@ -3,6 +3,7 @@ optionally time, sigma, offset and line."""
 
 import difflib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -129,7 +130,9 @@ def read_csv_track(path: str | Path, crs: str | None = None) -> CsvTrack:
     return tracks[0]
 
 
-def read_csv_tracks(path: str | Path, crs: str | None = None) -> list[CsvTrack]:
+def read_csv_tracks(
+    path: str | Path, crs: str | None = None, column: str | Sequence[str] = "value"
+) -> list[CsvTrack]:
     """Read a file with a header line (`isogal.tracks.text_rows`): a track for each survey line.
 
     Other columns are ignored. Times are seconds, or dates and times by ISO 8601 (UTC unless they
@@ -141,6 +144,9 @@ def read_csv_tracks(path: str | Path, crs: str | None = None) -> list[CsvTrack]:
     path : path
     crs : str, optional
         System of columns x and y (or easting and northing), as ``EPSG:N``.
+    column : str or sequence of str
+        Of the readings, or the names that it may have. With another than ``value`` the columns
+        NAME_sigma and NAME_offset go with it, not sigma and offset.
 
     Raises
     ------
@@ -150,7 +156,8 @@ def read_csv_tracks(path: str | Path, crs: str | None = None) -> list[CsvTrack]:
     """
     where = str(path)
     rows = read_rows(path, ", ".join(REQUIRED))
-    index = _locate(rows.names, where)
+    aliases = [one.strip().casefold() for one in ([column] if isinstance(column, str) else column)]
+    index = _locate(rows.names, where, aliases)
     if not rows.cells:
         raise InputError(f"{where}: has no readings")
     columns = {
@@ -205,9 +212,14 @@ def _track(
     )
 
 
-def _locate(header: list[str], where: str) -> dict[str, int]:
+def _locate(header: list[str], where: str, readings: list[str]) -> dict[str, int]:
     index: dict[str, int] = {}
-    for name, aliases in _NAMES.items():
+    names = dict(_NAMES)
+    if readings != ["value"]:
+        names["value"] = tuple(readings)
+        for beside in ("sigma", "offset"):
+            names[beside] = tuple(f"{one}_{beside}" for one in readings)
+    for name, aliases in names.items():
         found = [alias for alias in aliases if alias in header]
         if found and header.count(found[0]) > 1:
             raise InputError(f"{where}: has {header.count(found[0])} columns '{found[0]}'")
@@ -219,13 +231,14 @@ def _locate(header: list[str], where: str) -> dict[str, int]:
         required = REQUIRED
     for name in required:
         if name not in index:
+            wanted = readings[0] if name == "value" else name
             others = [h for h in header if h and h not in REQUIRED]
-            close = [h for h in others if name.startswith(h)] + difflib.get_close_matches(
-                name, others, n=1, cutoff=0.6
+            close = [h for h in others if wanted.startswith(h)] + difflib.get_close_matches(
+                wanted, others, n=1, cutoff=0.6
             )
             hint = f" (is it '{close[0]}'?)" if close else ""
             raise InputError(
-                f"{where}: has no column '{name}'{hint}; it has"
+                f"{where}: has no column '{wanted}'{hint}; it has"
                 f" {', '.join(h or '(no name)' for h in header)}"
             )
     return index

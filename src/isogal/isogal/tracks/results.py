@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ def as_objects(
     *,
     factor: float = 1.0,
     line: str | None = None,
+    others: Mapping[str, float] | None = None,
 ) -> list[dict[str, Any]]:
     """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
     (None = no fix), status, reason.
@@ -35,11 +36,15 @@ def as_objects(
     Without a fix the position is that of the track. Objects of chained batches also hold the
     aided position and its covariance, from all fixes so far. Where noise was integrated out they
     hold what was estimated, in units of which one has `factor` units inside, and m. `line` is
-    that of the track's file."""
-    return [_object(match, chained, factor, line) for match in matches]
+    that of the track's file. `others` are the factors of further fields by name, of which
+    NAME_estimated is told."""
+    factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
+    return [_object(match, chained, factors, line) for match in matches]
 
 
-def _object(match: Match, chained: bool, factor: float, line: str | None) -> dict[str, Any]:
+def _object(
+    match: Match, chained: bool, factors: Mapping[str, float], line: str | None
+) -> dict[str, Any]:
     fix = match.fix
     result: dict[str, Any] = {} if line is None else {"line": line}
     result |= {
@@ -54,17 +59,26 @@ def _object(match: Match, chained: bool, factor: float, line: str | None) -> dic
         result["aided_latitude"], result["aided_longitude"] = place["latitude"], place["longitude"]
         result["aided_covariance_enu"] = _enu(match.covariance[:2, :2])
     numbers = fix.diagnostics
-    if match.shifts is not None and "map_sigma" in numbers:
-        result["estimated"] = {
-            name: float(f"{numbers[name] / (1.0 if name == _NOT_IN_UNIT else factor):.4g}")
-            for name in _ESTIMATED
-        }
+    if match.shifts is None:
+        return result
+    for prefix, factor in factors.items():
+        if f"{prefix}map_sigma" in numbers:
+            result[f"{prefix.replace('.', '_')}estimated"] = _estimated(numbers, prefix, factor)
+    if "map_sigma" in numbers:
         result["readings"] = int(numbers["readings"])
         result["readings_left_out"] = int(numbers["readings_left_out"])
         result["misfit"] = round(numbers["misfit"], 3)
         result["places"] = int(numbers["places"])
         result["probability"] = round(numbers["probability"], 4)
     return result
+
+
+def _estimated(numbers: Mapping[str, float], prefix: str, factor: float) -> dict[str, float]:
+    """Return what was estimated of a field's errors, in its unit."""
+    return {
+        name: float(f"{numbers[prefix + name] / (1.0 if name == _NOT_IN_UNIT else factor):.4g}")
+        for name in _ESTIMATED
+    }
 
 
 def _place(latitude: float, longitude: float) -> dict[str, float]:

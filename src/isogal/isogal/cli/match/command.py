@@ -1,8 +1,8 @@
 """The command ``isogal match``."""
 
 from isogal.cli.map_choice import MapOption
-from isogal.cli.match.inputs import read_inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults
+from isogal.cli.match.other_fields import all_fields
 from isogal.cli.match.track_choice import TrackChoice
 from isogal.cli.option_groups import with_groups
 
@@ -22,12 +22,13 @@ def match(
     from isogal.cli.match.run import match_and_report
 
     track = track.resolved()
-    results.check()
+    results.check(track.gradients is not None)
     matching.check()
     uncertainty = assumed.of_track(matching.chain)
+    fields = all_fields(map_, track, assumed)
     found = [
-        match_and_report(inputs, matching, assumed, uncertainty, results, track.reduction)
-        for inputs in read_inputs(map_, track, assumed)
+        match_and_report(list(zip(fields, inputs, strict=True)), matching, uncertainty, results)
+        for inputs in zip(*(field.read() for field in fields), strict=True)
     ]
     results.write(found, matching.chain)
     results.show(found, matching.chain)

@@ -14,9 +14,11 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.axes import Window
+    from isogal.maps.channels import RouteMap
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
     from isogal.tracks.csv_file import CsvTrack
+    from isogal.tracks.fields import ChannelReadings
     from isogal.tracks.map_error import MapError
     from isogal.tracks.recording import Recording
     from isogal.tracks.track import Track
@@ -38,13 +40,22 @@ class Inputs:
     """A track and the map that it belongs to."""
 
     track: "Track"
-    field_map: "ScalarMap"
+    field_map: "RouteMap"
     unit: str
     """Of the track's values, and of the sigmas on the command line."""
     factor: float
     """Units inside in one of it."""
     line: str | None = None
     """Of a file that holds several."""
+    channels: "ChannelReadings | None" = None
+    """Readings of several numbers each."""
+
+    @property
+    def scalar_map(self) -> "ScalarMap":
+        """The map, or the first of several: what is said of one is said of all."""
+        from isogal.maps.channels import channels_of
+
+        return channels_of(self.field_map)[0]
 
 
 def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> list[Inputs]:
@@ -64,7 +75,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     sources = _sources(chosen, map_.crs)
     references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
     if any(getattr(one, "projected", False) for one in [*sources, *references]):
-        map_ = _without_crs(map_)
+        map_ = without_crs(map_)
     margin = _MARGIN + 5.0 * assumed.prior_sigma
     corridors = [source.corridor(margin) for source in sources]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
@@ -78,7 +89,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     for source, corridor in zip(sources, corridors, strict=True):
         field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
-        unit, factor = _unit(chosen.track_unit, field_map)
+        unit, factor = unit_of(chosen.track_unit, field_map)
         sigma = assumed.reading_sigma(field_map, factor)
         if learnt is not None:
             fit = fit or _learnt_error(learnt, references, factor)
@@ -128,7 +139,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     return continued(wide, chosen.height, level).window(*window[:4])
 
 
-def _without_crs(map_: MapChoice) -> MapChoice:
+def without_crs(map_: MapChoice) -> MapChoice:
     """Return a map without `--crs` that is meant for the track: only a GeoTIFF takes one."""
     is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
     return map_ if is_geotiff else replace(map_, crs=None)
@@ -141,13 +152,16 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvT
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
     if chosen.compensation is None and is_recording(chosen.track):
-        if chosen.base is not None:
-            raise InputError(f"--base: goes with a text file, not with a bag ({chosen.track})")
+        for option, given in (("--base", chosen.base), ("--column", chosen.column)):
+            if given is not None:
+                raise InputError(
+                    f"{option}: goes with a text file, not with a bag ({chosen.track})"
+                )
         return [read_recording(chosen.track, chosen.fix_topic)]
     if chosen.compensation is not None:
         tracks = [_compensated(chosen.track, chosen.compensation)]
     else:
-        tracks = read_csv_tracks(chosen.track, crs)
+        tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
     if chosen.base is None:
         return tracks
     from isogal.tracks.magnetic_flight import read_base_station
@@ -167,7 +181,7 @@ def _compensated(path: Path, coefficients: Path) -> "CsvTrack":
     return flight.track(total - flight.main_field(Magnetometer().epoch))
 
 
-def _unit(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
+def unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
     """Return the unit of the track's values, and the number of units inside in one of it."""
     from isogal.maps.quantities import unit_factor
 

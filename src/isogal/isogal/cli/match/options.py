@@ -1,6 +1,6 @@
 """Options of ``isogal match``, by subject."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -245,10 +245,13 @@ class MatchResults:
     ] = None
     json: Json = False
 
-    def check(self) -> None:
-        """Raise InputError unless every file's suffix is known."""
+    def check(self, gradients: bool) -> None:
+        """Raise InputError unless every file's suffix is known, and a report can show what was
+        read."""
         from isogal.tracks.results import writer_for
 
+        if gradients and self.report is not None:
+            raise InputError("--report: shows tracks of one number per reading, not --gradients")
         for path in self.out or ():
             writer_for(path)
 
@@ -277,7 +280,9 @@ def _objects(found: "Sequence[Matched]", chained: bool) -> list[dict[str, Any]]:
     return [
         entry
         for one in found
-        for entry in as_objects(one.matches, chained, factor=one.factor, line=one.line)
+        for entry in as_objects(
+            one.matches, chained, factor=one.factor, line=one.line, others=one.others
+        )
     ]
 
 
@@ -289,3 +294,5 @@ class Matched:
     line: str | None
     factor: float
     """Units inside in one unit of the track."""
+    others: "Mapping[str, float]"
+    """The same of each other field, by its name."""

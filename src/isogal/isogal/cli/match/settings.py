@@ -29,7 +29,7 @@ def matcher_settings(
     """
     from isogal.scenario import load_scenario
 
-    field_map = inputs.field_map
+    field_map = inputs.scalar_map
     changes = matching.changes() + assumed.map_changes(field_map, inputs.factor)
     said = {item.partition("=")[0] for item in changes}
     if _LENGTH not in said and field_map.correlation_length is not None:

@@ -26,6 +26,42 @@ class TrackChoice:
             ),
         ),
     ]
+    column: Annotated[
+        str | None,
+        typer.Option(
+            "--column",
+            metavar="NAME",
+            help=(
+                "Column of the readings; default: value. With another NAME the columns NAME_sigma"
+                " and NAME_offset go with it."
+            ),
+        ),
+    ] = None
+    gradients: Annotated[
+        str | None,
+        typer.Option(
+            "--gradients",
+            metavar="nn,ne,nd,ee,ed",
+            help=(
+                "The readings are these components of the gravity gradient tensor (n north, e"
+                " east, d down; less the normal gradient), in columns of these names, t_nn or tnn,"
+                " in E; the map is of the disturbance."
+            ),
+        ),
+    ] = None
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--also",
+            metavar="KEY=VALUE,...",
+            help=(
+                "Another field that was read along the track: map=FILE,column=NAME and, where"
+                " needed, variable, quantity, unit, crs, format, track-unit, reduction, height,"
+                " map-height, sensor-sigma, map-sigma, map-correlation-length, bias-sigma, as the"
+                " options of these names; repeatable."
+            ),
+        ),
+    ] = None
     track_unit: Annotated[
         str | None,
         typer.Option(
@@ -114,6 +150,8 @@ class TrackChoice:
         """Return the same with what a compensation or a base station says of the track's values;
         raises InputError where they are in another unit than a base station's, or options do not
         go together."""
+        if self.gradients is not None and self.column is not None:
+            raise InputError(f"--column {self.column}: --gradients names its own columns")
         if self.map_height is not None and self.height is None:
             raise InputError(f"--map-height {self.map_height:g}: goes with --height")
         if self.base is not None and self.track_unit not in (None, "nT"):
