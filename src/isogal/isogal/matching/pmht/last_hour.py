@@ -224,9 +224,10 @@ def _by_end(batch: Batch) -> tuple[Array, Array]:
     """Return position errors (T, 2, 7) at a batch's rows, and what is in the readings (T, 7), per
     unit of the error at its end; of a batch without attitude those by the tilts are 0."""
     if batch.attitude is not None:
+        known = batch.attitude[1].shape[1]  # behind it: what the matcher itself has added
         return (
-            unconditioned(batch, batch.transition, batch.nuisance_position),
-            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading),
+            unconditioned(batch, batch.transition, batch.nuisance_position[..., :known]),
+            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading[..., :known]),
         )
     by_tilt = np.zeros((len(batch), 2, BATCH_STATES - batch.transition.shape[2]))
     return (
