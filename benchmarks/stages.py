@@ -1,0 +1,130 @@
+"""CPU time of a fix and of an hour of a run, stage by stage.
+
+    python benchmarks/stages.py --data DIR [--untold] [--runs 4] [--hours 3.6]
+
+DIR holds `se_australia_gravity.nc`; the map is 3 mGal wrong, which the matcher is told, or with
+`--untold` is not (`matcher.map_sigma=auto`). Times are CPU times of this thread, each stage
+without those that it calls. On a machine that does other work besides, compare two versions by
+turns: times of both then grow alike."""
+
+import os
+
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
+
+import argparse
+from collections import defaultdict
+from collections.abc import Callable
+from time import thread_time
+from typing import Any
+
+import numpy as np
+
+from isogal.matching import joint_batches
+from isogal.matching.pmht import assumptions_monitor, hypotheses, lost_navigator, matcher, state
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.montecarlo import engine
+from isogal.scenario import load_scenario
+
+_loop = engine._ClosedLoop
+STAGES: tuple[tuple[str, Any, str], ...] = (
+    ("prepare", matcher, "prepare"),
+    ("publish", matcher, "publish"),
+    ("update: hypotheses", state, "update"),
+    ("update: nearly linear", hypotheses, "nearly_linear"),
+    ("update: samples", hypotheses, "sample"),
+    ("update: likelihood", BatchLikelihood, "log"),
+    ("the matcher's rest", matcher.Pmht, "match"),
+    ("monitor of assumptions", assumptions_monitor.AssumptionsMonitor, "match"),
+    ("monitor of lost navigators", lost_navigator.LostNavigatorMonitor, "match"),
+    ("batch built", joint_batches.JointBatches, "build"),
+    ("batch corrected", _loop, "_correct_batches"),
+    ("fix taken", _loop, "_aid"),
+    ("strapdown and filter", _loop, "_propagate"),
+    ("reading taken", _loop, "_read"),
+    ("record", _loop, "_match"),
+    ("sensors and unaided INS", _loop, "__init__"),
+    ("rest of the engine", engine, "simulate"),
+)
+"""Name, and where the function is looked up."""
+
+
+class Clock:
+    """CPU seconds of each stage without those inside it."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = defaultdict(float)
+        self._open: list[str] = []
+        self._since = 0.0
+
+    def timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function that is timed."""
+
+        def run(*values: Any, **named: Any) -> Any:
+            self._turn(name)
+            try:
+                return function(*values, **named)
+            finally:
+                self._turn(None)
+
+        return run
+
+    def _turn(self, opened: str | None) -> None:
+        now = thread_time()
+        if self._open:
+            self.spent[self._open[-1]] += now - self._since
+        self._since = now
+        if opened is None:
+            self._open.pop()
+        else:
+            self._open.append(opened)
+
+
+def measure(settings: list[str], runs: int, hours: float) -> None:
+    """Print the stages of a scenario's runs."""
+    short = load_scenario(None, [*settings, "route.duration=1500"])
+    scenario = load_scenario(None, [*settings, f"route.duration={hours * 3600.0}"])
+    engine.simulate(short, [0])  # compiles
+    clock = Clock()
+    for name, owner, attribute in STAGES:
+        setattr(owner, attribute, clock.timed(name, getattr(owner, attribute)))
+    names = ("outliers", "update: rest", "learn", "assess")
+    matcher.STAGES = tuple(map(clock.timed, names, matcher.STAGES))
+    fixes: list[float] = []
+    monitored = assumptions_monitor.AssumptionsMonitor.match
+
+    def match(*values: Any) -> Any:
+        start = thread_time()
+        result = monitored(*values)
+        fixes.append(1e3 * (thread_time() - start))
+        return result
+
+    assumptions_monitor.AssumptionsMonitor.match = match
+    engine.simulate(scenario, range(runs))
+    total = sum(clock.spent.values())
+    print(f"{runs * hours / total:.2f} run-hours per CPU second")
+    print(f"a fix: median {np.median(fixes):.2f} ms, mean {np.mean(fixes):.2f} ms")
+    for name, seconds in sorted(clock.spent.items(), key=lambda item: -item[1]):
+        print(f"{1e3 * seconds / len(fixes):8.3f} ms  {name}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", required=True)
+    parser.add_argument("--untold", action="store_true")
+    parser.add_argument("--runs", type=int, default=4)
+    parser.add_argument("--hours", type=float, default=3.6)
+    options = parser.parse_args()
+    settings = [
+        f"map.source={options.data}/se_australia_gravity.nc",
+        "matcher.stride=5",
+        "gravity.field=normal",
+        "map_error.sigma=3e-5",
+        f"matcher.map_sigma={'auto' if options.untold else 3e-5}",
+    ]
+    measure(settings, options.runs, options.hours)
+
+
+if __name__ == "__main__":
+    main()
