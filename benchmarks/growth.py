@@ -68,7 +68,9 @@ AXES = {
     "route": Axis("length of the route", (300, 600, 1500, 3000, 6000), " km"),
     "nodes": Axis("nodes of the map about a route", (400, 1600, 6400, 12800), " thousand"),
     "batch": Axis("readings in a batch, a fix every five", (8, 15, 30, 60, 120)),
-    "samples": Axis("points of the sampler (`matcher.options.samples`)", (512, 1024, 2048, 8192)),
+    "samples": Axis(
+        "points of the sampler (`matcher.options.samples`), lost by 5 km", (512, 1024, 2048, 8192)
+    ),
     "hypotheses": Axis(
         "hypotheses kept (`matcher.options.hypotheses`), lost by 5 km", (64, 512, 4096)
     ),
@@ -114,7 +116,7 @@ def case(name: str, size: int, folder: Path) -> tuple[Scenario, int]:
     elif name == "batch":
         changes += [f"matcher.batch_length={size}", "matcher.stride=5"]
     elif name == "samples":
-        changes += [f"matcher.options={{samples: {size}}}"]
+        changes += [*LOST, f"matcher.options={{samples: {size}}}"]
     else:
         changes += [*LOST, f"matcher.options={{hypotheses: {size}}}"]
     return load_scenario(None, changes), runs

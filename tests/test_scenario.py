@@ -4,7 +4,13 @@ bad input."""
 import pytest
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, known_keys, load_scenario, validate_scenario
+from isogal.scenario import (
+    Scenario,
+    changed_scenario,
+    known_keys,
+    load_scenario,
+    validate_scenario,
+)
 
 
 def test_defaults():
@@ -271,3 +277,12 @@ def test_known_keys_and_round_trip():
     it = load_scenario(None, ["matcher.stride=5", "route.waypoints=[[0, 0, 5], [1, 1, 6]]"])
     assert validate_scenario(it.model_dump(mode="json")) == it
     assert it.matcher.scans_between_fixes == 5
+
+
+def test_a_scenario_is_changed_key_by_key():
+    first = load_scenario(None, ["route.speed=30", "matcher.name=tercom"])
+    other = changed_scenario(first, ["matcher.name=pmht", "route.duration=600"], "bag: scenario")
+    assert (other.route.speed, other.route.duration, other.matcher.name) == (30.0, 600.0, "pmht")
+    assert first.matcher.name == "tercom"
+    with pytest.raises(InputError, match=r"^bag: scenario: unknown key 'rute'"):
+        changed_scenario(first, ["rute.speed=3"], "bag: scenario")

@@ -1,6 +1,7 @@
 """What `isogal plan` writes and prints."""
 
 import json
+import re
 
 import pytest
 import yaml
@@ -30,6 +31,18 @@ def test_the_files_of_a_plan(rough, tmp_path):
     assert len(route["waypoints"]) == len(found["waypoints"])
     feature = json.loads((tmp_path / "a.geojson").read_text())["features"][0]
     assert feature["properties"]["error_on_arrival_m"] == found["error_on_arrival_m"]
+
+
+def test_what_is_printed(rough, tmp_path):
+    straight = answer("plan", "--map", rough, *ENDS, "--detour", "0.02")
+    assert re.search(r"km with \d+ waypoints, expected error on\s+arrival \d+ m", straight)
+    assert "straight: 44.8 km" in straight
+    square = [[147.0, -36.52], [147.01, -36.52], [147.01, -36.48], [147.0, -36.48]]
+    (tmp_path / "no.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*square, square[0]]]})
+    )
+    around = answer("plan", "--map", rough, *ENDS, "--no-go", tmp_path / "no.geojson")
+    assert "the straight way is not free" in around
 
 
 @pytest.mark.parametrize(

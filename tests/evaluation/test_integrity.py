@@ -19,6 +19,7 @@ from isogal.evaluation.integrity import (
     integrity,
     poisson_interval,
 )
+from isogal.evaluation.integrity_report import exceedance_table
 from isogal.evaluation.summary import summarise
 from isogal.fusion.protection_level import protection_level
 from isogal.scenario import Integrity, Scenario, load_scenario
@@ -133,7 +134,10 @@ def test_hazardous_is_an_error_beyond_the_limit_while_the_level_is_within(make_r
     error = np.zeros_like(runs.error)
     error[0, [50, 300], 0] = 400.0, 1500.0
     runs = replace(runs, error=error, covariance=covariance)
-    found = integrity(runs, Integrity(alert_limit=350.0))["alert_limit"]
+    whole = integrity(runs, Integrity(alert_limit=350.0))
+    found = whole["alert_limit"]
+    what, events, *_ = exceedance_table(whole).rows[-1]
+    assert (what, events) == ("error beyond 350 m, level within", "1")
     assert found["limit"] == 350.0
     assert found["available"] == pytest.approx(200 / 361)
     assert found["hazardous"]["events"] == 1
