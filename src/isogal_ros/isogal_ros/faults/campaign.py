@@ -78,6 +78,8 @@ class Campaign:
             # checkpoints take time, and only nodes that are killed need them
             for kind in (Fault, NodeFault):
                 some = [fault for fault in missing if isinstance(fault, kind)]
+                if self._interrupt or not some:
+                    continue
                 for outcome in run_trials(feed, some, reference, self._interrupt):
                     self._keep(outcome)
 
