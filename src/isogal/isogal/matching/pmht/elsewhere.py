@@ -205,7 +205,9 @@ class _Fits:
         best = np.argsort(-value, kind="stable")[: CONSTANTS.look_best_cells]
         inside = _square(np.arange(-0.5 * (cell - fine), 0.5 * cell, fine))
         places = (coarse[best][:, None] + inside).reshape(-1, 2)
-        errors = lost.whole(places, standard_normal(len(places), BATCH_STATES - 2))
+        drawn = standard_normal(len(places), BATCH_STATES - 2).copy()
+        drawn[::2] = 0.0  # many lost navigators know their velocity and tilt; few draws come near
+        errors = lost.whole(places, drawn)
         return errors, self.log_density(errors)
 
 
