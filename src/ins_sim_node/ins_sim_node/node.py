@@ -45,9 +45,8 @@ class InsSimNode(GraphNode):
         self.step = self._survival.step
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
         self.running = False
-        self.begun = time.monotonic()
-        """When the first step was published."""
-        self._moved = self.begun
+        self.begun = self._moved = time.monotonic()
+        """When the first step was published; when the last one was."""
         self._outputs = Outputs(self, self.vehicle)
         peers = Peers(self, self.settings.peers)
         self._start = Start(self, peers)
@@ -74,6 +73,12 @@ class InsSimNode(GraphNode):
         self._moved = time.monotonic()
         return super().on_activate(state)
 
+    def close(self, timeout: float = 1.0) -> None:
+        """Forget the checkpoint only now: a successor must not begin the route again."""
+        super().close(timeout)
+        if self.finished and self.exit_code == 0:
+            self._survival.forget()
+
     def _watch(self) -> None:
         """Begin when all is ready; fail where the graph does not come up or has stopped
         answering."""
@@ -88,8 +93,7 @@ class InsSimNode(GraphNode):
 
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
-        end = self.vehicle.trajectory.time[-1]
-        self.get_logger().info(f"begun: {end:.0f} s to go")
+        self.get_logger().info(f"begun: {self.vehicle.trajectory.time[-1]:.0f} s to go")
         if self._successors is not None:
             self.destroy_subscription(self._diagnostics)
             self._successors.begin()
@@ -124,7 +128,6 @@ class InsSimNode(GraphNode):
         if self.step >= len(self.vehicle):
             self.health.state(OK, "finished")
             if self._pace.end():
-                self._survival.forget()
                 self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
             self.finished = self.settings.exit_at_end
             return

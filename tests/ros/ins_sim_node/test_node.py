@@ -1,5 +1,7 @@
 """The simulator's node by itself: whom it waits for, and its pace."""
 
+import shutil
+
 from rclpy.parameter import Parameter
 
 from helpers.node_bench import bench, stamps
@@ -37,6 +39,22 @@ def test_without_lock_step_it_keeps_its_rate(scenario) -> None:
         assert stamps(made, topics.TRUTH_FIX) == list(range(21))
         assert len(made.heard["/clock"]) == 21
         assert made.node.exit_code == 0
+
+
+def test_killed_after_the_last_step_it_does_not_begin_again(scenario, tmp_path) -> None:
+    folder = tmp_path / "checkpoint"
+    own = {"rate": 200.0, "lock_step": False, "checkpoint": str(folder)}
+    with bench(topics.INS_SIM, scenario("route.duration=20.0"), **own) as made:
+        made.wait(lambda: made.node.finished)
+        shutil.copytree(folder, tmp_path / "as it was")
+        made.node.close()
+        assert not list(folder.iterdir())
+    own["checkpoint"] = str(tmp_path / "as it was")
+    with bench(topics.INS_SIM, scenario("route.duration=20.0"), **own) as made:
+        made.wait(lambda: made.node.finished)
+        made.settle()
+        assert made.node.exit_code == 0
+        assert not made.heard["/clock"]
 
 
 def test_rate_may_change(scenario) -> None:
