@@ -105,6 +105,8 @@ class Launch:
     running: dict[str, Any] = field(default_factory=dict)
     codes: dict[str, int] = field(default_factory=dict)
     respawned: dict[str, int] = field(default_factory=dict)
+    died: list[tuple[str, int]] = field(default_factory=list)
+    """Nodes that ended before the launch did, with their exit codes."""
     reason: str | None = None
 
     def describe(self) -> None:
@@ -176,6 +178,7 @@ class Launch:
             if code is None:
                 continue
             if name not in again:
+                self.died.append((name, code))
                 self.reason = self.reason or self.reason_of(name, code)
                 again[name] = time.monotonic() + self.nodes[name]["respawn_delay"]
             if (

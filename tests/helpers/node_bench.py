@@ -89,6 +89,7 @@ class Bench:
         self.probe = Node("probe", context=context, use_global_arguments=False)
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.publishers: dict[str, Any] = {}
+        self.clients: dict[str, Any] = {}
         for topic in all_topics(scenario):
             self.probe.create_subscription(
                 topic.type, topic.name, self.heard[topic.name].append, topics.LOSSLESS
@@ -129,16 +130,17 @@ class Bench:
         return self.publishers[topic.name]
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Return what a service of the node answers."""
-        client = self._discovered(
-            lambda: self.probe.create_client(kind, f"{self.node.get_name()}/{name}"),
-            lambda made: made.service_is_ready(),
-            self.probe.destroy_client,
-            f"service {name}",
-        )
-        answer = client.call_async(request)
+        """Return what a service of the node answers. Its client is kept: one that comes and goes
+        is at times not found any more."""
+        if name not in self.clients:
+            self.clients[name] = self._discovered(
+                lambda: self.probe.create_client(kind, f"{self.node.get_name()}/{name}"),
+                lambda made: made.service_is_ready(),
+                self.probe.destroy_client,
+                f"service {name}",
+            )
+        answer = self.clients[name].call_async(request)
         self.wait(answer.done, f"the answer of {name}")
-        self.probe.destroy_client(client)
         return answer.result()
 
     def _discovered(

@@ -63,10 +63,9 @@ class InsSimNode(GraphNode):
 
     def changed(self, values: dict[str, Any]) -> None:
         """Take a new rate."""
-        if "rate" in values:
-            self.rate = float(values["rate"])
-            if self.running:
-                self._set_pace()
+        self.rate = float(values.get("rate", self.rate))
+        if self.running:
+            self._set_pace()
 
     def on_activate(self, state: Any) -> Any:
         """Go on; waiting begins anew."""

@@ -2,8 +2,7 @@
 
 import pytest
 from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import GetState
-from rclpy.lifecycle import TransitionCallbackReturn
+from lifecycle_msgs.srv import ChangeState, GetState
 
 from helpers.node_bench import Bench, bench, stamps
 from isogal.errors import InputError
@@ -11,20 +10,10 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 
-TRIGGERS = {
-    Transition.TRANSITION_CONFIGURE: "configure",
-    Transition.TRANSITION_ACTIVATE: "activate",
-    Transition.TRANSITION_DEACTIVATE: "deactivate",
-    Transition.TRANSITION_CLEANUP: "cleanup",
-    Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
-}
-
 
 def change(made: Bench, which: int) -> bool:
-    """Whether a transition succeeds; as its service does it, which a node that makes and drops
-    many endpoints now and then is not found by any more."""
-    trigger = getattr(made.node, f"trigger_{TRIGGERS[which]}")
-    return trigger() == TransitionCallbackReturn.SUCCESS
+    request = ChangeState.Request(transition=Transition(id=which))
+    return made.call(ChangeState, "change_state", request).success
 
 
 def state(made: Bench) -> int:
