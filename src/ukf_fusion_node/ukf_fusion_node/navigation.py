@@ -149,12 +149,13 @@ class Navigation:
         else:
             self._set(self.ns, state)
 
-    def reset(self) -> None:
+    def reset(self) -> str:
         """Forget all: navigate from the scenario's start where it fits the next sample, else from
-        a pose that is to come."""
+        a pose that is to come; return what it does next."""
         self._checkpoint.forget()
         self.navigator, self._placed, self._from_start = None, None, True
         self._health.state(WARN, "reset; waits for IMU samples")
+        return "waits for a start"
 
     def start_state(self) -> FilterState:
         """Return a state to be changed: the newest, or where there is none that of the start."""
@@ -190,14 +191,15 @@ class Navigation:
         if missing > HELD:
             self._doubt.begin(ns)
 
-    def back(self, samples: int) -> None:
-        """Forget the newest samples, which were not true; of a fast IMU they are too few to
-        matter, and stay."""
+    def back(self, samples: int) -> bool:
+        """Forget the newest samples, which were not true, and return whether they are forgotten;
+        of a fast IMU they are too few to matter, and stay."""
         if self.navigator is None or self._stream is not None or not samples:
-            return
+            return False
         self.navigator.back(samples)
         self.ns, self.rate = from_seconds(self.navigator.time), self.navigator.sample[1]
         self.keep()
+        return True
 
     @property
     def doubt(self) -> str | None:

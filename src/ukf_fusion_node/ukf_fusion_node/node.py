@@ -18,6 +18,7 @@ from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
+from ukf_fusion_node.lone import LoneSamples
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
@@ -43,12 +44,11 @@ class UkfFusionNode(GraphNode):
         self.answered = 0
         """Fixes that were applied or dropped."""
         self._navigation = Navigation(self)
-        unfit = self._navigation.unfit
-        self._corrections = Corrections(self.health, self.get_logger(), unfit)
+        self._corrections = Corrections(self.health, self.get_logger(), self._navigation.unfit)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         limits = self.settings.max_acceleration, self.settings.max_turn_rate
         noisy = np.array(self._navigation.model.noise) > 0.0
-        self._watch = Watch(*limits, self.monotonic, noisy)
+        self._watch, self._lone = Watch(*limits, self.monotonic, noisy), LoneSamples()
         self._aids = Aids(self, self._go_on)
         self._aids.use(self._navigation.model)
         self._held: deque[Any] = deque()
@@ -61,7 +61,7 @@ class UkfFusionNode(GraphNode):
         whole = self.listen(topics.INFORMATION, self._take_whole)
         ahead = from_seconds(self.settings.max_gap)
         self._fixes = FixQueue(whole.get_publisher_count, ahead, self.monotonic)
-        self.offer_reset(self._reset)
+        self.offer_reset(self._navigation.reset)
         self.watch("silent", lambda: self._watch.silent, ERROR)
 
     def _take_imu(self, message: Any) -> None:
@@ -83,6 +83,9 @@ class UkfFusionNode(GraphNode):
         except StuckError as error:
             self._navigation.back(error.samples)
             raise
+        untrue = self._lone.take(force, rate)
+        if untrue and self._navigation.back(1):
+            self.health.drop(topics.IMU.name, untrue)
         if self._navigation.navigator is None:
             if self._navigation.begin(ns):
                 self._publish()
@@ -97,8 +100,7 @@ class UkfFusionNode(GraphNode):
             if self._fixes:
                 self._settle()
             self._navigation.keep()
-        stuck = self._watch.stuck
-        self.health.concern("stuck", f"stuck: {stuck}" if stuck else None)
+        self.health.concern("stuck", self._watch.stuck)
         self.health.concern("gap", self._navigation.doubt)
         self.health.tick(ns)
 
@@ -108,10 +110,6 @@ class UkfFusionNode(GraphNode):
         self._navigation.place(placed(start, message, self._frame, speed))
         if self._navigation.navigator is not None:
             self._publish()
-
-    def _reset(self) -> str:
-        self._navigation.reset()
-        return "waits for a start"
 
     def _take_whole(self, message: Any) -> None:
         self._fixes.add_whole(to_ns(message.header.stamp), read_whole_fix(message))

@@ -109,9 +109,10 @@ class Watch:
         return np.maximum(LEAST, 4 * (self._longest + 1))
 
     @property
-    def stuck(self) -> str:
-        """Which axes have not moved for long; empty = none."""
-        return _names(self._same >= STUCK)
+    def stuck(self) -> str | None:
+        """Which axes have not moved for long; None = all have."""
+        names = _names(self._same >= STUCK)
+        return f"stuck: {names}" if names else None
 
     @property
     def silent(self) -> str | None:

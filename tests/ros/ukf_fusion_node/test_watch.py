@@ -19,9 +19,9 @@ def test_a_stuck_axis_is_named_and_forgotten_when_it_moves() -> None:
         force, rate = LEVEL + NOISE[k, :3], NOISE[k, 3:].copy()
         rate[1] = 1e-4
         watch.take(force, rate)
-    assert watch.stuck == "gyroscope y"
+    assert watch.stuck == "stuck: gyroscope y"
     watch.take(LEVEL, NOISE[0, 3:])
-    assert watch.stuck == ""
+    assert watch.stuck is None
 
 
 @pytest.mark.parametrize(

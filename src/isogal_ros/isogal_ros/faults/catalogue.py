@@ -179,7 +179,7 @@ IMU_FAULTS = (
     Fault("imu infinite", "imu", _set_force(math.inf)),
     Fault("imu absurd", "imu", _set_force(1e6)),
     Fault("imu spike of 100 m/s²", "imu", _once(_set_force(100.0))),
-    Fault("imu spike of 0.2 m/s²", "imu", _once(_set_force(0.2)), matters=False),
+    Fault("imu spike of 0.2 m/s²", "imu", _once(_set_force(0.2))),
     Fault("imu wrong frame", "imu", _frame),
     Fault("imu negative variance", "imu", _covariance(_FORCE_COVARIANCE, -2.0)),
     Fault("imu marked as absent", "imu", _covariance(_FORCE_COVARIANCE, -1.0)),
