@@ -7,7 +7,7 @@ import pytest
 
 from helpers.batches import field_map_of, make_batch
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.elsewhere import evidence_at, look_elsewhere
+from isogal.matching.pmht.elsewhere import Look, evidence_at, look_elsewhere
 from isogal.matching.pmht.last_hour import LastHour, LostError, Seen, Track
 from isogal.matching.pmht.map_error import MapErrorEstimate
 
@@ -188,3 +188,8 @@ def test_told_to_be_exact_a_bad_map_is_not_a_lost_navigator(rough_map, wrong, lo
         found = look_elsewhere(hour(rough_map, one, map_error=prior), least=2)
         says = found is not None and found.log_evidence > CONSTANTS.lost_on_any_map_log_evidence
         assert says == lost
+
+
+@pytest.mark.parametrize(("log_evidence", "readings"), [(3.0, 30), (-3.0, 60), (-12.0, 180)])
+def test_the_less_likely_lost_the_later_the_next_look(log_evidence, readings) -> None:
+    assert Look(log_evidence, np.zeros(2), np.eye(2), 0.5).readings_to_next == readings

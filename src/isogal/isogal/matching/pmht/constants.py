@@ -184,6 +184,13 @@ class Constants:
     look better than the right one. Measured."""
     look_every_readings: int = 60
     """New ones from look to look."""
+    not_lost_log_evidence: float = 5.0
+    """Log Bayes factor of a look against another place after which the next one has time; of
+    navigators that were lost it was never more than 2.7. Measured."""
+    next_look_if_not_lost_readings: int = 180
+    """It has: half of the hour that a look sees."""
+    next_look_if_lost_readings: int = 30
+    """Where the navigator is more likely lost than not, but the place not yet known."""
     look_groups: int = 72
     """Means of readings that a look takes: an hour's readings in groups of five."""
     look_own_points: int = 64

@@ -8,7 +8,7 @@ groups, so that a look costs as much as some fixes whatever the length of the tr
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,6 +82,17 @@ class _Models:
             total[on_map] = np.log(np.exp(log - top).sum(axis=0)) + top
         return total
 
+    @property
+    def of_one_length(self) -> "_Models":
+        """Those of the middle correlation length."""
+        middle = slice(len(self.prior.length) // 2, len(self.prior.length) // 2 + 1)
+        prior = replace(
+            self.prior,
+            length=self.prior.length[middle],
+            log_weight=self.prior.log_weight[:, middle],
+        )
+        return replace(self, vectors=self.vectors[middle], values=self.values[middle], prior=prior)
+
     def best_possible(self, white: float, count: int) -> float:
         """Return the log density of a fit that is better than all but one in a thousand right
         ones."""
@@ -107,6 +118,15 @@ class Look:
         """Whether a search at the place is worth its time."""
         likely = self.probability > CONSTANTS.look_place_probability
         return likely and self.log_evidence > CONSTANTS.look_log_evidence
+
+    @property
+    def readings_to_next(self) -> int:
+        """How many readings are to come before the next look."""
+        if self.log_evidence < -CONSTANTS.not_lost_log_evidence:
+            return CONSTANTS.next_look_if_not_lost_readings
+        if self.log_evidence > 0.0:
+            return CONSTANTS.next_look_if_lost_readings
+        return CONSTANTS.look_every_readings
 
 
 def look_elsewhere(hour: LastHour, least: int = CONSTANTS.first_look_readings) -> Look | None:
@@ -182,10 +202,9 @@ class _Fits:
         """Whether some of each track is on its map where it is believed to be."""
         return all(one.touches_map for one in self.fits)
 
-    def log_density(self, error: Array, bend: float = 0.0) -> Array:
-        """Return (S,) log density of the readings for errors (S, 7) in the middle of the track,
-        with further, independent errors of each place, 1-sigma in m."""
-        return np.asarray(sum(one.log_density(error, bend) for one in self.fits))
+    def log_density(self, error: Array) -> Array:
+        """Return (S,) log density of the readings for errors (S, 7) in the middle of the track."""
+        return np.asarray(sum(one.log_density(error, np.eye(BATCH_STATES)) for one in self.fits))
 
     def may_be_beaten(self, here: float) -> bool:
         """Whether some place could be so much better than the navigator's own that it counts."""
@@ -198,10 +217,11 @@ class _Fits:
         around the best cells of all."""
         cell, fine = CONSTANTS.look_cell_m, CONSTANTS.look_fine_cell_m
         coarse = _square(np.arange(-CONSTANTS.look_reach_m, CONSTANTS.look_reach_m + 1.0, cell))
-        whole = lost.whole(coarse, np.zeros((len(coarse), BATCH_STATES - 2)))
+        by_place = lost.whole(np.eye(2), np.zeros((2, BATCH_STATES - 2))).T
         bent = [one.track.position[:, :, 2:] @ lost.root for one in self.fits]
         bend = max(math.sqrt(float((one**2).sum(axis=2).mean())) for one in bent)
-        value = self.log_density(whole, math.hypot(cell / math.sqrt(12.0), bend))
+        blur = math.hypot(cell / math.sqrt(12.0), bend)
+        value = sum(one.of_one_length.log_density(coarse, by_place, blur) for one in self.fits)
         best = np.argsort(-value, kind="stable")[: CONSTANTS.look_best_cells]
         inside = _square(np.arange(-0.5 * (cell - fine), 0.5 * cell, fine))
         places = (coarse[best][:, None] + inside).reshape(-1, 2)
@@ -237,14 +257,21 @@ class _Fit:
         """See `_Models.best_possible`."""
         return self.models.best_possible(self.white, len(self.track.level))
 
-    def log_density(self, error: Array, bend: float) -> Array:
-        """See `_Fits.log_density`."""
+    @property
+    def of_one_length(self) -> "_Fit":
+        """The same with the middle one of the correlation lengths only, which is enough to say
+        where a closer look is worth while."""
+        return replace(self, models=self.models.of_one_length)
+
+    def log_density(self, error: Array, per: Array, bend: float = 0.0) -> Array:
+        """Return (S,) log density of the readings for errors `per` (7, K) times (S, K) in the
+        middle of the track, with further, independent errors of each place, 1-sigma in m."""
         track = self.track
         north, east = metres_per_radian(track.latitude)
         radian = np.stack([1.0 / north, 1.0 / east], axis=-1)
         residual = _residuals(
             self.field_map.grid, track.latitude, track.longitude, radian, track.level,
-            track.position, track.reading, np.ascontiguousarray(error),
+            track.position @ per, track.reading @ per, np.ascontiguousarray(error),
         )  # fmt: skip
         blur = self._slope() * bend if bend > 0.0 else 0.0
         return self.models.log_density(residual, self.white + blur**2)
@@ -290,7 +317,7 @@ def _main_part(track: Track) -> Array:
 def _residuals(  # type: ignore[no-untyped-def]
     grid, latitude, longitude, radian, level, position, reading, error
 ):
-    """Return (n, S) readings less the map where a navigator with errors (S, 7) would be, and less
+    """Return (n, S) readings less the map where a navigator with errors (S, K) would be, and less
     what these put into them."""
     samples, rows = error.shape[0], latitude.shape[0]
     out = np.empty((rows, samples))

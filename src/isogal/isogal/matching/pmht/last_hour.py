@@ -19,8 +19,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE, Batch
 from isogal.matching.matrices import positive_part, square_root
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.map_error import MapErrorPrior
-from isogal.matching.pmht.past_batches import PastBatch, without_fixes
-from isogal.matching.transitions import unconditioned
+from isogal.matching.pmht.past_batches import Effects, PastBatch, effects_of, without_fixes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,9 +167,9 @@ class LastHour:
         whole[: len(known), : len(known)] = known
         lost = LostError.of(whole, np.eye(BATCH_STATES), np.eye(BATCH_STATES))
         own = square_root(whole)
-        at_rows, in_reading = _by_end(batch)
+        effects = at_rows, in_reading = effects_of(batch)
         root = in_reading[:, 2:] @ lost.root
-        aided = Track.of([_aided(batch, own, own, field_map)])
+        aided = Track.of([_aided(batch, effects, own, own, field_map)])
         unaided = Track.of([(batch, at_rows, in_reading, root)])
         seen = Seen(aided, unaided, field_map, map_error)
         return cls((seen,), batch.prior[:2, :2], lost)
@@ -184,16 +183,17 @@ def _aided_track(
     for past, by_error in zip(history, errors, strict=True):
         one = past.new_of(field)
         if one is not None:
-            parts.append(_aided(one, by_error, errors[-1], field_map))
+            effects = past.effects[field]
+            parts.append(_aided(one, effects, by_error, errors[-1], field_map))
     return Track.of(parts)
 
 
 def _aided(
-    batch: Batch, errors: Array, at_end: Array, field_map: FieldMap
+    batch: Batch, effects: Effects, errors: Array, at_end: Array, field_map: FieldMap
 ) -> tuple[Batch, Array, Array, Array]:
     """Return a batch of the navigator as it is, as `Track.of` takes it: its error (7, K) at the
     end of the track stands for that in the middle, and what it was before is linearised."""
-    at_rows, in_reading = _by_end(batch)
+    at_rows, in_reading = effects
     moved = at_rows @ errors - at_end[:2]
     _, *slope = field_map.value_and_gradient(batch.latitude, batch.longitude)
     by_place = np.nan_to_num(np.stack(slope, axis=-1))[:, None]
@@ -213,27 +213,11 @@ def _unaided_track(
     parts = []
     for k, one in enumerate(without_fixes(history, field)):
         if one is not None:
-            at_rows, in_reading = _by_end(one)
+            at_rows, in_reading = history[k].effects[field]
             to_middle = dynamics.since_middle[k]
             root = in_reading @ errors[k]
             parts.append((one, at_rows @ to_middle, in_reading @ to_middle, root))
     return Track.of(parts)
-
-
-def _by_end(batch: Batch) -> tuple[Array, Array]:
-    """Return position errors (T, 2, 7) at a batch's rows, and what is in the readings (T, 7), per
-    unit of the error at its end; of a batch without attitude those by the tilts are 0."""
-    if batch.attitude is not None:
-        known = batch.attitude[1].shape[1]  # behind it: what the matcher itself has added
-        return (
-            unconditioned(batch, batch.transition, batch.nuisance_position[..., :known]),
-            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading[..., :known]),
-        )
-    by_tilt = np.zeros((len(batch), 2, BATCH_STATES - batch.transition.shape[2]))
-    return (
-        np.concatenate([batch.transition, by_tilt], axis=2),
-        np.concatenate([batch.reading_jacobian, by_tilt[:, 0]], axis=1),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

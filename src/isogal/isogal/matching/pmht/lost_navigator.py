@@ -115,8 +115,9 @@ class LostNavigatorMonitor(Monitor):
         elif doubt > watch.threshold:
             search = _Search(waiting=history)
         if seen >= look_at:
-            look_at = seen + CONSTANTS.look_every_readings
-            search = self._looked(search, history, after)
+            look = self._look(history, after)
+            look_at = seen + (look.readings_to_next if look else CONSTANTS.look_every_readings)
+            search = _looked(search, history, look)
         watch = Watch(after, history, search, watch.threshold, seen, look_at)
         return (fix, watch) if search is None else self._continue(search, fix, watch, doubt)
 
@@ -125,16 +126,6 @@ class LostNavigatorMonitor(Monitor):
         if memory is None:
             return None
         return replace(memory, memory=self.matcher.without_hypotheses(memory.memory))
-
-    def _looked(
-        self, search: _Search | None, history: tuple[PastBatch, ...], memory: Any
-    ) -> _Search | None:
-        """Return the search after a look at the last hour's readings: one where the look says that
-        the navigator is, unless it is under way there."""
-        look = self._look(history, memory)
-        if look is None or not look.says_lost or (search is not None and search.covers(look)):
-            return search
-        return _Search(waiting=history, look=look)
 
     def _look(self, history: tuple[PastBatch, ...], memory: Any) -> Look | None:
         insight = self.matcher.insight(memory)
@@ -233,6 +224,16 @@ class LostNavigatorMonitor(Monitor):
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
+
+
+def _looked(
+    search: _Search | None, history: tuple[PastBatch, ...], look: Look | None
+) -> _Search | None:
+    """Return the search after a look at the last hour's readings: one where the look says that
+    the navigator is, unless it is under way there."""
+    if look is None or not look.says_lost or (search is not None and search.covers(look)):
+        return search
+    return _Search(waiting=history, look=look)
 
 
 def _shortened(batch: Batch) -> Batch:

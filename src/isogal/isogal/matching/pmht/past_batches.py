@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -16,10 +16,15 @@ from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.transitions import condition, unconditioned
 
+Effects = tuple[Array, Array]
+"""Position errors (T, 2, 7) at a batch's rows, and what is in its readings (T, 7), per unit of the
+navigator's error at its end."""
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, eq=False)
 class PastBatch:
-    """A batch that the navigator has dealt with."""
+    """A batch that the navigator has dealt with; what follows from it alone is computed once, when
+    it is first asked for."""
 
     batch: Batch
     """Its new readings alone, or where a search is to match, all those since the last such batch
@@ -74,7 +79,7 @@ class PastBatch:
         told = information, log_evidence, searched, batch.new, forward
         return cls(kept, field_map, *told, others)
 
-    @property
+    @cached_property
     def new_readings(self) -> Batch:
         """Its readings that no earlier batch had used."""
         return self.batch.part(max(len(self.batch) - self.new, self.batch.cut))
@@ -86,7 +91,13 @@ class PastBatch:
             return self.new_readings
         return next((one.batch for one in self.beside if one.field == field), None)
 
-    @property
+    @cached_property
+    def effects(self) -> dict[int | None, Effects]:
+        """Of the new readings of each field (`new_of`)."""
+        found: dict[int | None, Effects] = {None: effects_of(self.new_readings)}
+        return found | {one.field: effects_of(one.batch) for one in self.beside}
+
+    @cached_property
     def posterior(self) -> tuple[Array, Array]:
         """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given it."""
         return posterior_of(joint_prior(self.batch), self.information)
@@ -122,9 +133,11 @@ def recent(history: tuple[PastBatch, ...]) -> tuple[PastBatch, ...]:
 def without_fixes(history: Sequence[PastBatch], field: int | None = None) -> list[Batch | None]:
     """Return the new readings of batches as a navigator would have them that has taken none of
     the fixes since the first; see `PastBatch.new_of`."""
-    every = zip(history, taken_before(history), strict=True)
-    seen = [(past.new_of(field), by) for past, by in every]
-    return [None if one is None else _moved(one, by) for one, by in seen]
+    seen = []
+    for past, shift in zip(history, taken_before(history), strict=True):
+        one = past.new_of(field)
+        seen.append(None if one is None else _moved(one, past.effects[field], shift))
+    return seen
 
 
 def taken_before(history: Sequence[PastBatch]) -> list[Array]:
@@ -137,16 +150,31 @@ def taken_before(history: Sequence[PastBatch]) -> list[Array]:
     return shifts
 
 
-def _moved(batch: Batch, shift: Array) -> Batch:
+def effects_of(batch: Batch) -> Effects:
+    """Return what the navigator's error does to a batch; of one without attitude, what the tilts
+    do is 0."""
+    if batch.attitude is not None:
+        known = batch.attitude[1].shape[1]  # behind it: what the matcher itself has added
+        return (
+            unconditioned(batch, batch.transition, batch.nuisance_position[..., :known]),
+            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading[..., :known]),
+        )
+    by_tilt = np.zeros((len(batch), 2, BATCH_STATES - batch.transition.shape[2]))
+    return (
+        np.concatenate([batch.transition, by_tilt], axis=2),
+        np.concatenate([batch.reading_jacobian, by_tilt[:, 0]], axis=1),
+    )
+
+
+def _moved(batch: Batch, effects: Effects, shift: Array) -> Batch:
     """Return a batch's rows with a shift (7,) at its end taken off."""
-    moved = unconditioned(batch, batch.transition, batch.nuisance_position) @ shift
-    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading) @ shift
+    moved = effects[0] @ shift
     north, east = metres_per_radian(batch.latitude)
     return replace(
         batch,
         latitude=batch.latitude - moved[:, 0] / north,
         longitude=batch.longitude - moved[:, 1] / east,
-        reading=batch.reading - reading,
+        reading=batch.reading - effects[1] @ shift,
     )
 
 
@@ -220,8 +248,7 @@ def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
     )
     back = error_before(batch)[None]
     batch = batch.part(batch.cut) if batch.cut else batch
-    position = unconditioned(batch, batch.transition, batch.nuisance_position)
-    reading = unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading)
+    position, reading = effects_of(batch)
     moved = position @ shift
     north, east = metres_per_radian(batch.latitude)
     rows = np.concatenate([position, reading[:, None]], axis=1)
