@@ -100,6 +100,16 @@ def test_components_of_a_gradiometer(survey):
     assert np.sqrt(np.trace(fix["covariance_enu"])) < 300.0
 
 
+def test_map_errors_of_one_potential(survey):
+    folder, place = survey
+    keys = "--height", 500, "--map-height", 0, "--sensor-sigma", "1E", "--map-sigma", "5E"
+    tensor = *words(folder), "--gradients", "nn,ee,ed", "--map-correlation-length", 1000, *keys
+    (together,) = json.loads(answer(*tensor, "--one-potential"))
+    (alone,) = json.loads(answer(*tensor))
+    assert squared_distance(together, *place) < LIMIT
+    assert spread(together) != pytest.approx(spread(alone), rel=1e-3)
+
+
 def test_a_gradiometer_and_a_magnetometer(survey):
     folder, place = survey
     tensor = "--gradients", "nn,ee", "--height", 500, "--map-height", 0
@@ -119,6 +129,7 @@ def test_a_gradiometer_and_a_magnetometer(survey):
         (("--column", "tmj"), "has no column 'tmj' (is it 'tmi'?)"),
         (("--gradients", "nn,xx"), "has no column 't_xx'"),
         (("--gradients", "nn", "--spacing", 500), "--spacing: does not go with --gradients"),
+        (("--one-potential",), "--one-potential: goes with --gradients"),
         (("--gradients", "nn", "--column", "tmi"), "--gradients names its own columns"),
         (("--gradients", "nn", "--report", "report"), "--report: shows tracks of one number"),
         (("--gradients", "nn", "--height", -5, "--map-height", 0), "below the map's level"),

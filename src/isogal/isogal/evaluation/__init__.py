@@ -9,6 +9,7 @@ bound              posterior Cramér–Rao bound; covariance of the unaided navi
 bound_several      the joint bound of several fields
 bound_recursion    its linear model and its compiled recursion
 beam_model         an altimeter with several beams in the bound
+tensor_map_error   map errors of the gradient tensor, of one potential, in the bound
 gravimeter_states  states of the bound for the slow errors of a gravimeter; its white noise
 navigability       how good can it be over an area, by heading?
 planning           which route lets the navigator arrive with the least error?

@@ -12,8 +12,9 @@ filter others where it has them (`slow_states`).
 
 A reading of several channels is turned by the eigenvectors of its noise's covariance into as many
 channels with independent noise. Map errors of the channels, independent and equal in sigma and L,
-remain so. Each channel has its own state, and they are taken one after the other. What the filter
-has as auxiliary states (residual gravity, sensor errors that change) are states here, too.
+remain so, and each channel has its own state; those of one potential are turned, too, and go on
+from scan to scan together (`tensor_map_error`). Channels are taken one after the other. What the
+filter has as auxiliary states (residual gravity, sensor errors that change) are states here, too.
 
 The vertical accelerometer is left out: with the height known it could measure the east velocity by
 the Eötvös term, but only if gravity along the route were known to the precision of the
@@ -41,6 +42,7 @@ from isogal.evaluation.ins_error_model import (
     initial_covariance,
     noise_density,
 )
+from isogal.evaluation.tensor_map_error import MapSteps, map_steps
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
@@ -170,16 +172,19 @@ def readings_of(
     field = measured_field(scenario)
     maps = channels_of(field_map)
     if field.name == "terrain" and scenario.altimeter.sounds:
-        sensitivity, noise, *shares = beam_channels(scenario, trajectory, maps[0], scans)
+        sensitivity, noise, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)
     else:
         each = [_sensitivity(scenario, trajectory, one, scans) for one in maps]
-        sensitivity, shares = np.stack(each, axis=1), [np.ones(len(maps)), np.ones(len(maps))]
+        sensitivity = np.stack(each, axis=1)
+        of_map, common = np.ones(len(maps)), np.ones(len(maps))
         noise = np.array([effective_noise_variance(scenario.gravimeter, maps[0].quantisation)])
     sensitivity[without_readings(scenario.gravimeter, trajectory, scans)] = np.nan
+    steps = MapSteps.none()
     if (covariance := field.covariance(scenario)) is not None:
         rounding = np.array([one.quantisation for one in maps]) ** 2 / 12.0
         noise, turn = np.linalg.eigh(effective_noise(scenario.gravimeter, covariance, rounding))
         sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
+        steps = map_steps(scenario, trajectory, scans, turn)
     used = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
@@ -187,7 +192,7 @@ def readings_of(
     slope = height_slope(scenario, trajectory, scans)
     # an array of its own, of one layout: the recursion is compiled once
     share = np.full(len(scans), 1.0 if map_share is None else map_share)
-    return Readings(sensitivity, slope, noise, used, slow, share, *shares)
+    return Readings(sensitivity, slope, noise, used, slow, share, of_map, common, steps)
 
 
 def _sensitivity(
@@ -232,7 +237,7 @@ def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResul
     used = np.ones(scans, dtype=np.bool_)
     slow, ones = SlowStates.none(scans), np.ones(scans)
     each = np.ones(1)
-    readings = Readings(nothing, ones, each, used, slow, ones, each, each)
+    readings = Readings(nothing, ones, each, used, slow, ones, each, each, MapSteps.none())
     return _solve(scenario, trajectory, _model(scenario, trajectory, readings))
 
 
@@ -259,6 +264,8 @@ def field_variances(scenario: Scenario, trajectory: Trajectory, readings: Readin
     one = measured_field(scenario).channels is None
     bias = bias_and_drift(scenario, trajectory) if one else (0.0, 0.0)
     of_map = scenario.map_error.sigma**2 * readings.map_variance
+    if readings.map_steps.joint:
+        of_map = np.zeros(readings.map_states)  # known by nothing before the first scan
     return np.array([*of_map, *readings.slow.variance, *np.square(bias)])
 
 

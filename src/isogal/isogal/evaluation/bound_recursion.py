@@ -13,6 +13,7 @@ from isogal.compiled import kernel
 from isogal.evaluation.aids_model import AidsModel
 from isogal.evaluation.gravimeter_states import SlowStates, fill_slow
 from isogal.evaluation.ins_error_model import Segments, fill_auxiliary
+from isogal.evaluation.tensor_map_error import MapSteps
 from isogal.fusion.auxiliary import Auxiliary
 from isogal.inertial.error_model import STATES, fill_dynamics
 
@@ -36,6 +37,13 @@ class Readings(NamedTuple):
     """(C,) of the map's error in each channel, in units of `map_error.sigma`²."""
     common: Array
     """(C,) how much of bias, drift, slow errors and the navigator's height is in each channel."""
+    map_steps: MapSteps
+    """Of the map's errors where they do not go on independently in each channel."""
+
+    @property
+    def map_states(self) -> int:
+        """How many states the map's errors have: one for each channel, or those of the steps."""
+        return max(len(self.noise), self.map_steps.states)
 
 
 class Ageing(NamedTuple):
@@ -73,10 +81,11 @@ def riccati(  # type: ignore[no-untyped-def]
     `P` is the covariance given all readings so far, `alone` that of the navigator: the same after
     a scan at which it gets what they say, and only propagated until the next such scan."""
     geometry, force, rotation, rate, dt, per_scan = segments
-    sensitivity, _, noise, used, slow, map_share, _, common = readings
+    sensitivity, _, noise, used, slow, map_share, _, common, steps = readings
+    joint = steps.gain.shape[0] > 0
     n, filtered = start.shape[0], slow.filter_time > 0.0
     first = n - 2 - slow.variance.shape[0]  # of the slow states
-    m = first - noise.shape[0]
+    m = first - max(noise.shape[0], steps.gain.shape[2])
     scans = geometry.shape[0] // per_scan
     result = np.empty((scans + 1, 2, 2))
     P = start.copy()
@@ -95,7 +104,7 @@ def riccati(  # type: ignore[no-untyped-def]
             transition[j, j] = aged.correlation[k, j - STATES]
             half_noise[j, j] = aged.half_noise[k, j - STATES]
         # the same trapezoid for the map's error: c² (P + q) + q keeps its stationary variance
-        c = aged.map_correlation[k]
+        c = 1.0 if joint else aged.map_correlation[k]
         for j in range(m, first):
             transition[j, j] = c
             half_noise[j, j] = start[j, j] * (1.0 - c**2) / (1.0 + c**2)
@@ -110,6 +119,9 @@ def riccati(  # type: ignore[no-untyped-def]
                 update(alone, row, aids.noise)
         if (k + 1) % per_scan == 0:
             scan = (k + 1) // per_scan - 1
+            if joint:
+                for each in (P, alone):
+                    step_map(each, steps.gain[scan], steps.root[scan], m, work)
             for c in range(noise.shape[0]):
                 told = 0.0
                 for i in range(n):
@@ -132,6 +144,27 @@ def riccati(  # type: ignore[no-untyped-def]
                         alone[i, j] = P[i, j]
             _keep(alone, result[scan + 1])
     return result
+
+
+@kernel
+def step_map(P, gain, root, first, work):  # type: ignore[no-untyped-def]
+    """Let the map's errors go on to the next scan, in place; their states, the last scan's in
+    front, begin at `first`."""
+    n, count, states = P.shape[0], gain.shape[0], gain.shape[1]
+    one = np.eye(n)
+    none = np.zeros((n, n))
+    for i in range(states):
+        one[first + i, first + i] = 0.0
+        if i >= count:
+            one[first + i, first + i - count] = 1.0
+    for i in range(count):
+        for j in range(states):
+            one[first + i, first + j] = gain[i, j]
+    propagate(P, one, none, work)
+    for i in range(count):
+        for j in range(count):
+            for k in range(count):
+                P[first + i, first + j] += root[i, k] * root[j, k]
 
 
 @kernel

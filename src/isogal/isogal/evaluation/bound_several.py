@@ -15,7 +15,13 @@ from isogal.evaluation.bound import (
     map_correlation,
     readings_of,
 )
-from isogal.evaluation.bound_recursion import Readings, discretise, propagate, update
+from isogal.evaluation.bound_recursion import (
+    Readings,
+    discretise,
+    propagate,
+    step_map,
+    update,
+)
 from isogal.evaluation.gravimeter_states import fill_slow
 from isogal.evaluation.ins_error_model import (
     Segments,
@@ -63,7 +69,7 @@ class _Field:
         field_map: RouteMap,
     ) -> "_Field":
         readings = readings_of(one, trajectory, field_map)
-        variance, count = field_variances(one, trajectory, readings), len(readings.noise)
+        variance, count = field_variances(one, trajectory, readings), readings.map_states
         transition = np.diag(np.ones(len(variance)))
         half_noise = np.zeros_like(transition)
         fill_slow(transition, half_noise, readings.slow, 0, segments.dt)
@@ -83,9 +89,19 @@ class _Field:
     def age(self, k: int, transition: Array, half_noise: Array) -> None:
         """Write what becomes of the states over stretch k."""
         transition[:], half_noise[:] = self.transition, self.half_noise
+        if self.readings.map_steps.joint:
+            return
         for j, c in enumerate(self.correlation[k]):
             transition[j, j] = c
             half_noise[j, j] = self.variance[j] * (1.0 - c**2) / (1.0 + c**2)
+
+    def step_map(self, scan: int, first: int, covariances: Sequence[Array], work: Array) -> None:
+        """Let the map's errors that go on together do so to a scan of the run, counted from 1, in
+        place; see `rows`."""
+        steps, (own, rest) = self.readings.map_steps, divmod(scan, self.every)
+        if steps.joint and not rest and own <= len(steps.gain):
+            for covariance in covariances:
+                step_map(covariance, steps.gain[own - 1], steps.root[own - 1], first, work)
 
     def rows(self, scan: int, size: int, first: int) -> list[tuple[Array, float]]:
         """Return derivatives (size,) by all states, the field's own from `first` on, and noise of
@@ -105,7 +121,7 @@ class _Field:
             by_height = self.aids.by_height[k]
             common = readings.common[channel]
             row[STATES : STATES + len(by_height)] = common * by_height
-            row[first + len(readings.noise) : end - 2] = common * readings.slow.share[k]
+            row[first + readings.map_states : end - 2] = common * readings.slow.share[k]
             row[end - 3 if filtered else first + channel] = readings.map_share[k]
             row[end - 2] = common
             found.append((row, float(noise)))
@@ -178,6 +194,7 @@ def _recursion(
         if rest:
             continue
         for first, one in zip(firsts[:-1], fields, strict=True):
+            one.step_map(scan, int(first), (P, alone), work)
             for row, noise in one.rows(scan, n, int(first)):
                 update(P, row, noise)
         if used[scan - 1]:

@@ -5,6 +5,7 @@
     magnetic_vehicle  what a magnetic vehicle adds, and what is said of it
     beams            soundings of an altimeter with several beams
     error_root       samples of a map's error at any places
+    potential_error  samples of map errors of the gradient tensor, of one potential
     datum_error      a map's wrong datum: offset and tilt
     scenario_map     the map of what a scenario measures
     source_map       the map that a scenario names

@@ -3,6 +3,7 @@ outliers, bias and drift."""
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from isogal.fields.magnetic_vehicle import (
     simulate_vehicle,
 )
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
+from isogal.fields.potential_error import draw_potential_error
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
@@ -58,7 +60,7 @@ class ReadingSimulator:
         i, channels = self.index, field.channels
         truth = true_readings(scenario, trajectory, field_map)
         where = scenario, trajectory, i, runs, truth.shape[1:]
-        felt = truth + field.sign * draw_map_error(*where)
+        felt = truth + field.sign * self._map_error(where)
         if Lag.of(scenario.gravimeter).mean > 0.0:
             felt = _late(scenario, trajectory, field_map, felt, runs)
         felt = felt + field.sign * draw_datum_error(*where)
@@ -72,6 +74,12 @@ class ReadingSimulator:
         if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]
         return felt
+
+    def _map_error(self, where: tuple[Any, ...]) -> Array:
+        scenario = self._world[0]
+        if scenario.measured_field == "gradient" and scenario.gradiometer.of_one_potential:
+            return draw_potential_error(*where[:4])
+        return draw_map_error(*where)
 
     def _soundings(self) -> Array:
         scenario, trajectory, field_map, runs = self._world

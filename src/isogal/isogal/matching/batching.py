@@ -260,7 +260,7 @@ class BatchBuilder:
             whole = batch if self._lag.mean == 0.0 else self._late(batch, prior)
             return self._expanded(whole, scans)
         readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
-        return channel_batch(batch, np.stack(readings), self.covariance)
+        return self._expanded(channel_batch(batch, np.stack(readings), self.covariance), scans)
 
     def _expanded(self, batch: Batch, scans: list[Scan]) -> Batch:
         if self.expansion is None:

@@ -103,5 +103,12 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
         return batch, first
     rows = np.flatnonzero(each == 0)
     new = int((rows >= len(batch) - batch.new).sum())
-    part = replace(batch.part(rows), new=new, channel=None, beam=None, reading_covariance=None)
+    part = replace(
+        batch.part(rows),
+        new=new,
+        channel=None,
+        beam=None,
+        reading_covariance=None,
+        of_one_potential=None,
+    )
     return part, first

@@ -14,8 +14,10 @@ from isogal.fields.magnetic_vehicle import prior_sigma
 from isogal.matching.interfaces import PER_ROW, Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.registry import require
-from isogal.scenario import Scenario
+from isogal.scenario import Gradiometer, Scenario
 from isogal.sensors.beams import PARTS
+
+_NOTHING = np.zeros(0)
 
 
 class Expansion(Protocol):
@@ -43,11 +45,34 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     if scenario.measured_field == "magnetic" and scenario.magnetometer.online:
         require(scenario.matcher.name, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
+    if scenario.measured_field == "gradient" and scenario.gradiometer.of_one_potential:
+        return Tensor(scenario.gradiometer)
     altimeter = scenario.altimeter
     if scenario.measured_field == "terrain" and altimeter.sounds:
         require(scenario.matcher.name, "takes_parameters", "altimeter.beams, scale_sigma")
         return Soundings(altimeter.count, altimeter.scale_sigma)
     return None
+
+
+class Tensor:
+    """Components of the gravity gradient tensor, beside what a `channel_batch` knows of them
+    (docs/mathematics.md, section 12.4).
+
+    Parameters
+    ----------
+    settings : scenario.Gradiometer
+    """
+
+    def __init__(self, settings: Gradiometer) -> None:
+        self._settings = settings
+
+    def split(self, reading: Any) -> tuple[Any, Array]:
+        """Return the reading (C,) as it is, and nothing else."""
+        return reading, _NOTHING
+
+    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+        """Return the batch with how the map errors of its channels go together."""
+        return replace(batch, of_one_potential=self._settings.of_one_potential)
 
 
 class OwnField:

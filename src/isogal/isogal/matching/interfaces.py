@@ -76,6 +76,10 @@ class Batch:
     """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map.
     Rows are then scans times channels, and the rows of a scan, one after the other, share its
     stamp."""
+    of_one_potential: tuple[str, ...] | None = None
+    """Components of the gravity gradient tensor, one for each channel, where the errors of their
+    maps come from one wrong potential (`isogal.maps.tensor_error`): sigma and length of the map's
+    error are then those of dd; None = the channels' errors are independent."""
     backward: Array | None = None
     """(T, 7, 7), or (T, 4, 4) without attitude: error at each scan per unit of error at the batch
     end; None = not known."""

@@ -245,6 +245,18 @@ class Gradiometer(Section):
             " sigma_eotvos"
         ),
     )
+    map_errors: Literal["independent", "one_potential"] = Field(
+        "independent",
+        description=(
+            "how errors of the components' maps go together; one_potential: they are derivatives"
+            " of one potential, and sigmas and lengths of the map's error are those of dd"
+        ),
+    )
+
+    @property
+    def of_one_potential(self) -> tuple[str, ...] | None:
+        """The components where the errors of their maps come from one potential."""
+        return self.components if self.map_errors == "one_potential" else None
 
     @model_validator(mode="after")
     def _known_components(self) -> "Gradiometer":

@@ -26,6 +26,8 @@ class ChannelReadings:
     """(N, C) unit of the maps; NaN = no reading."""
     covariance: Array
     """(C, C) of the sensor's noise."""
+    of_one_potential: tuple[str, ...] | None = None
+    """See `isogal.matching.interfaces.Batch`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +54,8 @@ class TrackField:
         batch = build_batch(self.track, jacobian, rows, new, error, covariance)
         if self.channels is None:
             return batch
-        return channel_batch(batch, self.channels.values[rows], self.channels.covariance)
+        whole = channel_batch(batch, self.channels.values[rows], self.channels.covariance)
+        return replace(whole, of_one_potential=self.channels.of_one_potential)
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:

@@ -64,7 +64,8 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
                 f"{track.where}: gradients are not known at {int(off_map.sum())} of {len(track)}"
                 " readings as recorded"
             )
-        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)))
+        together = components if chosen.one_potential else None
+        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), together)
         found.append(Inputs(track, maps, unit, factor, first.line, readings))
     return found
 

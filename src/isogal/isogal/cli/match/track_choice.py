@@ -49,6 +49,17 @@ class TrackChoice:
             ),
         ),
     ] = None
+    one_potential: Annotated[
+        bool,
+        typer.Option(
+            "--one-potential",
+            help=(
+                "Errors of the components' maps come from one wrong potential: --map-sigma and"
+                " --map-correlation-length are those of dd; goes with --gradients. Without it they"
+                " count as independent."
+            ),
+        ),
+    ] = False
     also: Annotated[
         list[str] | None,
         typer.Option(
@@ -152,6 +163,8 @@ class TrackChoice:
         go together."""
         if self.gradients is not None and self.column is not None:
             raise InputError(f"--column {self.column}: --gradients names its own columns")
+        if self.one_potential and self.gradients is None:
+            raise InputError("--one-potential: goes with --gradients")
         if self.map_height is not None and self.height is None:
             raise InputError(f"--map-height {self.map_height:g}: goes with --height")
         if self.base is not None and self.track_unit not in (None, "nT"):

@@ -35,7 +35,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.channels import ChannelMap, channels_of
+from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import Batch
@@ -51,9 +51,7 @@ from isogal.matching.pmht.likelihood_kernels import (
 )
 from isogal.matching.pmht.noise_model import (
     NoiseModel,
-    correlation_lengths,
-    map_sigmas,
-    residual_covariance,
+    batch_covariance,
 )
 
 _PER_ROW = (
@@ -122,28 +120,12 @@ class BatchLikelihood:
         """
         rows = np.flatnonzero(np.isfinite(batch.reading))
         latitude, longitude = batch.latitude[rows], batch.longitude[rows]
-        maps = channels_of(field_map)
         channel = (
             np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
         )
-        place = place or (np.zeros(4), batch.prior)
-        own_sigma = map_sigmas(
-            field_map, channel, latitude, longitude, batch.transition[rows], *place
+        covariance = batch_covariance(
+            batch, rows, channel, field_map, noise, place or (np.zeros(4), batch.prior)
         )
-        rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
-        sensor = batch.sigma[rows] ** 2
-        covariance = residual_covariance(
-            latitude,
-            longitude,
-            sensor + rounding,
-            np.maximum(noise.map_sigma, own_sigma),
-            correlation_lengths(field_map, channel, noise, latitude, longitude),
-            noise.bias_sigma,
-            channel if len(maps) > 1 else None,
-            None if batch.filter_path is None else batch.filter_path.part(rows),
-        )
-        if batch.reading_covariance is not None:
-            covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)
         north, east = metres_per_radian(latitude)
         likelihood = cls(
             grid=field_map.grid,

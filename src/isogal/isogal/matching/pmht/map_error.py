@@ -13,10 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements, tensor_covariance
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
@@ -159,14 +160,9 @@ class MapErrorEstimate:
         unknown = np.concatenate(
             [slope @ np.linalg.cholesky(batch.prior), likelihood.nuisance_at(mean)[first:]], axis=1
         )
-        apart = distances(batch.latitude[rows], batch.longitude[rows])
-        path = None if batch.filter_path is None else batch.filter_path.part(rows)
-        shapes = np.stack([map_correlation(apart, length, path) for length in self.length])
-        if len(maps) > 1:
-            shapes *= channel[:, None] == channel
         evidence = _evidence(
             noise,
-            shapes,
+            _shapes(batch.part(rows), channel, self.length),
             self.sigma**2,
             residual[first:] - slope @ mean,
             np.ascontiguousarray(unknown),
@@ -204,6 +200,22 @@ def _log_mean(log_weight: Array, log_prior: Array) -> float:
     """Return the log of the mean evidence under the prior, which need not be normalised."""
     top = float(log_weight.max())
     return top + math.log(float(np.exp(log_weight - top).sum() / np.exp(log_prior).sum()))
+
+
+def _shapes(batch: Batch, channel: Integers, lengths: Array) -> Array:
+    """Return (L, T, T) the covariance of the map's errors of a batch's readings for each length,
+    in units of sigma²."""
+    if batch.of_one_potential is not None:
+        there = displacements(batch.latitude, batch.longitude)
+        return np.stack(
+            [
+                tensor_covariance(batch.of_one_potential, channel, there, length)
+                for length in lengths
+            ]
+        )
+    apart = distances(batch.latitude, batch.longitude)
+    shapes = np.stack([map_correlation(apart, length, batch.filter_path) for length in lengths])
+    return shapes if batch.channel is None else shapes * (channel[:, None] == channel)
 
 
 def field_scale(field_map: FieldMap) -> float:

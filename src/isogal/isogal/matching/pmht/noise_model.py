@@ -3,6 +3,7 @@ the track, an unknown constant.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements, shares, tensor_covariance
+from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import FilterPath
 from isogal.matching.quasi_random import standard_normal
@@ -24,6 +27,49 @@ class NoiseModel:
     map_sigma: float = 0.0
     correlation_length: float = 4000.0
     bias_sigma: float = 0.0
+
+
+def batch_covariance(
+    batch: Batch,
+    rows: Integers,
+    channel: Integers,
+    field_map: FieldMap | ChannelMap,
+    noise: NoiseModel,
+    place: tuple[Array, Array],
+) -> Array:
+    """Return R of the likelihood's equation for rows (T,) of a batch.
+
+    Parameters
+    ----------
+    channel : (T,) array
+        Index of each row's map.
+    place : ((4,), (4, 4)) arrays
+        Mean and covariance of xi over which a map error that differs from place to place is
+        averaged.
+    """
+    latitude, longitude = batch.latitude[rows], batch.longitude[rows]
+    maps, tensor = channels_of(field_map), batch.of_one_potential
+    own_sigma = map_sigmas(field_map, channel, latitude, longitude, batch.transition[rows], *place)
+    rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
+    sensor = batch.sigma[rows] ** 2
+    map_sigma = np.maximum(noise.map_sigma, own_sigma)
+    lengths = correlation_lengths(field_map, channel, noise, latitude, longitude)
+    covariance = residual_covariance(
+        latitude,
+        longitude,
+        sensor + rounding,
+        map_sigma if tensor is None else np.zeros(len(rows)),
+        lengths,
+        noise.bias_sigma,
+        channel if len(maps) > 1 else None,
+        None if batch.filter_path is None else batch.filter_path.part(rows),
+    )
+    if tensor is not None and map_sigma.any():
+        of_dd = tensor_sigmas(tensor, channel, noise.map_sigma, own_sigma)
+        covariance += tensor_map_covariance(tensor, channel, latitude, longitude, of_dd, lengths)
+    if batch.reading_covariance is not None:
+        covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)
+    return covariance
 
 
 def residual_covariance(
@@ -39,7 +85,8 @@ def residual_covariance(
     """Return R (T, T) of the likelihood's equation (`isogal.matching.pmht.likelihood`); positions
     rad, the rest in the map's unit and m.
 
-    Map errors and biases of different channels (T,) are independent; a correlation length (T, 1)
+    Map errors and biases of different channels (T,) are independent (but see
+    `tensor_map_covariance`); a correlation length (T, 1)
     is the same for all rows of a channel, one that differs from place to place is (T,). Map errors
     of readings that are a mean over a path are means over it as well.
     """
@@ -49,6 +96,36 @@ def residual_covariance(
         shape = map_correlation(distances(latitude, longitude), correlation_length, filter_path)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
+
+
+def tensor_map_covariance(
+    components: Sequence[str],
+    channel: Integers,
+    latitude: Array,
+    longitude: Array,
+    map_sigma: Array,
+    length: float | Array,
+) -> Array:
+    """Return (T, T) the covariance of map errors that come from one wrong potential.
+
+    Parameters
+    ----------
+    components : sequence of str
+        Of the gravity gradient tensor, one for each channel.
+    map_sigma : (T,) array
+        1-sigma of T_dd's error, in units of which the others' is.
+    length : float or array
+        As of `correlation_lengths`; of different lengths the mean.
+    """
+    apart = displacements(latitude, longitude)
+    shape = tensor_covariance(components, channel, apart, float(np.mean(length)))
+    return map_sigma[:, None] * map_sigma * shape
+
+
+def tensor_sigmas(components: Sequence[str], channel: Integers, told: float, own: Array) -> Array:
+    """Return (T,) the 1-sigma of T_dd's error where a sigma of it is told and the map says (T,)
+    how wrong each channel is itself: the larger one."""
+    return np.maximum(told, own / np.sqrt(shares(components))[channel])
 
 
 def distances(latitude: Array, longitude: Array) -> Array:

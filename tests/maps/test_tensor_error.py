@@ -1,0 +1,126 @@
+"""Map errors of the tensor's components that come from one potential: covariance against Fourier
+transforms of a grid and against drawn fields."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from isogal.fields.potential_error import draw_potential_error
+from isogal.maps.gradients import COMPONENTS, _operator
+from isogal.maps.spectral import waves_of
+from isogal.maps.tensor_error import displacements, shares, tensor_covariance
+from isogal.scenario import validate_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+LENGTH = 800.0
+
+
+def covariance(apart, components=COMPONENTS, length=LENGTH):
+    """(C, C) of two places."""
+    count = len(components)
+    channel = np.tile(np.arange(count), 2)
+    vector = np.array(apart, dtype=float)
+    both = np.zeros((2 * count, 2 * count, 2))
+    both[:count, count:], both[count:, :count] = vector, -vector
+    return tensor_covariance(components, channel, both, length)[:count, count:]
+
+
+def on_a_torus(nodes=256, cells_per_length=6):
+    """Covariances (C, C, nodes, nodes) of all pairs, by Fourier transform of the spectrum times
+    what `gradients` multiplies a map's waves by; places are cells apart."""
+    cell = LENGTH / cells_per_length
+    waves = waves_of((nodes, nodes), (cell, cell))
+    axis = cell * nodes * np.fft.fftfreq(nodes)
+    spectrum = np.fft.rfft2(np.exp(-np.hypot(axis[:, None], axis) / LENGTH)).real
+    size = np.where(waves.size > 0.0, waves.size, 1.0)
+    factors = [partial(_operator, name, 0.0)(waves) / size for name in COMPONENTS]
+    return cell, {
+        (i, j): np.fft.irfft2(spectrum * np.conj(a) * b, (nodes, nodes))
+        for i, a in enumerate(factors)
+        for j, b in enumerate(factors)
+    }
+
+
+def test_it_is_the_inverse_transform_of_the_spectrum():
+    cell, found = on_a_torus()
+    for north, east in ((0, 0), (4, 0), (0, -7), (5, 9), (-12, 6), (-3, -20)):
+        expected = covariance((north * cell, east * cell))
+        here = np.array([[found[i, j][north, east] for j in range(6)] for i in range(6)])
+        # the grid has no wave shorter than two cells, nor any longer than itself
+        np.testing.assert_allclose(here, expected, atol=0.012)
+        assert np.abs(expected).max() > 0.02
+
+
+@pytest.mark.parametrize("apart", [(0.0, 0.0), (300.0, -200.0), (-5e3, 1e4), (1e6, 2e6)])
+def test_the_trace_is_zero(apart):
+    found = covariance(apart)
+    of_trace = found[:, [0, 3, 5]].sum(axis=1)
+    np.testing.assert_allclose(of_trace, 0.0, atol=1e-14)
+
+
+def test_at_one_place_and_far_away():
+    np.testing.assert_allclose(np.diag(covariance((0.0, 0.0))), shares(COMPONENTS), atol=1e-15)
+    np.testing.assert_allclose(shares(COMPONENTS), [3 / 8, 1 / 8, 1 / 2, 3 / 8, 1 / 2, 1.0])
+    dd = covariance((300.0, 400.0))[5, 5]
+    assert dd == pytest.approx(np.exp(-500.0 / LENGTH), rel=1e-12)
+    for near, far in (((0.0, 0.0), (0.01, 0.02)), ((0.0, 799e3), (0.0, 801e3))):
+        np.testing.assert_allclose(covariance(near), covariance(far), atol=1e-4)
+
+
+def test_first_to_second_is_second_to_first_transposed():
+    there, back = covariance((500.0, 200.0)), covariance((-500.0, -200.0))
+    np.testing.assert_allclose(there, back.T, atol=1e-15)
+    odd = [2, 4]
+    assert np.abs(there[5, odd]).min() > 0.1
+    np.testing.assert_allclose(there[5, odd], -back[5, odd], atol=1e-15)
+
+
+def test_drawn_fields_have_this_covariance():
+    """Along a route with a corner. Of 400 runs an element errs by 1-sigma 0.05 of the product of
+    two 1-sigmas, and none of the 2,000 by 5.5 of that."""
+    settings = validate_scenario(
+        {
+            "field": "gradient",
+            "gradiometer": {"components": COMPONENTS[1:], "map_errors": "one_potential"},
+            "map_error": {"sigma": 2e-9, "correlation_length": LENGTH},
+            "route": {
+                "waypoints": [(-37.0, 145.0, 30), (-36.98, 145.01, 30), (-36.99, 145.04, 30)],
+                "duration": 150.0,
+            },
+            "gravimeter": {"interval": 15.0},
+        }
+    )  # fmt: skip
+    trajectory = build_trajectory(settings)
+    index = np.arange(15, len(trajectory), 15)
+    drawn = draw_potential_error(settings, trajectory, index, range(400))
+    assert drawn.shape == (400, len(index), 5)
+    flat = drawn.reshape(400, -1) / 2e-9
+    found = flat.T @ flat / 400
+    rows = np.repeat(index, 5)
+    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])
+    expected = tensor_covariance(COMPONENTS[1:], np.tile(np.arange(5), len(index)), apart, LENGTH)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.275
+    )
+    # and on the mean over elements there is no difference
+    off = (found - expected) / np.outer(scale, scale)
+    assert np.abs(off).mean() < 0.05
+    alone = draw_potential_error(settings, trajectory, index, [3])
+    np.testing.assert_array_equal(alone[0], drawn[3])
+
+
+def test_a_drawn_field_obeys_laplace():
+    settings = validate_scenario(
+        {
+            "field": "gradient",
+            "gradiometer": {"components": ("nn", "ee", "dd"), "map_errors": "one_potential"},
+            "map_error": {"sigma": 1.0},
+            "route": {"duration": 300.0},
+        }
+    )
+    trajectory = build_trajectory(settings)
+    drawn = draw_potential_error(settings, trajectory, np.arange(10, 300, 10), [0, 1])
+    assert np.abs(drawn).max() > 0.5
+    np.testing.assert_allclose(drawn.sum(axis=-1), 0.0, atol=1e-13)
