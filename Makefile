@@ -6,7 +6,7 @@
 #   make bench        accuracy and speed beside the last committed figures
 #   make coverage     which lines and branches of the library the tests reach
 #   make docs         the documentation as a site, in build/site
-#   make test-docs    all that README and tutorials show (longer)
+#   make test-docs    all commands of README and docs (minutes)
 #   make lint | format | lock | clean
 # A particular interpreter: make PYTHON=/path/to/python3.12 demo
 
@@ -51,7 +51,7 @@ docs:
 
 # The demo, which the README begins with, and then the commands of the pages
 # (tests/helpers/pages.py).
-DOCUMENTS = README.md $(wildcard docs/tutorials/*.md)
+DOCUMENTS = README.md $(wildcard docs/*.md docs/tutorials/*.md)
 test-docs: install-development demo
 	@$(BIN)/python tests/helpers/run_pages.py $(DOCUMENTS)
 

@@ -1,9 +1,7 @@
 """Make the data of this example: a map of the magnetic anomaly, a calibration flight and a flight
-over the map, of an aircraft whose own field changes by some 200 nT with heading.
+over the map, of an aircraft whose own field changes by some 200 nT with heading."""
 
-    python make_flights.py FOLDER [MINUTES]"""
-
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -104,5 +102,7 @@ def main(folder: Path, minutes: float = 15.0) -> None:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    main(Path(words[0] if words else "."), *(float(word) for word in words[1:2]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path(), help="default: here")
+    parser.add_argument("minutes", type=float, nargs="?", default=15.0, help="of the flight: 15")
+    main(**vars(parser.parse_args()))

@@ -1,9 +1,7 @@
 """Make the map of this example: gravity disturbances that are rough, but for a smooth basin in the
-middle, in which a navigator finds nothing to hold on to.
+middle, in which a navigator finds nothing to hold on to."""
 
-    python make_map.py FILE.nc"""
-
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -39,4 +37,6 @@ def main(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "map.nc"))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("path", type=Path, nargs="?", default=Path("map.nc"), help="map.nc")
+    main(**vars(parser.parse_args()))

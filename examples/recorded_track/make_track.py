@@ -1,6 +1,7 @@
-"""Make the map and the track of this example: part of Isogal's synthetic map, a straight flight
-over it, and an inertial navigator that is 540 m off and does not know it."""
+"""Make map.nc and track.csv of this example, beside this file: part of Isogal's synthetic map, a
+straight flight over it, and an inertial navigator that is 540 m off and does not know it."""
 
+import argparse
 import csv
 from pathlib import Path
 
@@ -48,4 +49,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

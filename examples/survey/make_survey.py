@@ -1,11 +1,7 @@
 """Make the data of this example: a gravity survey flown in lines, and the track of a vehicle that
-crosses it with an inertial navigator that is some hundred metres wrong.
+crosses it with an inertial navigator that is some hundred metres wrong."""
 
-    python make_survey.py FOLDER [SPACING]
-
-SPACING is the distance of the lines in m, 1500 by default."""
-
-import sys
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -81,5 +77,7 @@ def main(folder: Path, spacing: float = 1500.0) -> None:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    main(Path(words[0] if words else "."), *(float(word) for word in words[1:2]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path(), help="default: here")
+    parser.add_argument("spacing", type=float, nargs="?", default=1500.0, help="of lines, m: 1500")
+    main(**vars(parser.parse_args()))

@@ -1,0 +1,92 @@
+"""What the pages show, run or not: options of commands exist, scenarios are valid, code parses."""
+
+import ast
+import json
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from helpers.packages import ROOT
+from helpers.pages import COMMANDS, blocks, named_files
+from isogal.cli.main import _load
+from isogal.scenario import load_scenario
+
+PAGES = sorted(
+    path.relative_to(ROOT)
+    for pattern in (
+        "*.md",
+        "docs/**/*.md",
+        "examples/*/*.md",
+        "src/*/*.md",
+        "bags/*.md",
+        "docker/*.md",
+    )
+    for path in ROOT.glob(pattern)
+)
+DATA_SHEETS = ("# my_sensors.yaml",)
+"""YAML blocks that are no scenarios, by the comment they begin with."""
+
+
+def shown(page: Path) -> Iterator[list[str]]:
+    """Yield the words of each command, in blocks and in the text."""
+    inline = re.findall(r"`((?:isogal|python) [^`]+)`", (ROOT / page).read_text(encoding="utf-8"))
+    in_blocks = [
+        line
+        for block in blocks(ROOT / page)
+        if block.language in COMMANDS
+        for line in block.lines()
+    ]
+    for line in (*in_blocks, *inline):
+        words = shlex.split(line, comments=True)
+        yield [word for word in words if word != "..."]
+
+
+def check_command(words: list[str], names_of_plugins: bool) -> None:
+    """Assert that the words after ``isogal`` are a command, its options and keys of a scenario."""
+    command, rest = _load(words[0]), words[1:]
+    while hasattr(command, "commands") and rest:
+        command, rest = command.commands[rest[0]], rest[1:]
+    known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
+    assert {word.split("=")[0] for word in rest if word.startswith("--")} <= known
+    changes = [
+        value for option, value in pairwise(rest) if option == "--set" and "FILE" not in value
+    ]
+    if changes and not names_of_plugins:
+        load_scenario(None, changes)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_commands_exist(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, text in named_files(ROOT / page).items():
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    for words in shown(page):
+        if words[:1] == ["isogal"] and words[1:2] and not words[1].startswith("-"):
+            check_command(words[1:], "plugin" in page.parts)
+        elif words[:1] == ["python"] and words[1].endswith(".py"):
+            script = ROOT / words[1].removeprefix("$ROOT/")
+            script = script if script.exists() else ROOT / page.parent / words[1]
+            text = script.read_text(encoding="utf-8")
+            assert all(f'"{word}"' in text for word in words if word.startswith("--")), words
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_blocks_are_what_they_say(page: Path, tmp_path: Path) -> None:
+    for block in blocks(ROOT / page):
+        match block.language:
+            case "yaml" if not block.text.startswith(DATA_SHEETS):
+                (tmp_path / "scenario.yaml").write_text(block.text)
+                load_scenario(tmp_path / "scenario.yaml")
+            case "json":
+                json.loads("{" + block.text + "}" if block.text.startswith('"') else block.text)
+            case "python":
+                ast.parse(block.text)
+            case "toml":
+                tomllib.loads(block.text)
+            case language:
+                assert language in ("", "sh", "text", "yaml", "xml"), f"{page}: {language}"
