@@ -18,7 +18,6 @@ NAMES = [package.name for package in PACKAGES]
 APT = {
     "numpy": "python3-numpy",
     "scipy": "python3-scipy",
-    "pandas": "python3-pandas",
     "matplotlib": "python3-matplotlib",
     "netCDF4": "python3-netcdf4",
     "PIL": "python3-pil",

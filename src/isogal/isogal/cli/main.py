@@ -1,5 +1,5 @@
 """The program ``isogal``. It knows the name and one line of each command, and imports a command
-only when it is called: ``isogal --help`` starts without NumPy, numba and xarray."""
+only when it is called: ``isogal --help`` starts without NumPy and numba."""
 
 import importlib
 import sys
