@@ -1,6 +1,6 @@
 """Measured data: gravity stations at Clear Lake and aeromagnetic lines over Scotland, matched.
 
-    python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json]
+    python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json] [--untold | --gridded]
 
 DATA (default ../shared/data) holds the two maps and the readings that were not used for them;
 docs/real-data.md describes them and shows the results. Nothing is tuned on what it is reported
@@ -21,7 +21,7 @@ from measured_data.clear_lake import study_clear_lake
 from measured_data.figures import write_figures
 from measured_data.scotland import study_scotland
 from measured_data.tables import tables, untold_table
-from measured_data.untold import study_untold
+from measured_data.untold import study_gridded, study_untold
 
 
 def main() -> None:
@@ -35,11 +35,12 @@ def main() -> None:
     parser.add_argument("--figures", type=Path, help="write the figures there")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     parser.add_argument("--untold", action="store_true", help="only with nothing told")
+    parser.add_argument("--gridded", action="store_true", help="only on maps made of the surveys")
     options = parser.parse_args()
     if not options.data.is_dir():
         parser.error(f"{options.data}: no such folder; name the folder of the data")
-    if options.untold:
-        untold = study_untold(options.data)
+    if options.untold or options.gridded:
+        untold = (study_untold if options.untold else study_gridded)(options.data)
         print(json.dumps(untold) if options.json else untold_table(untold))
         return
     results = {

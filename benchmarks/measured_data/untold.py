@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from isogal.maps.field_map import FieldMap
+from isogal.maps.gridding.gridder import GridSettings, grid_survey
+from isogal.maps.gridding.reading import read_survey
 from isogal.scenario import Matcher
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.track import fit_to_map
@@ -29,6 +31,33 @@ def study_untold(data: Path) -> dict[str, Any]:
             midland, flights, MAGNETIC_SIGMA, 2, WHOLE
         ),
     }
+
+
+def study_gridded(data: Path) -> dict[str, Any]:
+    """Return summaries of whole lines on maps made of the surveys, as `isogal map grid` makes them,
+    and on the maps that come with the data."""
+    lake, lines, _ = clear_lake(data)
+    midland, flights, ties = scotland(data)
+    own = {
+        name: grid_survey(read_survey(data / f"{name}_survey.nc", variable), GridSettings())[0]
+        for name, variable in (
+            ("clear_lake_gravity", "bouguer_disturbance"),
+            ("scotland_magnetic", "magnetic_anomaly"),
+        )
+    }
+    results = {}
+    for kind, lake_map, scotland_map in (
+        ("`isogal map grid`", own["clear_lake_gravity"], own["scotland_magnetic"]),
+        ("shipped map", lake, midland),
+    ):
+        results |= {
+            f"Clear Lake, {kind}": _matched(lake_map, lines, GRAVITY_SIGMA, 2, WHOLE),
+            f"Scotland, tie lines, {kind}": _matched(scotland_map, ties, MAGNETIC_SIGMA, 2, WHOLE),
+            f"Scotland, flight lines, {kind}": _matched(
+                scotland_map, flights, MAGNETIC_SIGMA, 2, WHOLE
+            ),
+        }
+    return results
 
 
 def _matched(

@@ -1,10 +1,12 @@
 """Small files of the kinds that the pages of documentation take for granted.
 
-python tests/helpers/page_data.py geotiff FILE.nc FILE.tif
-python tests/helpers/page_data.py surveys FOLDER
+page_data.py geotiff FILE.nc FILE.tif
+page_data.py surveys FOLDER
+page_data.py kalgoorlie kalgoorlie_gravity_magnetic.nc FILE.nc
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import rasterio
 from netCDF4 import Dataset
 from rasterio.transform import from_origin
 
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
 CORNER, SIDE = (-36.6, 147.0), 0.1
@@ -28,6 +31,20 @@ def geotiff(source: str, path: str) -> None:
     place = {"crs": "EPSG:4326", "transform": from_origin(*corner, step[1], step[0])}
     with rasterio.open(path, "w", driver="GTiff", **shape, **place) as file:
         file.write(field_map.values[::-1] * 1e5, 1)
+
+
+def kalgoorlie(source: str, path: str) -> None:
+    """Copy maps of the Bouguer anomaly, taken for the disturbance, and of the magnetic one."""
+    bouguer = load_map(source, variable="bouguer_anomaly")
+    write_netcdf(replace(bouguer, quantity="disturbance"), Path(path))
+    magnetic = load_map(source, variable="magnetic_anomaly")
+    with Dataset(path, "a") as file:
+        (kept,) = (name for name, one in file.variables.items() if one.ndim == 2)
+        file.renameVariable(kept, "gravity_disturbance")
+        place = file["gravity_disturbance"].dimensions
+        added = file.createVariable("magnetic_anomaly", "f8", place)
+        added[:] = magnetic.values
+        added.units = "nT"
 
 
 def surveys(folder: str) -> None:
@@ -59,4 +76,4 @@ def surveys(folder: str) -> None:
 
 
 if __name__ == "__main__":
-    {"geotiff": geotiff, "surveys": surveys}[sys.argv[1]](*sys.argv[2:])
+    {"geotiff": geotiff, "kalgoorlie": kalgoorlie, "surveys": surveys}[sys.argv[1]](*sys.argv[2:])
