@@ -10,9 +10,11 @@ import pytest
 from helpers.reference_runs import GRAPH, KEPT, LIBRARY, sampled
 
 KEPT_RESULTS = json.loads(KEPT.read_text())
-TOLERANCE = 1e-3
-"""m; another machine's linear algebra may differ in the last digits, which the sampler
-enlarges."""
+MADE_WITH = "2.4."
+"""NumPy of the results that are kept; that of the lock for Python 3.11."""
+TOLERANCE = 1e-3 if np.__version__.startswith(MADE_WITH) else 0.05
+"""m; another machine's linear algebra may differ in the last digits, which the sampler enlarges,
+and another NumPy's more (2 cm between 2.4 and 2.5)."""
 
 
 def _same(case: str, results: dict[str, np.ndarray]) -> None:
