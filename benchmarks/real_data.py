@@ -1,6 +1,7 @@
 """Measured data: gravity stations at Clear Lake and aeromagnetic lines over Scotland, matched.
 
-    python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json] [--untold | --gridded]
+    python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json]
+    python benchmarks/real_data.py [DATA] --untold | --gridded
 
 DATA (default ../shared/data) holds the two maps and the readings that were not used for them;
 docs/real-data.md describes them and shows the results. Nothing is tuned on what it is reported

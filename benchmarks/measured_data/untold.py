@@ -34,8 +34,8 @@ def study_untold(data: Path) -> dict[str, Any]:
 
 
 def study_gridded(data: Path) -> dict[str, Any]:
-    """Return summaries of whole lines on maps made of the surveys, as `isogal map grid` makes them,
-    and on the maps that come with the data."""
+    """Return summaries of whole lines on maps made of the surveys (`isogal map grid`), and on the
+    maps that come with the data."""
     lake, lines, _ = clear_lake(data)
     midland, flights, ties = scotland(data)
     own = {

@@ -47,7 +47,8 @@ def decimal_year(time: ArrayLike) -> Array:
     of the model."""
     seconds = np.asarray(time, dtype=float)
     year = seconds.astype("datetime64[s]").astype("datetime64[Y]")
-    start, end = (one.astype("datetime64[s]").astype(float) for one in (year, year + np.timedelta64(1, "Y")))
+    next_year = year + np.timedelta64(1, "Y")
+    start, end = (one.astype("datetime64[s]").astype(float) for one in (year, next_year))
     share = (seconds - start) / (end - start)
     return np.clip(year.astype(float) + 1970.0 + share, _FIRST_YEAR, _LAST_YEAR)
 
