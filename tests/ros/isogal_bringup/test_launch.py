@@ -189,7 +189,8 @@ def test_a_node_that_is_killed_ends_all(launch, params) -> None:
 def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(
     launch, params, tmp_path
 ) -> None:
-    made = launch(params=params(190.0), rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
+    # long enough that it has not arrived before all are killed, however long they take to start
+    made = launch(params=params(280.0), rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
     names = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
     made.run(when="fix with", kill=names)
     assert made.reason == "the simulated vehicle has arrived", made.output()
