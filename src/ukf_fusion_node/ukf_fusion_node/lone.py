@@ -5,13 +5,14 @@ from collections import deque
 import numpy as np
 
 from isogal.arrays import Array
-from ukf_fusion_node.watch import STUCK
 
-REMEMBERED = STUCK
+REMEMBERED = 60
 """Changes from sample to sample that say how much the vehicle moves."""
 BEYOND = 20.0
-"""How many times the largest of them a sample has to be away. What noise and waves do in a minute
-they exceed by a factor of two or three."""
+"""How many times the largest of them a sample has to be away. Of noise and waves the largest
+change of one minute differs from that of another by a factor of two or three."""
+FELT = 2.0
+"""How many times the largest of them says that the other kind of sensor has felt it, too."""
 BACK = 0.25
 """Of its distance, by which the next sample may miss the one before: more is a manoeuvre."""
 LEAST = np.array([1e-2, 1e-3])
@@ -21,7 +22,7 @@ NAMES = ("specific force", "angular rate")
 
 class LoneSamples:
     """Finds a sample that differs from both its neighbours by much more than samples have differed
-    for a while: a bit that fell over, not a motion. That shows when the next one comes.
+    for a while: a fault, not a motion. That shows when the next one comes.
 
     A motion that the accelerometers and the gyroscopes feel at once is believed.
     """
@@ -40,7 +41,7 @@ class LoneSamples:
             if len(self._changes) == REMEMBERED:
                 usual = np.max(self._changes, axis=0)
                 lone = (away > np.maximum(BEYOND * usual, LEAST)) & (missed < BACK * away)
-                if lone.sum() == 1:
+                if lone.any() and (away > FELT * usual).sum() == 1:
                     self._samples.pop()
                     self._samples.append(new)
                     which = int(np.argmax(lone))

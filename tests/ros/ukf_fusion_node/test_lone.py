@@ -36,6 +36,7 @@ def test_a_manoeuvre_is_believed() -> None:
     step = [(k, 0, 0.2) for k in range(LATER, LATER + 30)]
     assert found(*step) == []
     assert found((LATER, 1, 0.2), (LATER, 5, 0.05)) == []  # a turn of one sample
+    assert found((LATER, 1, 0.02), (LATER, 5, 9e-4)) == []  # a slight one
     assert found((LATER, 0, 0.2), (LATER + 1, 0, -0.2)) == []  # there and back
     assert found((5, 0, 0.2)) == []  # it is not yet known how the vehicle moves
 
