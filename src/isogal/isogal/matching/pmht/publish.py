@@ -34,7 +34,8 @@ def publish(state: State) -> tuple[Fix, Memory]:
     if state.posterior is None:
         return declined(state.batch, verdict.reason or ""), _unmatched(state)
     memory = _remembered(state)
-    figures = _figures(state, memory.variance_factor.value)
+    measured = _measured_bias(state)
+    figures = _figures(state, memory.variance_factor.value, measured)
     if verdict.reason is not None:
         fix = declined(state.batch, verdict.reason, **figures)
         return replace(fix, reset=verdict.lost), memory
@@ -43,7 +44,7 @@ def publish(state: State) -> tuple[Fix, Memory]:
         reason = "the batch tells nothing that the navigator does not know"
         return declined(state.batch, reason, **figures), memory
     best = state.best
-    bias, unbiased = _simplified(state, _measured_bias(state))
+    bias, unbiased = _simplified(state, measured)
     return _fix(state, information, figures), replace(
         memory,
         hypotheses=_shape(best, best.mixture.covariance[0]),
@@ -152,7 +153,7 @@ def _unmatched(state: State) -> Memory:
     )
 
 
-def _figures(state: State, variance_factor: float) -> dict[str, float]:
+def _figures(state: State, variance_factor: float, bias: BiasEstimate | None) -> dict[str, float]:
     """Return what the diagnostics say of a batch that was matched."""
     best, agreement = state.best, state.agreement()
     place = state.batch.latitude[-1:], state.batch.longitude[-1:]
@@ -169,7 +170,7 @@ def _figures(state: State, variance_factor: float) -> dict[str, float]:
     }
     if state.learnt is not None:
         figures |= state.learnt.figures(state.settings.noise)
-    if (bias := _measured_bias(state)) is not None:
+    if bias is not None:
         figures |= bias.figures()
     return figures
 
