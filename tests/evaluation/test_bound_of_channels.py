@@ -11,7 +11,8 @@ from isogal.evaluation.bound_several import joint_bound
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
 from isogal.maps.tensor_error import displacements, tensor_covariance
-from isogal.scenario import Gradiometer, validate_scenario
+from isogal.scenario import Gradiometer, MapError, validate_scenario
+from isogal.sensors.gradiometer_errors import tilt_effect
 from isogal.sensors.trajectory import build_trajectory
 
 
@@ -70,10 +71,12 @@ class TestOnePotential:
     """Map errors that go together, against conditioning on all readings at once: a navigator whose
     position error is constant, on a route with a corner."""
 
+    NOISE = np.diag([4.0, 9.0, 6.0, 5.0, 8.0]) + 3.0 * np.eye(5)[:, ::-1]
+    """E², whose eigenvectors mix components."""
     SETTINGS = validate_scenario(
         {
             "field": "gradient",
-            "gradiometer": {"sigma_eotvos": 3.0, "map_errors": "one_potential"},
+            "gradiometer": {"covariance_eotvos": NOISE.tolist(), "map_errors": "one_potential"},
             "map_error": {"sigma": 1e-8, "correlation_length": 900.0},
             "imu": {"grade": "quantum"},
             "initial_error": {"position": 300.0, "velocity": 0.0, "tilt": 0.0, "heading": 0.0},
@@ -97,20 +100,19 @@ class TestOnePotential:
 
     def test_it_is_near_the_dense_one(self) -> None:
         settings, trajectory = self.SETTINGS, self.TRAJECTORY
-        scans = np.arange(20, len(trajectory) + 1, 20)
-        latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
-        slopes = [one.value_and_gradient(latitude, longitude)[1:] for one in self.MAPS.channels]
-        slope = np.array(slopes).transpose(2, 0, 1).reshape(-1, 2)
+        scans, slope = self._slopes()
         rows, channel = np.repeat(scans, 5), np.tile(np.arange(5), len(scans))
         apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])
         wrong = tensor_covariance(settings.gradiometer.components, channel, apart, 900.0)
-        whole = 1e-16 * wrong + 9e-18 * np.eye(len(rows))
+        whole = 1e-16 * wrong + 1e-18 * np.kron(np.eye(len(scans)), self.NOISE)
         dense = np.linalg.inv(slope.T @ np.linalg.solve(whole, slope) + np.eye(2) / 300.0**2)
         bound = posterior_cramer_rao(settings, trajectory, self.MAPS)
         found = np.sqrt(np.trace(bound.covariance[-1]))
         np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=0.05)
         # another bound than that of errors that do not go together
-        alone = settings.model_copy(update={"gradiometer": Gradiometer(sigma_eotvos=3.0)})
+        alone = settings.model_copy(
+            update={"gradiometer": Gradiometer(covariance_eotvos=self.NOISE.tolist())}
+        )
         other = posterior_cramer_rao(alone, trajectory, self.MAPS).covariance[-1]
         assert abs(np.sqrt(np.trace(other)) / found - 1.0) > 0.1
 
@@ -118,3 +120,44 @@ class TestOnePotential:
         one = posterior_cramer_rao(self.SETTINGS, self.TRAJECTORY, self.MAPS)
         joint = joint_bound(self.SETTINGS, self.TRAJECTORY, [self.MAPS])
         np.testing.assert_allclose(joint.covariance, one.covariance, rtol=1e-9)
+
+    def test_tilt_and_walking_offsets(self) -> None:
+        told = {
+            "covariance_eotvos": self.NOISE.tolist(), "bias_eotvos": 4.0,
+            "bias_walk_eotvos": 0.5, "platform_tilt": 2e-3, "platform_time": 250.0,
+        }  # fmt: skip
+        settings = self.SETTINGS.model_copy(
+            update={"gradiometer": Gradiometer(**told), "map_error": MapError()}
+        )
+        trajectory = self.TRAJECTORY
+        scans, slope = self._slopes()
+        time = np.repeat(trajectory.time[scans], 5)
+        channel = np.tile(np.arange(5), len(scans))
+        latitude = trajectory.latitude[np.repeat(scans, 5)]
+        effect = tilt_effect(settings.gradiometer.components, latitude)
+        effect = effect[np.arange(len(channel)), channel]
+        apart = np.abs(time[:, None] - time)
+        whole = 1e-18 * np.kron(np.eye(len(scans)), self.NOISE)
+        whole += 4e-6 * effect @ effect.T * np.exp(-apart / 250.0)
+        walked = 16e-18 + 0.25e-18 * np.minimum(time[:, None], time)
+        whole += walked * (channel[:, None] == channel)
+        dense = np.linalg.inv(slope.T @ np.linalg.solve(whole, slope) + np.eye(2) / 300.0**2)
+        bound = posterior_cramer_rao(settings, trajectory, self.MAPS)
+        found = np.sqrt(np.trace(bound.covariance[-1]))
+        np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=2e-3)
+        joint = joint_bound(settings, trajectory, [self.MAPS])
+        np.testing.assert_allclose(joint.covariance, bound.covariance, rtol=1e-9)
+        # what each of them costs
+        for key in ("platform_tilt", "bias_eotvos", "bias_walk_eotvos"):
+            without = Gradiometer(**(told | {key: 0.0}))
+            less = settings.model_copy(update={"gradiometer": without})
+            other = posterior_cramer_rao(less, trajectory, self.MAPS).covariance[-1]
+            assert np.sqrt(np.trace(other)) < 0.995 * found, key
+
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the scans, and the readings' derivatives (5 scans, 2) by the position error."""
+        trajectory = self.TRAJECTORY
+        scans = np.arange(20, len(trajectory) + 1, 20)
+        latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
+        slopes = [one.value_and_gradient(latitude, longitude)[1:] for one in self.MAPS.channels]
+        return scans, np.array(slopes).transpose(2, 0, 1).reshape(-1, 2)

@@ -33,6 +33,7 @@ from isogal.evaluation.gravimeter_states import (
     SlowStates,
     effective_noise,
     effective_noise_variance,
+    gradiometer_states,
     slow_states,
 )
 from isogal.evaluation.ins_error_model import (
@@ -179,7 +180,7 @@ def readings_of(
         of_map, common = np.ones(len(maps)), np.ones(len(maps))
         noise = np.array([effective_noise_variance(scenario.gravimeter, maps[0].quantisation)])
     sensitivity[without_readings(scenario.gravimeter, trajectory, scans)] = np.nan
-    steps = MapSteps.none()
+    steps, turn = MapSteps.none(), np.eye(len(of_map))
     if (covariance := field.covariance(scenario)) is not None:
         rounding = np.array([one.quantisation for one in maps]) ** 2 / 12.0
         noise, turn = np.linalg.eigh(effective_noise(scenario.gravimeter, covariance, rounding))
@@ -189,6 +190,9 @@ def readings_of(
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
+    slow = slow._replace(of_channel=common[:, None] * slow.of_channel)
+    if field.name == "gradient":
+        slow = gradiometer_states(scenario.gradiometer, trajectory, scans, turn)
     slope = height_slope(scenario, trajectory, scans)
     # an array of its own, of one layout: the recursion is compiled once
     share = np.full(len(scans), 1.0 if map_share is None else map_share)

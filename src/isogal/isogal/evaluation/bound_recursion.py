@@ -36,7 +36,7 @@ class Readings(NamedTuple):
     map_variance: Array
     """(C,) of the map's error in each channel, in units of `map_error.sigma`²."""
     common: Array
-    """(C,) how much of bias, drift, slow errors and the navigator's height is in each channel."""
+    """(C,) how much of bias, drift and the navigator's height is in each channel."""
     map_steps: MapSteps
     """Of the map's errors where they do not go on independently in each channel."""
 
@@ -134,7 +134,7 @@ def riccati(  # type: ignore[no-untyped-def]
                 for i in range(STATES, m):
                     row[i] = aids.by_height[scan, i - STATES] * common[c]
                 for i in range(first, n - 2):
-                    row[i] = slow.share[scan, i - first] * common[c]
+                    row[i] = slow.share[scan, i - first] * slow.of_channel[c, i - first]
                 row[n - 3 if filtered else m + c] = map_share[scan]
                 row[n - 2] = common[c]
                 update(P, row, noise[c])

@@ -121,7 +121,9 @@ class _Field:
             by_height = self.aids.by_height[k]
             common = readings.common[channel]
             row[STATES : STATES + len(by_height)] = common * by_height
-            row[first + readings.map_states : end - 2] = common * readings.slow.share[k]
+            row[first + readings.map_states : end - 2] = (
+                readings.slow.of_channel[channel] * readings.slow.share[k]
+            )
             row[end - 3 if filtered else first + channel] = readings.map_share[k]
             row[end - 2] = common
             found.append((row, float(noise)))

@@ -8,7 +8,8 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.scenario import Gravimeter
+from isogal.scenario import Gradiometer, Gravimeter
+from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
 from isogal.sensors.gravimeter_errors import accelerations
 from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory
@@ -28,11 +29,17 @@ class SlowStates(NamedTuple):
     """Of the bias, map's unit per root second."""
     filter_time: float
     """s; 0 = there is no filter."""
+    of_channel: Array
+    """(C, E) what each channel has of each, beside `share`."""
+    growth: Array
+    """(E,) random walk of each, map's unit per root second."""
 
     @classmethod
     def none(cls, scans: int) -> "SlowStates":
         """Return those of a sensor with white noise."""
-        return cls(np.zeros(0), np.zeros(0), np.zeros((scans, 0)), 0.0, 0.0)
+        return cls(
+            np.zeros(0), np.zeros(0), np.zeros((scans, 0)), 0.0, 0.0, np.zeros((1, 0)), np.zeros(0)
+        )
 
 
 def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -> SlowStates:
@@ -72,6 +79,8 @@ def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -
         np.stack(share, axis=1) if share else np.zeros((len(index), 0)),
         settings.bias_walk,
         settings.filter_time,
+        np.ones((1, len(variance))),
+        np.zeros(len(variance)),
     )
 
 
@@ -85,6 +94,7 @@ def fill_slow(transition, half_noise, slow, map_error, dt):  # type: ignore[no-u
         keep = math.exp(-dt / slow.time[j - first])
         transition[j, j] = keep
         half_noise[j, j] = slow.variance[j - first] * (1.0 - keep**2) / (1.0 + keep**2)
+        half_noise[j, j] += 0.5 * dt * slow.growth[j - first] ** 2
     half_noise[n - 2, n - 2] = 0.5 * dt * slow.walk**2
     if slow.filter_time > 0.0:  # of the map's error
         keep = math.exp(-dt / slow.filter_time)
@@ -114,3 +124,38 @@ def effective_noise(gravimeter: Gravimeter, covariance: Array, rounding: Array) 
     share = gravimeter.outlier_fraction
     known = (1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)
     return np.asarray(np.linalg.inv((1.0 - gravimeter.missing_fraction) * known))
+
+
+def gradiometer_states(
+    settings: Gradiometer, trajectory: Trajectory, index: Integers, turn: Array
+) -> SlowStates:
+    """Return the slow states of a gradiometer, for channels that are its components turned by
+    (C, C), whose columns they are: its platform's tilt about north and about east, with what the
+    normal gradient makes of it in the middle of the route, and the components' offsets.
+
+    Parameters
+    ----------
+    index : (S,) array
+        Of each scan in the trajectory.
+    """
+    none = SlowStates.none(len(index))
+    variance, time, growth = [], [], []
+    parts = [np.zeros((len(turn), 0))]
+    if settings.platform_tilt > 0.0:
+        middle = trajectory.latitude[index[len(index) // 2]]
+        parts.append(turn.T @ tilt_effect(settings.components, middle))
+        variance += [settings.platform_tilt**2] * 2
+        time += [settings.platform_time] * 2
+        growth += [0.0] * 2
+    if settings.bias_eotvos > 0.0 or settings.bias_walk_eotvos > 0.0:
+        parts.append(turn.T)
+        variance += [(settings.bias_eotvos * EOTVOS) ** 2] * len(turn)
+        time += [np.inf] * len(turn)
+        growth += [settings.bias_walk_eotvos * EOTVOS] * len(turn)
+    return none._replace(
+        variance=np.array(variance),
+        time=np.array(time),
+        share=np.ones((len(index), len(variance))),
+        of_channel=np.ascontiguousarray(np.concatenate(parts, axis=1)),
+        growth=np.array(growth),
+    )

@@ -7,6 +7,7 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
 from isogal.sensors.gradiometer import GradientReduction, draw_noise, noise_covariance
+from isogal.sensors.gradiometer_errors import slow_errors
 
 _REACH = 20_000.0
 
@@ -32,5 +33,8 @@ GRADIENT = MeasuredField(
         source="disturbance",
         reach=_REACH,
         maps=_maps,
+        slow=lambda scenario, run, *where: slow_errors(
+            scenario.gradiometer, scenario.seed, run, *where
+        ),
     ),
 )

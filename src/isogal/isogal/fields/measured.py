@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal import plugins
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.reduction import Reduction
+from isogal.sensors.trajectory import Trajectory
 
 OF_ONE_NUMBER = (
     "sigma",
@@ -44,6 +45,9 @@ class Channels:
     """m of that map around a place that go into its values."""
     maps: Callable[[Scenario, FieldMap], ChannelMap]
     """Computes the channels' maps; raises InputError."""
+    slow: Callable[[Scenario, int, Trajectory, Integers, Array], Array] | None = None
+    """Returns what changes slowly (scans, C) of a run's errors, given scenario, run, trajectory,
+    the scans' index in it, and what a perfect instrument feels (scans, C); None = nothing does."""
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,12 @@ class ReadingSimulator:
             else channels.noise(scenario, run, len(i))
             for run in runs
         ]
+        if channels is not None and channels.slow is not None:
+            slow = [
+                channels.slow(scenario, run, trajectory, i, felt[row])
+                for row, run in enumerate(runs)
+            ]
+            felt = felt + np.stack(slow)
         felt = felt + np.stack(noise)
         if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]

@@ -10,7 +10,7 @@
     channels               batches of readings that are several numbers each
     expansion              readings with what else belongs to them: own field of a vehicle,
                            footprints of several beams
-    parameters             constants that are estimated along
+    parameters             constants, or what changes slowly, estimated along
     several                matchers of several fields as one
     joint_batches          from scans of several fields to batches with a common end
     usability              whether a batch can be used at all

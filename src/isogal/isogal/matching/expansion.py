@@ -16,6 +16,7 @@ from isogal.matching.parameters import Parameters
 from isogal.matching.registry import require
 from isogal.scenario import Gradiometer, Scenario
 from isogal.sensors.beams import PARTS
+from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
 
 _NOTHING = np.zeros(0)
 
@@ -45,8 +46,11 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     if scenario.measured_field == "magnetic" and scenario.magnetometer.online:
         require(scenario.matcher.name, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
-    if scenario.measured_field == "gradient" and scenario.gradiometer.of_one_potential:
-        return Tensor(scenario.gradiometer)
+    told = scenario.gradiometer
+    if scenario.measured_field == "gradient" and (told.of_one_potential or told.wanders):
+        if told.wanders:
+            require(scenario.matcher.name, "takes_parameters", "gradiometer.bias_eotvos ...")
+        return Tensor(told)
     altimeter = scenario.altimeter
     if scenario.measured_field == "terrain" and altimeter.sounds:
         require(scenario.matcher.name, "takes_parameters", "altimeter.beams, scale_sigma")
@@ -71,8 +75,39 @@ class Tensor:
         return reading, _NOTHING
 
     def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
-        """Return the batch with how the map errors of its channels go together."""
-        return replace(batch, of_one_potential=self._settings.of_one_potential)
+        """Return the batch with how the map errors of its channels go together, and with tilt and
+        offsets as parameters."""
+        told = self._settings
+        return replace(
+            batch,
+            of_one_potential=told.of_one_potential,
+            parameters=self._parameters(batch) if told.wanders else None,
+        )
+
+    def _parameters(self, batch: Batch) -> Parameters:
+        told, rows = self._settings, np.arange(len(batch))
+        channel = np.zeros_like(rows) if batch.channel is None else batch.channel
+        names, sigma, time, walk, columns = [], [], [], [], []
+        if told.platform_tilt > 0.0:
+            names += ["tilt_north", "tilt_east"]
+            sigma += [told.platform_tilt] * 2
+            time += [told.platform_time] * 2
+            walk += [0.0] * 2
+            columns.append(tilt_effect(told.components, batch.latitude)[rows, channel])
+        if told.bias_eotvos > 0.0 or told.bias_walk_eotvos > 0.0:
+            count = len(told.components)
+            names += [f"bias_{name}" for name in told.components]
+            sigma += [told.bias_eotvos * EOTVOS] * count
+            time += [np.inf] * count
+            walk += [told.bias_walk_eotvos * EOTVOS] * count
+            columns.append(np.eye(count)[channel])
+        return Parameters(
+            tuple(names),
+            np.array(sigma),
+            np.concatenate(columns, axis=1),
+            time=np.array(time),
+            walk=np.array(walk),
+        )
 
 
 class OwnField:

@@ -1,7 +1,8 @@
-"""Constants that are estimated along with the navigator's error: what a magnetic vehicle adds to
-its readings, a wrong speed of sound (docs/mathematics.md, section 9.5)."""
+"""Constants, or what changes slowly, that are estimated along with the navigator's error: what a
+magnetic vehicle adds to its readings, a wrong speed of sound, the tilt of a gradiometer's platform
+(docs/mathematics.md, section 9.5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from isogal.arrays import Array, Integers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
-    """C unknown constants theta ~ N(0, diag(sigma²)), and what they do to the T rows of a batch:
+    """C unknowns theta ~ N(0, diag(sigma²)), and what they do to the T rows of a batch:
     reading = map(place - position theta) + reading theta + ..."""
 
     names: tuple[str, ...]
@@ -23,6 +24,12 @@ class Parameters:
     """(T, 2, C) by how much the batch's place of a row is off (north, east; m) per unit of each;
     None = not at all."""
 
+    time: Array | None = None
+    """(C,) s, correlation time of those that are stationary Gauss-Markov processes of 1-sigma
+    `sigma`; inf = others. Only what moves no places may change; None = all are constants."""
+    walk: Array | None = None
+    """(C,) random walk, unit of each per root second."""
+
     @property
     def moves(self) -> Array:
         """`position`, or zeros."""
@@ -34,4 +41,4 @@ class Parameters:
     def part(self, rows: Integers) -> "Parameters":
         """Return the parameters of some rows."""
         position = None if self.position is None else self.position[rows]
-        return Parameters(self.names, self.sigma, self.reading[rows], position)
+        return replace(self, reading=self.reading[rows], position=position)

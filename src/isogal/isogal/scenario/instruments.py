@@ -245,6 +245,22 @@ class Gradiometer(Section):
             " sigma_eotvos"
         ),
     )
+    bias_eotvos: NonNegative = Field(
+        0.0, description="1-sigma of a constant offset of each component, E"
+    )
+    bias_walk_eotvos: NonNegative = Field(
+        0.0, description="random walk of each component's offset, E per root second"
+    )
+    platform_tilt: NonNegative = Field(
+        0.0,
+        le=0.1,
+        description=(
+            "1-sigma of the platform's tilt about north and about east, and of its azimuth, rad"
+        ),
+    )
+    platform_time: Positive = Field(
+        3600.0, description="s, correlation time of that tilt (first-order Gauss-Markov)"
+    )
     map_errors: Literal["independent", "one_potential"] = Field(
         "independent",
         description=(
@@ -252,6 +268,11 @@ class Gradiometer(Section):
             " of one potential, and sigmas and lengths of the map's error are those of dd"
         ),
     )
+
+    @property
+    def wanders(self) -> bool:
+        """Whether its readings contain what a matcher estimates along."""
+        return any((self.bias_eotvos, self.bias_walk_eotvos, self.platform_tilt))
 
     @property
     def of_one_potential(self) -> tuple[str, ...] | None:

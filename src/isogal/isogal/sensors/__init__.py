@@ -17,4 +17,5 @@ magnetometer    the anomaly of the total magnetic field
 altimeter       terrain height by the clearance above ground
 beams           an altimeter that has several beams
 gradiometer     components of the gravity gradient tensor
+gradiometer_errors  its tilted platform, components that drift
 """

@@ -7,9 +7,9 @@ the gradient of the disturbing potential, as in the maps. The normal gradient ch
 per kilometre of latitude and 0.001 E per metre of height, so the effect of the navigator's error
 on the reduction is neglected.
 
-The platform is assumed to be level and to point north, and the instrument to correct for the
-platform's own rotation (Jekeli 1988, The gravity gradiometer survey system, EOS 69). A platform
-tilted by 1e-4 rad would add 0.5 E to nd or ed."""
+The platform is to be level and to point north (how well: `gradiometer_errors`), and the instrument
+to correct for the platform's own rotation (Jekeli 1988, The gravity gradiometer survey system, EOS
+69)."""
 
 from collections.abc import Sequence
 
@@ -20,11 +20,8 @@ from isogal.arrays import Array
 from isogal.earth.gravity import normal_gradient
 from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Scenario
 from isogal.seeds import generator
+from isogal.sensors.gradiometer_errors import EOTVOS, places_in_tensor
 from isogal.sensors.reduction import State
-
-EOTVOS = 1e-9
-"""1/s² in 1 E."""
-_AXES = {"n": 0, "e": 1, "d": 2}
 
 
 def noise_covariance(settings: Gradiometer) -> Array:
@@ -57,8 +54,7 @@ class GradientReduction:
     """
 
     def __init__(self, components: Sequence[str] = TENSOR_COMPONENTS) -> None:
-        self._rows = [_AXES[name[0]] for name in components]
-        self._columns = [_AXES[name[1]] for name in components]
+        self._rows, self._columns = places_in_tensor(components)
 
     def _normal(self, at: State) -> Array:
         return normal_gradient(at.latitude, at.height)[..., self._rows, self._columns]

@@ -21,6 +21,7 @@ What the stages use:
     filtered               readings that are a mean over the path
     map_error              sigma and correlation length of the map error, learnt
     sensor_bias            bias, drift and other constants of the readings, learnt
+    wandering              what becomes of those that change from batch to batch
     delay                  readings that are later than told
     attitude               the attitude error that goes with position and velocity
     hypotheses             update of several hypotheses

@@ -6,6 +6,7 @@ docs/mathematics.md, sections 9.1 and 9.2.
 from dataclasses import replace
 
 from isogal.matching.pmht.map_error import differs
+from isogal.matching.pmht.prepare import without_bias
 from isogal.matching.pmht.state import State, rematch
 
 
@@ -29,6 +30,6 @@ def learn_from(state: State) -> State:
     state = replace(state, learnt=learnt)
     if not differs(before, model):
         return state
-    noise = model if state.bias is None else replace(model, bias_sigma=0.0)
+    noise = model if state.bias is None else without_bias(model, state.field_map)
     again = rematch(state, noise=noise)
     return state if again.posterior is None else again

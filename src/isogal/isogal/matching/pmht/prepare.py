@@ -36,7 +36,8 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
     batch = batch if bias is None else bias.added_to(batch)
     map_error = _map_error(batch, field_map, memory, settings)
     noise = settings.noise if map_error is None else map_error.model(settings.noise)
-    noise = noise if bias is None else replace(noise, bias_sigma=0.0)
+    if bias is not None:
+        noise = without_bias(noise, field_map)
     factor = memory.variance_factor.value if memory else 1.0
     likelihood = likelihood_of(batch, field_map, noise, prior, factor)
     state = State(
@@ -66,6 +67,11 @@ def without(batch: Batch, stamps: frozenset[float]) -> Batch:
     return replace(batch, reading=np.where(drop, np.nan, batch.reading))
 
 
+def without_bias(noise: NoiseModel, field_map: AnyMap) -> NoiseModel:
+    """Return a noise model without the bias that is estimated along: that of one channel."""
+    return noise if len(channels_of(field_map)) > 1 else replace(noise, bias_sigma=0.0)
+
+
 def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEstimate:
     """Return the prior of the readings' bias: as told, else that of who knows nothing."""
     sigma, drift = settings.noise.bias_sigma, settings.options.bias_drift_sigma
@@ -79,10 +85,14 @@ def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEst
 def _bias(
     batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings
 ) -> BiasEstimate | None:
-    """Return what is known of the readings' bias; that of several channels is in R instead."""
-    if len(channels_of(field_map)) > 1:
-        return None
+    """Return what is known of the readings' bias; that of several channels is in R instead, beside
+    their parameters."""
     estimate = memory.bias if memory else None
+    if len(channels_of(field_map)) > 1:
+        if estimate is None and batch.parameters is not None:
+            start = float(batch.time[0])
+            return BiasEstimate.unknown(start, 0.0, 0.0, parameters=batch.parameters)
+        return estimate
     known = memory is not None and memory.unbiased
     possible = settings.noise.bias_sigma > 0.0 or (
         settings.adaptive and not known and not _states_error(field_map)

@@ -13,7 +13,8 @@ likelihood integrates out (`batching`, `likelihood`): a Schmidt filter (Jazwinsk
 
 A bias that walks has grown by w sqrt(D) u3 at the end of a batch, D after the last one, of which
 a share t / D was there at time t; around this line the walk is a Brownian bridge of covariance w²
-(min(s, t) - s t / D), independent of u3, which joins the readings' noise.
+(min(s, t) - s t / D), independent of u3, which joins the readings' noise. Parameters that change
+are carried likewise (`wandering`).
 """
 
 import math
@@ -30,6 +31,7 @@ from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.taken import has_taken
+from isogal.matching.pmht.wandering import Walk, Wandering
 from isogal.matching.transitions import unconditioned
 
 _DELAY = "delay"
@@ -122,22 +124,30 @@ class BiasEstimate:
         end = float(batch.time[-1])
         forward = np.eye(len(self.mean))
         forward[0, 1] = end - self.time
+        wander = Wandering.of(batch.parameters, self.time, end)
+        if wander is not None:
+            each = np.arange(len(self.mean) - len(wander.kept), len(self.mean))
+            forward[each, each] = wander.kept
         own = forward @ _root(self.covariance)
         mean, gain = forward @ self.mean, forward @ self.gain
         last = float(batch.time[-1 - batch.new]) if batch.new < len(batch) else math.nan
         back, drift = batch.back(end - self.time)
-        walk = _Walk(self.time, end, batch.bias_walk)
+        walk = Walk(self.time, end, batch.bias_walk)
         states = gain.shape[1]
         back, drift = back[:states], drift[:states]
         if self._taken(last, back[:4] @ batch.prior @ back[:4].T + drift[:4] @ drift[:4].T):
             both = gain @ back, gain @ drift
-            return LinearBias(end, mean, *both, walk.added(own), walk, self.names)
+            return LinearBias(
+                end, mean, *both, _changed(own, walk, wander), walk, self.names, wander
+            )
         # a batch is missing, or another correction was made than was published: how the errors go
         # together is not known any more
         before = np.zeros((states, states)) if self.error is None else self.error
         own = _root(own @ own.T + gain @ before @ gain.T)
         nothing = np.zeros((len(mean), 4)), np.zeros((len(mean), drift.shape[1]))
-        return LinearBias(end, mean, *nothing, walk.added(own), walk, self.names)
+        return LinearBias(
+            end, mean, *nothing, _changed(own, walk, wander), walk, self.names, wander
+        )
 
     def _taken(self, last: float, then: Array) -> bool:
         if not self.gain.any() or abs(last - self.time) > 1e-6:
@@ -158,38 +168,6 @@ class BiasEstimate:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class _Walk:
-    """Of the bias, from the last batch's end to this one's (s)."""
-
-    start: float
-    end: float
-    density: float
-    """Map's unit per root second."""
-
-    @property
-    def walks(self) -> bool:
-        return self.density > 0.0 and self.end > self.start
-
-    def added(self, own: Array) -> Array:
-        """Return the columns of theta's own noise (k, k) with that of the walk, if it walks."""
-        if not self.walks:
-            return own
-        column = np.zeros(len(own))
-        column[0] = self.density * math.sqrt(self.end - self.start)
-        return np.column_stack([own, column])
-
-    def share(self, time: Array) -> Array:
-        """Return how much of the walk was there at times, 0 to 1."""
-        return np.clip((time - self.start) / (self.end - self.start), 0.0, 1.0)
-
-    def bridge(self, time: Array) -> Array:
-        """Return (T, T) the covariance of the rest at times."""
-        share = self.share(time)
-        rest = np.minimum(share[:, None], share) - share[:, None] * share
-        return self.density**2 * (self.end - self.start) * rest
-
-
 def _log_zero(
     mean: Array, covariance: Array, prior: tuple[float, float], which: Integers
 ) -> float:
@@ -208,7 +186,7 @@ def _log_zero(
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearBias:
     """theta at a batch's end: mean + by_error xi + by_nuisance d + own u, with d the navigator's
-    drift and u ~ N(0, 1) (k,), or (k + 1,) with a walk.
+    drift and u ~ N(0, 1) (k,), one more with a walk, and one for each parameter that changes.
     """
 
     time: float
@@ -219,9 +197,10 @@ class LinearBias:
     by_nuisance: Array
     """(k, M)."""
     own: Array
-    """(k, k) or (k, k + 1)."""
-    walk: _Walk
+    """(k, k) or with more columns."""
+    walk: Walk
     names: tuple[str, ...]
+    wander: Wandering | None = None
 
     def added_to(self, batch: Batch) -> Batch:
         """Return the batch whose readings are known to contain bias and drift, and to be late; u
@@ -236,14 +215,21 @@ class LinearBias:
             moves[:, :, 2] = batch.velocity
         if batch.parameters is not None:
             count = len(batch.parameters.sigma)
-            shares = np.column_stack([shares, batch.parameters.reading])
+            carried = 1.0 if self.wander is None else self.wander.carried(batch.time)
+            shares = np.column_stack([shares, batch.parameters.reading * carried])
             moves[:, :, -count:] = batch.parameters.moves
             batch = _moved(batch, moves[:, :, -count:] @ self.mean[-count:])
         own, covariance = shares @ self.own, batch.reading_covariance
         if self.walk.walks:
-            own[:, -1] *= self.walk.share(batch.time)
+            own[:, len(self.mean)] *= self.walk.share(batch.time)
             white = np.diag(batch.sigma**2) if covariance is None else covariance
             covariance = white + self.walk.bridge(batch.time)
+        if self.wander is not None and batch.parameters is not None:
+            reading, which = batch.parameters.reading, self.wander.which
+            arrived = reading[:, which] * self.wander.arrived(batch.time)
+            own[:, -len(which) :] = arrived * self.wander.fresh
+            white = np.diag(batch.sigma**2) if covariance is None else covariance
+            covariance = white + self.wander.bridge(batch.time, reading)
         by_nuisance = batch.nuisance_position + moves @ self.by_nuisance
         return replace(
             batch,
@@ -299,6 +285,17 @@ class LinearBias:
             covariance,
             self.names,
         )
+
+
+def _changed(own: Array, walk: Walk, wander: Wandering | None) -> Array:
+    """Return the columns of theta's own noise with those of what walks or changes."""
+    own = walk.added(own)
+    if wander is None:
+        return own
+    columns = np.zeros((len(own), len(wander.which)))
+    first = len(own) - len(wander.sigma)
+    columns[first + wander.which, np.arange(len(wander.which))] = wander.fresh
+    return np.column_stack([own, columns])
 
 
 def _moved(batch: Batch, off: Array) -> Batch:
