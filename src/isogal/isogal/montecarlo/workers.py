@@ -1,5 +1,5 @@
-"""Workers on this machine, one process each, started as new interpreters (spawn). If one dies,
-another takes its place and its chunk.
+"""Workers on this machine, one process each, forked from one new interpreter that has imported what
+they need (forkserver). If one dies, another takes its place and its chunk.
 
 Python's own pools give up when a worker is killed, and do not say which task it had; here the
 parent holds a pipe to each worker. A script that computes by workers needs the guard ``if __name__
@@ -15,7 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess
 from typing import Any
 
 from isogal.errors import InputError
@@ -81,14 +81,15 @@ def serve(connection: Connection) -> None:
 
 @dataclass(slots=True, eq=False)
 class _Worker:
-    process: SpawnProcess
+    process: ForkServerProcess
     connection: Connection
     chunk: Chunk | None = None
     maps: set[str] = field(default_factory=set)
 
     @classmethod
     def start(cls) -> "_Worker":
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["__main__", __name__])
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs,), daemon=True, name="isogal-worker")
         with _one_thread(), _interrupts_blocked():
