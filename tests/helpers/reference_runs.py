@@ -6,7 +6,7 @@ have changed none.
     python -m helpers.reference_runs compare FILE.npz    the largest difference of each case, m
     python -m helpers.reference_runs keep                tests/regression/results.json, for a test
 
-An hour of one run each, of graphs twenty minutes, on maps that are made up here. What is
+An hour of one run each, of graphs ten minutes, on maps that are made up here. What is
 compared: the navigator's error and its 1-sigma at every scan, the fixes, their errors and
 1-sigmas; m."""
 
@@ -167,8 +167,8 @@ def _track(
     }
 
 
-def _graph(*changes: str, synthetic: bool = False, seconds: float = 1200.0) -> Results:
-    """Return those of four batches: what more batches do, the engine's cases say."""
+def _graph(*changes: str, synthetic: bool = False, seconds: float = 620.0) -> Results:
+    """Return those of two batches: what more batches do, the engine's cases say."""
     from helpers.node_bench import run_here
     from helpers.recordings import record
 
