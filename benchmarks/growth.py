@@ -25,6 +25,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,7 @@ def measure(name: str, size: int, folder: Path) -> dict[str, float]:
         given = Case("growth", scenario, runs, field_map)
         with LiveProgress("growth") as display, tempfile.TemporaryDirectory() as kept:
             compute_cases([given], Store(Path(kept)), Backend(workers=size), display)
+        forkserver._forkserver._stop()  # of which the workers' CPU time is known once it has ended
     else:
         simulate(scenario, range(runs), map_for_scenario(scenario, build_trajectory(scenario)))
     below = resource.getrusage(resource.RUSAGE_CHILDREN)

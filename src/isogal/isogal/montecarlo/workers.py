@@ -1,4 +1,4 @@
-"""Workers on this machine, one process each, forked from one new interpreter that has imported what
+"""Workers on this machine, one process each, forked from one new interpreter that has imported all
 they need (forkserver). If one dies, another takes its place and its chunk.
 
 Python's own pools give up when a worker is killed, and do not say which task it had; here the
