@@ -1,6 +1,7 @@
 """From a list of points (longitude, latitude, value) that lie on a grid to the grid."""
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -86,12 +87,16 @@ def numbers(lines: Any, columns: int, where: str, delimiter: str | None = None) 
         Something is not a number, or lines differ in length; names the line where NumPy does.
     """
     try:
-        table = np.loadtxt(
-            lines, dtype=np.float64, delimiter=delimiter, ndmin=2, comments=("#", ">")
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file without numbers
+            table = np.loadtxt(
+                lines, dtype=np.float64, delimiter=delimiter, ndmin=2, comments=("#", ">")
+            )
     except (ValueError, UnicodeDecodeError, OverflowError) as error:
         reason = str(error).splitlines()[0].partition("; use")[0][:200]
         raise InputError(f"{where}: not a table of numbers, or cut short: {reason}") from None
+    if not table.size:
+        raise InputError(f"{where}: holds no numbers")
     if table.shape[1] != columns:
         raise InputError(f"{where}: has {table.shape[1]} columns of numbers, not {columns}")
     return table
