@@ -97,8 +97,18 @@ def terrain(shared_data: Path) -> Scenario:
 
 @pytest.fixture(scope="session")
 def gradient(scenario: Callable[..., Scenario]) -> Scenario:
-    """Six minutes with a gradiometer over the small map."""
-    return scenario(*GRADIENT)
+    """Six minutes with a gradiometer that is not level and drifts, over the small map, which is
+    wrong as one potential is."""
+    return scenario(
+        *GRADIENT,
+        "map_error.sigma=2e-9",
+        "matcher.map_sigma=2e-9",
+        "gradiometer.map_errors=one_potential",
+        "gradiometer.platform_tilt=1e-3",
+        "gradiometer.platform_time=300",
+        "gradiometer.bias_eotvos=2",
+        "truth.gradiometer.bias_walk_eotvos=0.05",
+    )
 
 
 @pytest.fixture(scope="session")
