@@ -36,20 +36,22 @@ BASE = (
     "matcher.map_correlation_length=1000",
 )
 POTENTIAL = ("map_errors=one_potential",)
-TILT = ("platform_tilt=1e-3", "platform_time=3600")
-FIXED = ("platform_tilt=1e-3", "platform_time=1e9")
+TILT = ("platform_tilt=5e-3", "platform_time=3600")
+LESS = ("platform_tilt=1e-3", "platform_time=3600")
+FIXED = ("platform_tilt=5e-3", "platform_time=1e9")
 FAST = ("platform_tilt=1e-3", "platform_time=200")
 OFFSET = ("bias_eotvos=5",)
 WALK = ("bias_walk_eotvos=0.1",)
 CASES = {
     "nothing more": ((), ()),
     "map errors of one potential": (POTENTIAL, ()),
-    "platform tilted by 1 mrad, for good": (FIXED, POTENTIAL),
-    "the same, over an hour": (TILT, POTENTIAL),
+    "platform tilted by 1 mrad, over an hour": (LESS, POTENTIAL),
     "the same, over 200 s": (FAST, POTENTIAL),
+    "platform tilted by 5 mrad, for good": (FIXED, POTENTIAL),
+    "the same, over an hour": (TILT, POTENTIAL),
     "offsets of 5 E": (OFFSET, POTENTIAL),
     "offsets that walk, 6 E in an hour": (WALK, POTENTIAL),
-    "all: tilt over an hour, offsets, walk": ((*TILT, *OFFSET, *WALK), POTENTIAL),
+    "all, and 1 mrad over an hour": ((*LESS, *OFFSET, *WALK), POTENTIAL),
 }
 """Keys of the gradiometer that are told or not, and keys that are told in any case."""
 _SETTLED = 1800.0

@@ -7,7 +7,10 @@ import pytest
 
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.gradients import tensor_maps
-from isogal.maps.tensor_error import displacements, tensor_covariance
+from isogal.maps.tensor_error import (
+    displacements,
+    tensor_covariance,
+)
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.channels import channel_batch, first_channel
 from isogal.matching.expansion import expansion_of
@@ -33,12 +36,8 @@ def batch_of(readings=None):
 
 
 def shape_of(batch, rows, length):
-    return tensor_covariance(
-        COMPONENTS,
-        batch.channel[rows],
-        displacements(batch.latitude[rows], batch.longitude[rows]),
-        length,
-    )
+    apart = displacements(batch.latitude[rows], batch.longitude[rows])
+    return tensor_covariance(COMPONENTS, batch.channel[rows], apart, length)
 
 
 def test_the_likelihood_has_the_covariance_of_one_potential():
@@ -68,6 +67,10 @@ def test_what_the_maps_say_of_themselves_is_of_each_channel():
     found = BatchLikelihood.of(batch, type(MAPS)(told), NoiseModel()).covariance
     shape = shape_of(batch, np.arange(len(batch)), 600.0)
     scale = np.tile(sigma, SCANS) / np.sqrt(np.diag(shape))
+    apart = displacements(batch.latitude, batch.longitude)
+    alone = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / 600.0) * np.diag(shape)
+    # 15 % of the variance is each channel's own
+    shape = 0.85 * shape + 0.15 * alone * (batch.channel[:, None] == batch.channel)
     expected = np.outer(scale, scale) * shape + EOTVOS**2 * np.eye(len(batch))
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * EOTVOS**2)
 

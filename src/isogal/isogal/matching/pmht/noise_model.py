@@ -13,10 +13,15 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import displacements, shares, tensor_covariance
+from isogal.maps.tensor_error import (
+    displacements,
+    shares,
+    tensor_covariance,
+)
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import FilterPath
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.quasi_random import standard_normal
 
 
@@ -66,7 +71,13 @@ def batch_covariance(
     )
     if tensor is not None and map_sigma.any():
         of_dd = tensor_sigmas(tensor, channel, noise.map_sigma, own_sigma)
-        covariance += tensor_map_covariance(tensor, channel, latitude, longitude, of_dd, lengths)
+        apart = displacements(latitude, longitude)
+        shape = tensor_covariance(tensor, channel, apart, float(np.mean(lengths)))
+        if (of_dd > noise.map_sigma).any():
+            alone = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / np.mean(lengths))
+            alone *= shares(tensor)[channel] * (channel[:, None] == channel)
+            shape = CONSTANTS.of_one_potential * shape + (1.0 - CONSTANTS.of_one_potential) * alone
+        covariance += of_dd[:, None] * of_dd * shape
     if batch.reading_covariance is not None:
         covariance += batch.reading_covariance[np.ix_(rows, rows)] - np.diag(sensor)
     return covariance
@@ -86,7 +97,7 @@ def residual_covariance(
     rad, the rest in the map's unit and m.
 
     Map errors and biases of different channels (T,) are independent (but see
-    `tensor_map_covariance`); a correlation length (T, 1)
+    `batch_covariance`); a correlation length (T, 1)
     is the same for all rows of a channel, one that differs from place to place is (T,). Map errors
     of readings that are a mean over a path are means over it as well.
     """
@@ -96,30 +107,6 @@ def residual_covariance(
         shape = map_correlation(distances(latitude, longitude), correlation_length, filter_path)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
-
-
-def tensor_map_covariance(
-    components: Sequence[str],
-    channel: Integers,
-    latitude: Array,
-    longitude: Array,
-    map_sigma: Array,
-    length: float | Array,
-) -> Array:
-    """Return (T, T) the covariance of map errors that come from one wrong potential.
-
-    Parameters
-    ----------
-    components : sequence of str
-        Of the gravity gradient tensor, one for each channel.
-    map_sigma : (T,) array
-        1-sigma of T_dd's error, in units of which the others' is.
-    length : float or array
-        As of `correlation_lengths`; of different lengths the mean.
-    """
-    apart = displacements(latitude, longitude)
-    shape = tensor_covariance(components, channel, apart, float(np.mean(length)))
-    return map_sigma[:, None] * map_sigma * shape
 
 
 def tensor_sigmas(components: Sequence[str], channel: Integers, told: float, own: Array) -> Array:
