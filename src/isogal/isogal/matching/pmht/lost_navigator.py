@@ -25,7 +25,7 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.information import replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
 from isogal.matching.matrices import positive_part
-from isogal.matching.monitoring import Monitor, Monitored
+from isogal.matching.monitoring import Insight, Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look, look_elsewhere
@@ -112,7 +112,7 @@ class LostNavigatorMonitor(Monitor):
         seen, look_at = watch.seen + batch.new, watch.look_at
         if search is not None:
             search = replace(search, waiting=(*search.waiting, past))
-        elif doubt > watch.threshold:
+        elif doubt > watch.threshold and not _looked_for(insight, batch):
             search = _Search(waiting=history)
         if seen >= look_at:
             look = self._look(history, after)
@@ -224,6 +224,12 @@ class LostNavigatorMonitor(Monitor):
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
+
+
+def _looked_for(insight: Insight, batch: Batch) -> bool:
+    """Whether looks find a lost navigator: where nobody has told the map's error, few readings
+    doubt it by chance, and a poor map then fits better somewhere else."""
+    return insight.map_error_prior is not None and batch.channel is None
 
 
 def _looked(
