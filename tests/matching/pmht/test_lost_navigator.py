@@ -16,6 +16,7 @@ from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
+from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import posterior_of, seen_from, without_fixes
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
@@ -154,6 +155,29 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
     mean = np.linalg.solve(np.linalg.inv(widened) + told.matrix, told.vector)
     # the navigator's estimate less its mean error is the lone one's less what was found
     np.testing.assert_allclose(mean[:2], (before + FOUND)[:2], atol=5.0)
+
+
+class Untold(Scripted):
+    """Nobody has told it the map's error."""
+
+    def insight(self, memory):
+        return replace(super().insight(memory), map_error_prior=PRIOR)
+
+
+PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
+
+
+@pytest.mark.parametrize(("script", "searched"), [(Scripted(sure=9), True), (Untold(9), False)])
+def test_doubt_begins_a_search_only_where_the_maps_error_is_told(script, searched):
+    matcher, memory = LostNavigatorMonitor(script), None
+    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
+    for t in range(90):
+        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
+        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
+        if made.ready:
+            batch = made.build(random_covariance(SIGMA, 0))
+            _, memory = matcher.match(batch, None, memory)
+    assert bool(script.seen_lost) == searched
 
 
 @pytest.fixture(scope="module")
