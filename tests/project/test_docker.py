@@ -115,6 +115,11 @@ def test_entrypoint_is_valid_shell() -> None:
     subprocess.run(["bash", "-n", DOCKER / "entrypoint.sh"], check=True, timeout=30)
 
 
+def own_words(output: str) -> str:
+    """Output without what the middleware says of its shared memory, which others use, too."""
+    return "".join(line for line in output.splitlines(True) if "RTPS_TRANSPORT" not in line)
+
+
 @pytest.mark.ros
 def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rclpy = pytest.importorskip("rclpy")
@@ -150,7 +155,7 @@ def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.Mon
                 publisher.publish(DiagnosticArray(status=statuses))
                 time.sleep(0.1)
             results = {
-                arguments: (check.wait(), check.communicate()[0])
+                arguments: (check.wait(), own_words(check.communicate()[0]))
                 for arguments, check in checks.items()
             }
         finally:
