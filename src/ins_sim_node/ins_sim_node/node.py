@@ -75,7 +75,7 @@ class InsSimNode(GraphNode):
     def close(self, timeout: float = 1.0) -> None:
         """Forget the checkpoint only now: a successor must not begin the route again."""
         super().close(timeout)
-        if self.finished and self.exit_code == 0:
+        if self.step >= len(self.vehicle):
             self._survival.forget()
 
     def _watch(self) -> None:

@@ -57,6 +57,16 @@ def test_killed_after_the_last_step_it_does_not_begin_again(scenario, tmp_path) 
         assert not made.heard["/clock"]
 
 
+def test_arrived_it_leaves_no_checkpoint_even_where_it_stays(scenario, tmp_path) -> None:
+    own = {"rate": 200.0, "lock_step": False, "exit_at_end": False}
+    with bench(
+        topics.INS_SIM, scenario("route.duration=20.0"), **own, checkpoint=str(tmp_path / "c")
+    ) as made:
+        made.wait(lambda: made.node.health.message == "finished")
+        made.node.close()
+        assert not list((tmp_path / "c").iterdir())
+
+
 def test_rate_may_change(scenario) -> None:
     with bench(
         topics.INS_SIM, scenario("route.duration=30.0"), rate=0.01, lock_step=False
