@@ -11,7 +11,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import update_linear
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
-from isogal.inertial.rotations import matrix
+from isogal.inertial.rotations import cross_matrix, matrix
 from isogal.scenario import Velocity
 
 _GATE = (37.3, 41.4, 44.8)
@@ -148,10 +148,10 @@ def velocity_reading(
     mounting = np.array([0.0, values.get(names.PITCH, 0.0), values.get(names.YAW, 0.0)])
     factor = 1.0 + values.get(names.SCALE, 0.0)
     turned = body + np.cross(body, mounting)
-    by_body = factor * (np.eye(3) - _cross(mounting))
+    by_body = factor * (np.eye(3) - cross_matrix(mounting))
     by_past = by_body @ rotation.T
     H = np.zeros((3, model.states))
-    H[:, 3:6], H[:, 6:9] = by_past, by_past @ _cross(past)
+    H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
     columns = {
         names.SCALE: turned,
         names.PITCH: factor * np.cross(body, [0.0, 1.0, 0.0]),
@@ -163,8 +163,3 @@ def velocity_reading(
         if one.name in columns:
             H[:, FILTER_STATES + j] = columns[one.name]
     return H, factor * turned
-
-
-def _cross(a: Array) -> Array:
-    """Return the matrix (3, 3) of a x."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

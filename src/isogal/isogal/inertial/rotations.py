@@ -108,6 +108,14 @@ def matrix(quaternion: ArrayLike) -> Array:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def cross_matrix(vector: ArrayLike) -> Array:
+    """Return the matrix (..., 3, 3) of the vector product with vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
 def from_heading(heading: ArrayLike) -> Array:
     """Return level attitude (..., 4) with the given heading (rad, clockwise from north)."""
     half = 0.5 * np.asarray(heading, float)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Integers
 from isogal.earth.gravity import normal_gradient
+from isogal.inertial.rotations import cross_matrix, from_rotation_vector, matrix
 from isogal.scenario import Gradiometer
 from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import gauss_markov
@@ -61,12 +62,9 @@ def slow_errors(
 
 def tilted(tensor: Array, tilt: Array) -> Array:
     """Return the tensor (..., 3, 3) in axes that are turned by rotation vectors (..., 3), rad."""
-    angle = np.sqrt((tilt**2).sum(axis=-1))[..., None, None]
-    cross = _cross(tilt)
-    safe = np.where(angle > 0.0, angle, 1.0)
-    # of a vector's components from the level axes to the turned ones (Rodrigues)
-    turn = np.eye(3) - np.sinc(angle / np.pi) * cross
-    turn = turn + np.where(angle > 0.0, (1.0 - np.cos(angle)) / safe**2, 0.5) * cross @ cross
+    # of a vector's components from the level axes to the turned ones
+    back = [from_rotation_vector(*one) for one in -tilt.reshape(-1, 3)]
+    turn = matrix(np.reshape(back, (*tilt.shape[:-1], 4)))
     return np.asarray(turn @ tensor @ turn.swapaxes(-1, -2))
 
 
@@ -75,18 +73,10 @@ def tilt_effect(components: Sequence[str], latitude: ArrayLike) -> Array:
     east, 1/s²: to first order, of the normal gradient alone, of which the field's own is at most a
     few per cent."""
     normal = normal_gradient(latitude)[..., None, :, :]
-    cross = _cross(np.eye(3)[:2])
+    cross = cross_matrix(np.eye(3)[:2])
     change = normal @ cross - cross @ normal
     rows, columns = places_in_tensor(components)
     return np.asarray(np.moveaxis(change[..., rows, columns], -2, -1))
-
-
-def _cross(vector: Array) -> Array:
-    """Return (..., 3, 3) the matrix of the vector product with vectors (..., 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _whole(components: Sequence[str], felt: Array, normal: Array) -> Array:
