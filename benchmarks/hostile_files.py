@@ -1,6 +1,6 @@
 """Mutated maps, tracks, recordings, scenarios and checkpoints: what is neither read nor refused.
 
-    .venv/bin/python benchmarks/hostile_files.py [--files 100000]
+    .venv/bin/python benchmarks/hostile_files.py [--files 100000] [--only bag.mcap] [--seed 7]
 
 Files are read in processes with a limit of memory; one that ends a process, takes longer than
 TIMEOUT, needs more memory or raises anything but InputError is kept in --out."""
@@ -48,7 +48,9 @@ def _late(_number: int, _frame: FrameType | None) -> None:
     raise TimeoutError(f"longer than {TIMEOUT} s")
 
 
-def read_some(name: str, valid: bytes, first: int, count: int, out: str) -> dict[str, int]:
+def read_some(
+    name: str, valid: bytes, seed: int, first: int, count: int, out: str
+) -> dict[str, int]:
     """Read mutated files of one kind; return how often each thing became of them."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.signal(signal.SIGALRM, _late)
@@ -56,7 +58,7 @@ def read_some(name: str, valid: bytes, first: int, count: int, out: str) -> dict
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         for k in range(first, first + count):
-            data = mutated(valid, generator(6, k, f"hostile file: {name}"))
+            data = mutated(valid, generator(seed, k, f"hostile file: {name}"))
             path.write_bytes(data)
             signal.alarm(TIMEOUT)
             try:
@@ -78,11 +80,16 @@ def main() -> None:
     )
     parser.add_argument("--files", type=int, default=100_000, help="of all kinds together")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--only", action="append", choices=list(READERS), help="of these kinds")
+    parser.add_argument("--seed", type=int, default=6, help="another one changes them otherwise")
     parser.add_argument("--out", type=Path, default=Path("out/hostile"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         valid = valid_files(Path(folder), small_map())
+    seed, out = options.seed, str(options.out)
+    if options.only:
+        valid = {name: valid[name] for name in options.only}
     results: dict[str, Counter[str]] = {name: Counter() for name in valid}
     each = -(-options.files // len(valid))
     for name, data in valid.items():
@@ -90,7 +97,7 @@ def main() -> None:
             with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
                 starts = range(first, min(first + CHUNK * options.workers, each), CHUNK)
                 calls = [
-                    pool.submit(read_some, name, data, k, min(CHUNK, each - k), str(options.out))
+                    pool.submit(read_some, name, data, seed, k, min(CHUNK, each - k), out)
                     for k in starts
                 ]
                 for k, call in zip(starts, calls, strict=True):

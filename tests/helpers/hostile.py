@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from helpers.bags import drive, write_bag
 from isogal import checkpoints
 from isogal.checkpoints import Saved
+from isogal.magnetics.compensation import Compensation, read_compensation
+from isogal.magnetics.terms import COUNT
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
+from isogal.scenario.imu_grades import parse as parse_grades
 from isogal.tracks.csv_file import read_csv_tracks
+from isogal.tracks.recording import read_recording
 
 PIECES = (
     b"nan", b"-inf", b"1e999", b"-1", b"99999999999", b"0", b",", b"\n", b"\x00", b"\xff\xff\xff",
@@ -61,6 +66,10 @@ def _bag(path: Path) -> None:
         pass
 
 
+def _grades(path: Path) -> None:
+    parse_grades(path.read_text(encoding="utf-8", errors="replace"), str(path))
+
+
 READERS: dict[str, Callable[[Path], object]] = {
     "scenario.yaml": load_scenario,
     "track.csv": read_csv_tracks,
@@ -68,6 +77,9 @@ READERS: dict[str, Callable[[Path], object]] = {
     "map.xyz": _points_of,
     "state.checkpoint": lambda path: checkpoints.load(path, "x", ("isogal",)),
     "bag.mcap": _bag,
+    "flight.mcap": read_recording,
+    "grades.yaml": _grades,
+    "compensation.yaml": read_compensation,
 }
 """Reads a file of that name; may raise InputError and nothing else."""
 
@@ -84,6 +96,10 @@ def valid_files(folder: Path, field_map: FieldMap) -> dict[str, bytes]:
         f"{145 + 0.1 * i:.1f} {-37 + 0.1 * j:.1f} {i * j}" for j in range(5) for i in range(6)
     ]
     (folder / "map.xyz").write_text("\n".join(points) + "\n")
+    grade = {"gyroscope": {"bias": "7deg/h"}, "accelerometer": {"bias": ["1ug", 2e-5, 0.0]}}
+    (folder / "grades.yaml").write_text(yaml.safe_dump({"mine": grade}))
+    Compensation(0.1 * np.arange(COUNT)).write(folder / "compensation.yaml")
+    write_bag(folder / "flight.mcap", *drive(10))
     checkpoints.save(folder / "state.checkpoint", "x", Saved(5, {"a": np.arange(9.0)}))
     if importlib.util.find_spec("rclpy") is not None:
         _write_bag(folder)

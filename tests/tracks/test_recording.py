@@ -110,6 +110,20 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
     assert sizes[2] == 40  # the summary at the end is not needed
 
 
+def test_a_chunk_with_a_size_that_cannot_be_ends_the_reading(tmp_path):
+    file = write_bag(tmp_path / "b.mcap", *drive(40), chunk_size=1000)
+    data = bytearray(file.read_bytes())
+    place, chunks = 8, []
+    while place < len(data) - 8:
+        if data[place] == 6:
+            chunks.append(place)
+        place += 9 + int.from_bytes(data[place + 1 : place + 9], "little")
+    # of a chunk: times 8 + 8, its size unpacked 8, checksum 4, "zstd" 4 + 4, size 8
+    data[chunks[3] + 9 + 36 : chunks[3] + 9 + 44] = b"\xff" * 8
+    file.write_bytes(data)
+    assert 3 <= read_recording(file).time.size < 40
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -1,5 +1,6 @@
 """Bags are read whole or up to a cut, and what is no bag is refused."""
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,60 @@ def test_damage_in_the_middle_is_noticed(tmp_path) -> None:
     assert found == messages[: len(found)]
     assert 0 < len(found) < 4000
     assert reader.cut
+
+
+CHUNK_OPCODE = 6
+
+
+def _place_of_chunk(data: bytes) -> int:
+    """Where the first chunk's record begins."""
+    place = 8
+    while data[place] != CHUNK_OPCODE:
+        place += 9 + struct.unpack_from("<Q", data, place + 1)[0]
+    return place
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        # of a chunk: times 8 + 8, its size unpacked 8, checksum 4, "zstd" 4 + 4, size 8
+        (16, 2**40),
+        (16, 2**64 - 1),
+        (36, 2**64 - 1),
+    ],
+)
+def test_a_size_that_cannot_be_is_damage(tmp_path, field, value) -> None:
+    write(tmp_path / "bag")
+    path = tmp_path / "bag" / "bag_0.mcap"
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, _place_of_chunk(data) + 9 + field, value)
+    path.write_bytes(data)
+    reader = BagReader(tmp_path / "bag")
+    assert list(reader.messages()) == []
+    assert "the file is damaged ahead of byte" in str(reader.cut)
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_may_is_not_unpacked(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("isogal.mcap_damage.LARGEST_CHUNK", 10_000)
+    write(tmp_path / "bag")
+    path = tmp_path / "bag" / "bag_0.mcap"
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, _place_of_chunk(data) + 9 + 16, 1)  # the frame says otherwise
+    path.write_bytes(data)
+    reader = BagReader(tmp_path / "bag")
+    assert list(reader.messages()) == []
+    assert "ValueError" in str(reader.cut)
+
+
+def test_a_scenario_that_is_no_yaml_is_refused_in_one_line(tmp_path) -> None:
+    write(tmp_path / "bag")
+    path = tmp_path / "bag" / "bag_0.mcap"
+    data = path.read_bytes()
+    assert data.count(b"seed: 3") == 1
+    path.write_bytes(data.replace(b"seed: 3", b"seed: \x00"))
+    with pytest.raises(InputError, match="bag: scenario: not valid YAML: special") as caught:
+        BagReader(tmp_path / "bag").scenario()
+    assert "\n" not in str(caught.value)
 
 
 def test_bad_bags(tmp_path) -> None:

@@ -74,7 +74,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"respawn": "2"}, "respawn: must be true or false"),
         ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
         ({"bag": "EXISTS"}, "there is something already"),
-        ({"params": "BROKEN"}, "not YAML"),
+        ({"params": "BROKEN"}, "not valid YAML"),
         ({"params": "UNKNOWN"}, "did you mean 'route.speed'"),
         ({"params": "LIST"}, "must map names of nodes"),
         ({"vehicle": "toy"}, "vehicle: must be simulated, real, not 'toy'"),

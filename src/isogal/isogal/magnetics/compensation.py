@@ -11,6 +11,7 @@ from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.magnetics.readings import Readings
 from isogal.magnetics.terms import COUNT, EDDY, INDUCED, PERMANENT, SCALE, terms
+from isogal.yaml_text import parse_yaml
 
 VERSION = 1
 """Of the file."""
@@ -96,18 +97,13 @@ def read_compensation(path: str | Path) -> Compensation:
     InputError
         The file cannot be read, is of another kind or version, or holds what cannot be.
     """
-    import yaml
-
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file (UTF-8)") from None
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise InputError(f"{path}: is not YAML") from None
+    document = parse_yaml(text, str(path))
     if not isinstance(document, dict) or _KEY not in document:
         raise InputError(f"{path}: holds no compensation; it must begin with '{_KEY}: {VERSION}'")
     return _compensation(document, str(path))

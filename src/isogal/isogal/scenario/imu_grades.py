@@ -5,11 +5,11 @@ from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 
-import yaml
 from pydantic import ValidationError
 
 from isogal.errors import InputError
 from isogal.scenario.inertial import Grade
+from isogal.yaml_text import parse_yaml
 
 PAPER_GRADES = ("precision", "quantum_accelerometer", "quantum")
 """Rows of the paper's Table 1. `quantum_accelerometer` is the paper's QAPCG: quantum
@@ -54,12 +54,7 @@ def _own(path: str, changed: int) -> dict[str, Grade]:
 def parse(text: str, where: str) -> dict[str, Grade]:
     """Return the grades of a YAML document, a mapping of names; raises InputError with one
     line."""
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" (line {mark.line + 1})" if mark else ""
-        raise InputError(f"grades: {where}: not valid YAML{line}") from None
+    document = parse_yaml(text, f"grades: {where}")
     if not isinstance(document, dict) or not document:
         raise InputError(f"grades: {where}: must map names of grades to their errors")
     grades = {}

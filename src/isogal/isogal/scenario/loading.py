@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from isogal.errors import InputError
 from isogal.scenario.messages import describe
 from isogal.scenario.model import Scenario
+from isogal.yaml_text import parse_yaml
 
 
 def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ()) -> Scenario:
@@ -25,17 +25,12 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
     document: Any = {}
     if path is not None:
         try:
-            document = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+            text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(
                 f"{where}: cannot be read: {getattr(error, 'strerror', None) or error}"
             ) from None
-        except yaml.YAMLError as error:
-            mark = getattr(error, "problem_mark", None)
-            line = f" (line {mark.line + 1})" if mark else ""
-            raise InputError(
-                f"{where}: not valid YAML{line}: {getattr(error, 'problem', error)}"
-            ) from None
+        document = parse_yaml(text, where) or {}
         if not isinstance(document, dict):
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
     for item in overrides:
@@ -70,8 +65,8 @@ def _override(document: dict[str, Any], item: str) -> None:
             f"--set {item}: must be KEY=VALUE, for example --set matcher.batch_length=15"
         )
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
+        value = parse_yaml(text, key)
+    except InputError:
         raise InputError(f"--set {item}: the value is not valid YAML") from None
     target = document
     *parents, last = key.split(".")

@@ -2,17 +2,17 @@
 without ROS."""
 
 import math
-import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.corridor import Corridor, corridor_of
+from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
 
 FIX_TOPIC = "nav/fix"
@@ -187,8 +187,6 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
     """Yield (topic, type, decoded message) of a bag as far as it can be read; of topics with other
     types than those of positions and readings only the topic."""
-    from mcap.exceptions import McapError
-    from mcap.reader import NonSeekingReader
     from mcap_ros2.decoder import DecoderFactory
 
     for file in _files(path):
@@ -197,9 +195,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
             with file.open("rb") as stream:
                 decoders: dict[int, Any] = {}
                 factory = DecoderFactory()
-                for schema, channel, message in NonSeekingReader(stream).iter_messages(
-                    log_time_order=False
-                ):
+                for schema, channel, message in _records(stream):
                     empty = False
                     kind = schema.name if schema and schema.name in _TYPES else ""
                     if not kind:
@@ -210,12 +206,32 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
                             channel.message_encoding, schema
                         )
                     yield channel.topic, kind, decoders[channel.id](message.data)
-        except (McapError, struct.error, EOFError, KeyError, ValueError, TypeError) as error:
+        except Exception as error:
+            if not is_damage(error):
+                raise
             if empty:
                 raise InputError(
                     f"{file}: cannot be read as MCAP ({type(error).__name__})"
                 ) from None
             # a recording that was cut short, by a power failure for example, ends here
+
+
+def _records(stream: BinaryIO) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield (schema, channel, message) in the order they were written."""
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
+
+    schemas: dict[int, Schema | None] = {0: None}
+    channels: dict[int, Channel] = {}
+    for record in StreamReader(stream, emit_chunks=True).records:
+        for item in unpacked(record):
+            if isinstance(item, Schema):
+                schemas[item.id] = item
+            elif isinstance(item, Channel):
+                channels[item.id] = item
+            elif isinstance(item, Message):
+                channel = channels[item.channel_id]
+                yield schemas[channel.schema_id], channel, item
 
 
 def _files(path: Path) -> list[Path]:

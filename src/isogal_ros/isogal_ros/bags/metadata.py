@@ -8,6 +8,8 @@ from typing import Any
 
 import yaml
 
+from isogal.yaml_text import parse_yaml
+
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 """rosbag2's infinite duration."""
 _QOS_DEFAULTS: dict[str, Any] = {
@@ -102,10 +104,12 @@ def earlier_files(folder: Path, files: Sequence[Path]) -> list[dict[str, Any]]:
     """Return the entries of files that ``metadata.yaml`` in a folder has; of others what there is
     to say without reading them."""
     known: dict[str, dict[str, Any]] = {}
-    with suppress(OSError, yaml.YAMLError, KeyError, TypeError):
-        document = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        text = (folder / "metadata.yaml").read_text(encoding="utf-8")
+        document = parse_yaml(text, "metadata.yaml")
         for entry in document["rosbag2_bagfile_information"]["files"]:
-            known[entry["path"]] = entry
+            if isinstance(entry["message_count"], int):
+                known[entry["path"]] = entry
     nothing = {
         "starting_time": {"nanoseconds_since_epoch": 0},
         "duration": {"nanoseconds": 0},

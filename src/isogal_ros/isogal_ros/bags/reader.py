@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-import yaml
-
 from isogal.errors import InputError
+from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
+from isogal.yaml_text import parse_yaml
 from isogal_ros.bags.compressed import opened
 from isogal_ros.bags.parts import SUFFIXES, numbered, parts
 
@@ -50,10 +50,12 @@ class BagReader:
         self._read_texts()
 
     def scenario(self) -> Scenario | None:
-        """Return the scenario of the recorded run; None where the bag has none."""
+        """Return the scenario of the recorded run; None where the bag has none. Raises InputError
+        where it is damaged."""
         if "scenario" not in self.texts:
             return None
-        return validate_scenario(yaml.safe_load(self.texts["scenario"]), f"{self.path}: scenario")
+        where = f"{self.path}: scenario"
+        return validate_scenario(parse_yaml(self.texts["scenario"], where), where)
 
     def messages(self) -> Iterator[Recorded]:
         """Yield the messages in the order they were written, up to the end or the cut; of a bag
@@ -63,15 +65,14 @@ class BagReader:
             yield from self._messages_of(file)
 
     def _messages_of(self, file: Path) -> Iterator[Recorded]:
-        from mcap.records import Channel, Chunk, Message, Schema
-        from mcap.stream_reader import StreamReader, breakup_chunk
+        from mcap.records import Channel, Message, Schema
+        from mcap.stream_reader import StreamReader
 
         channels: dict[int, str] = {}
         schemas: dict[int, str] = {}
         with opened(file) as stream, self._up_to_damage(file, stream):
             for record in StreamReader(stream, emit_chunks=True).records:
-                is_chunk = isinstance(record, Chunk)
-                for item in breakup_chunk(record, validate_crc=True) if is_chunk else (record,):
+                for item in unpacked(record):
                     if isinstance(item, Schema):
                         schemas[item.id] = item.name
                     elif isinstance(item, Channel):
@@ -99,27 +100,21 @@ class BagReader:
     def _up_to_damage(self, file: Path, stream: BinaryIO) -> Iterator[None]:
         """End the reading where the file is cut off or damaged, and say so in `cut`; raises
         InputError where it is no MCAP file."""
-        from mcap.exceptions import InvalidMagic, McapError
+        from mcap.exceptions import EndOfFile, InvalidMagic
 
         try:
             yield
-        except (
-            McapError,
-            struct.error,
-            EOFError,
-            KeyError,
-            ValueError,
-            MemoryError,
-            OSError,
-        ) as error:
+        except Exception as error:
+            if not is_damage(error):
+                raise
+            place = stream.tell()
             if _is_empty(stream) or (isinstance(error, InvalidMagic) and not self.types):
                 raise InputError(f"{file}: not an MCAP file") from None
-            size, kind = file.stat().st_size, type(error).__name__
-            self.cut = f"the file ends early, at byte {size} ({kind})"
-        except Exception as error:
-            if type(error).__name__ != "ZstdError":  # of a package that only mcap depends on
-                raise
-            self.cut = "a chunk is damaged"
+            kind = type(error).__name__
+            if isinstance(error, EndOfFile | struct.error):
+                self.cut = f"the file ends early, at byte {file.stat().st_size} ({kind})"
+            else:
+                self.cut = f"the file is damaged ahead of byte {place} ({kind})"
 
 
 def _is_empty(stream: BinaryIO) -> bool:

@@ -14,10 +14,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from isogal.errors import InputError
 from isogal.scenario import Scenario
+from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import DEFAULTS
@@ -193,10 +192,7 @@ def _keys(text: str) -> dict[str, Any]:
             near = get_close_matches(key, specs, 1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise InputError(f"set: {key}: no key of the scenario that is a parameter{hint}")
-        try:
-            found[key] = specs[key].cast(yaml.safe_load(value))
-        except yaml.YAMLError:
-            raise InputError(f"set: {key}: not YAML: {value!r}") from None
+        found[key] = specs[key].cast(parse_yaml(value, f"set: {key}"))
     return found
 
 
@@ -223,11 +219,12 @@ def _checked_params(path: str, keys: Mapping[str, Any]) -> Scenario:
     """Return the scenario of a parameter file with some keys changed; raises InputError unless it
     can be used."""
     try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"params: {path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"params: {path}: not YAML: {' '.join(str(error).split())}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"params: {path}: is not a text in UTF-8 ({error.reason})") from None
+    document = parse_yaml(text, f"params: {path}")
     if not isinstance(document, dict) or not all(
         isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
         for entry in document.values()
@@ -249,7 +246,7 @@ def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
     values: dict[str, Any] = {}
     for key, value in document.items():
-        name = prefix + key
+        name = f"{prefix}{key}"
         if isinstance(value, dict):
             values |= {name: value} if name in specs else _flat(value, f"{name}.")
         else:

@@ -95,7 +95,9 @@ def replay(
     recorded = load(reader, scenario)
     if reader.cut is not None:
         last = max(recorded.imu, default=0)
-        notes.append(f"the bag is cut off: {reader.cut}; read up to {to_seconds(last):.0f} s")
+        notes.append(
+            f"the bag is not read to its end: {reader.cut}; read up to {to_seconds(last):.0f} s"
+        )
     first = to_seconds(min(recorded.imu))
     if first > LATE:
         notes.append(

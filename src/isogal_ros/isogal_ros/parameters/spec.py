@@ -8,6 +8,7 @@ import yaml
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
 from isogal.errors import InputError
+from isogal.yaml_text import parse_yaml
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,8 @@ class Yaml(ParameterSpec):
     def to_field(self, value: Any) -> Any:
         """Return what the YAML says."""
         try:
-            return yaml.safe_load(value) if value.strip() else self.empty
-        except yaml.YAMLError:
+            return parse_yaml(value, self.name) if value.strip() else self.empty
+        except InputError:
             raise InputError(f"parameter {self.name}: must hold YAML, not {value!r}") from None
 
     def to_parameter(self, value: Any) -> Any:
