@@ -5,10 +5,14 @@ import pytest
 
 from helpers.batches import make_batch
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.matching.batching import BatchBuilder
+from isogal.matching.interfaces import declined
 from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor, Trial
+from isogal.matching.pmht.past_batches import taken_before
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Matcher, Scenario
+from isogal.sensors.gravimeter import GravityReduction
 from isogal.sensors.trajectory import build_trajectory
 
 TOLD = {"map_sigma": 1e-6}
@@ -25,12 +29,13 @@ class Kept:
     """A matcher whose answers are kept."""
 
     def __init__(self, matcher):
-        self.matcher, self.fixes = matcher, []
+        self.matcher, self.fixes, self.memories = matcher, [], []
         self.name, self.context = matcher.name, matcher.context
 
     def match(self, batch, field_map, memory):
         fix, memory = self.matcher.match(batch, field_map, memory)
         self.fixes.append(fix)
+        self.memories.append(memory)
         return fix, memory
 
 
@@ -75,6 +80,52 @@ def test_a_navigator_that_is_worse_than_told_becomes_less_certain(field_map):
     for fix in widened:
         scale = np.sqrt(np.maximum(np.diag(fix.widened), 1e-30))
         assert np.linalg.eigvalsh(fix.widened / scale / scale[:, None])[0] > -1e-9
+
+
+def test_in_doubt_the_track_without_fixes_is_still_known(field_map):
+    """The navigator takes what the hypotheses say, not the fixes; a search for a lost one needs
+    the track that it would have had without either."""
+    scenario = Scenario(
+        route={"duration": 2500.0},
+        gravity={"field": "normal"},
+        matcher=TOLD,
+        truth={"initial_error": "4x"},
+    )
+    kept = Kept(build_matcher(scenario.matcher))
+    record = simulate(scenario, [5], field_map, kept)
+    last = kept.memories[-1]
+    assert last.in_doubt
+    history = last.memory.history
+    taken = (taken_before(history)[-1] - history[-1].posterior[0])[:2]
+    end = record.time.searchsorted(record.fix_time[-1])
+    true = record.error[0, end] - record.unaided_error[0, end]
+    assert np.hypot(*true) > 100.0
+    np.testing.assert_allclose(taken, true, atol=0.1 * np.hypot(*true))
+
+
+@pytest.mark.parametrize(("position", "aided"), [(100.0, True), (15e3, False)])
+def test_of_a_lost_navigator_nobody_says_that_it_is_aided(position, aided):
+    """Its dynamics are not linear; a velocity that is known better than they say is no aid."""
+    sigma = np.array([position, position, 0.5, 0.5, 1e-4, 1e-4, 3e-4])
+    made = BatchBuilder(Matcher(batch_length=6, stride=6), GravityReduction())
+    monitor, memory = AssumptionsMonitor(Silent()), None
+    for t in range(12):
+        made.add_scan(10.0 * t, 0.5, 1.0 + 1e-5 * t, np.array([0.0, 50.0]), 0.0, 1e-5)
+        if made.ready:
+            prior = np.diag(sigma**2)
+            prior[2:4] *= 0.5 if memory is not None else 1.0
+            prior[:, 2:4] *= 0.5 if memory is not None else 1.0
+            _, memory = monitor.match(made.build(prior), None, memory)
+    assert memory.aided == aided
+
+
+class Silent:
+    """A matcher that finds nothing."""
+
+    name, context, takes_channels = "silent", 0, False
+
+    def match(self, batch, field_map, memory):
+        return declined(batch, "nothing"), None
 
 
 def test_doubt_does_not_feed_on_itself_while_there_are_no_fixes(field_map):

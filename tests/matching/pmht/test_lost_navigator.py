@@ -11,10 +11,11 @@ from helpers.navigators import random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import LOST_SIGMA, Information, declined
+from isogal.matching.interfaces import LOST_COVARIANCE, LOST_SIGMA, Information, declined
 from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.elsewhere import Look
 from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
 from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import posterior_of, seen_from, without_fixes
@@ -128,7 +129,9 @@ class Scripted:
 JUMP, FOUND = np.array([40.0, -30.0, 0, 0, 0, 0, 0]), np.array([3000.0, -2000.0, 0, 0, 0, 0, 0])
 
 
-def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigators():
+@pytest.mark.parametrize("share", [None, 0.3])
+def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigators(share):
+    """Whether the navigator takes each fix as it is or another monitor tells it a share of it."""
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     script = Scripted(sure=4)
     matcher, memory, fixes = LostNavigatorMonitor(script), None, []
@@ -143,8 +146,11 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
             before = jumps
             fix, memory = matcher.match(aided.build(prior), None, memory)
             fixes.append(fix)
-            jumps = jumps + JUMP
-            aided.correct(10.0 * t, JUMP)
+            moved = JUMP if share is None else share * JUMP
+            if share is not None:
+                memory = matcher.moved(memory, -moved, prior)
+            jumps = jumps + moved
+            aided.correct(10.0 * t, moved)
     assert [fix.reset for fix in fixes] == [False, False, False, True]
     for k, batch in enumerate(script.seen_lost):
         track = np.array(alone[30 * (k + 1) - len(batch) : 30 * (k + 1)])
@@ -157,11 +163,57 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
     np.testing.assert_allclose(mean[:2], (before + FOUND)[:2], atol=5.0)
 
 
+@pytest.mark.parametrize(("probability", "found"), [(0.995, True), (0.9, False)])
+def test_a_navigator_that_knows_that_it_is_lost_is_told_a_sure_place(
+    monkeypatch, probability, found
+):
+    """Its own place is as wide as all: the search near the place of a look is not a search that
+    comes back to it."""
+    sure = Look(15.0, FOUND[:2], 500.0**2 * np.eye(2), probability)
+    monkeypatch.setattr(LostNavigatorMonitor, "_look", lambda *_: sure)
+    wide = random_covariance(SIGMA, 0) + LOST_COVARIANCE
+    script = Placeless(sure=1)
+    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
+    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
+    for t in range(210):
+        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
+        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
+        if made.ready:
+            fix, memory = matcher.match(made.build(wide), None, memory)
+            fixes.append(fix)
+    told = [fix for fix in fixes if fix.reset]
+    assert len(told) == found
+    assert script.seen_lost
+    for batch in script.seen_lost[:1]:
+        assert np.sqrt(batch.prior[0, 0]) == pytest.approx(500.0, rel=0.01)
+    if found:
+        covariance = np.linalg.inv(
+            np.linalg.inv(wide + LOST_COVARIANCE) + told[0].information.matrix
+        )
+        np.testing.assert_allclose(
+            (covariance @ told[0].information.vector)[:2], FOUND[:2], rtol=0.2
+        )
+
+
 class Untold(Scripted):
     """Nobody has told it the map's error."""
 
     def insight(self, memory):
         return replace(super().insight(memory), map_error_prior=PRIOR)
+
+
+class Placeless(Untold):
+    """Finds nothing but near a place."""
+
+    def match(self, batch, field_map, memory):
+        prior = joint_prior(batch)
+        after = (1, 0.0)
+        if batch.prior[0, 0] > 1e8:
+            return declined(batch, "ambiguous"), after
+        self.seen_lost.append(batch)
+        information = Information(np.zeros(7), 3.0 * np.linalg.inv(prior))
+        fix = replace(declined(batch, ""), reason=None, information=information)
+        return replace(fix, covariance=np.eye(2)), after
 
 
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
@@ -230,9 +282,10 @@ def test_a_navigator_that_is_right_stays_where_it_is(field_map, assumed):
     assert searched == (assumed == 1.5e-5)
 
 
-@pytest.mark.parametrize("stride", [30, 5])
-def test_what_is_remembered_is_the_track_without_fixes(stride):
-    """Also of batches that overlap, each of which moved the navigator."""
+@pytest.mark.parametrize(("stride", "share"), [(30, None), (5, None), (5, 0.5)])
+def test_what_is_remembered_is_the_track_without_fixes(stride, share):
+    """Also of batches that overlap, each of which moved the navigator, by all that its fix said or
+    by a share."""
     north, east = metres_per_radian(ORIGIN[0], 0.0)
     jump = np.array([20.0, -15.0, 0.02, 0.01, 0.0, 0.0, 0.0])
     matcher, memory = LostNavigatorMonitor(Scripted(99, jump)), None
@@ -247,12 +300,15 @@ def test_what_is_remembered_is_the_track_without_fixes(stride):
         if aided.ready:
             fix, memory = matcher.match(aided.build(prior), None, memory)
             mean = posterior_of(prior, fix.information)[0]
+            if share is not None:
+                mean = share * mean
+                memory = matcher.moved(memory, mean, prior)
             jumps = jumps - mean
             aided.correct(10.0 * t, -mean)
     seen = without_fixes(memory.history)
     track = np.concatenate([np.stack([one.latitude, one.longitude], axis=1) for one in seen])
     apart = (track - np.array(alone)[-len(track) :]) * [north, east]
     assert len(track) == 120
-    assert np.abs(jumps[:2]).max() > 80.0
+    assert np.abs(jumps[:2]).max() > 80.0 * (share or 1.0)
     # the test moves the navigator in straight lines, the library as the Earth turns
     np.testing.assert_allclose(apart, 0.0, atol=0.05 * np.abs(jumps[:2]).max())

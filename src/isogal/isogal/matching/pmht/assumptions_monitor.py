@@ -46,6 +46,11 @@ class Forgetful(Matcher, Protocol):
         """Return a memory that takes the navigator's own covariance for its prior."""
         ...
 
+    def moved(self, memory: Any, by: Array, covariance: Array) -> Any:
+        """Return the memory after a batch whose fix the navigator has not taken as it was: its
+        estimate has lost an error (7,) and its covariance is (7, 7)."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
@@ -104,12 +109,19 @@ class AssumptionsMonitor(Monitor):
             whole, spread = bank.believed()
             mean, posterior = whole[:-1], spread[:-1, :-1]
             if aided and not trial.in_doubt:
-                return _contradicted(batch, before, fix.diagnostics), Trial(inner)
+                fix = _contradicted(batch, before, fix.diagnostics)
+                assert fix.widening is not None
+                inner = self.matcher.moved(inner, np.zeros(BATCH_STATES), own + fix.widening)
+                return fix, Trial(inner)
             widening = positive_part(before.believed()[1][:-1, :-1] - own, np.sqrt(np.diag(own)))
             fix = _told(batch, fix, mean, posterior, widening)
         else:
             mean, posterior = posterior_of(prior, told)
-        return fix, Trial(inner, bank.moved(mean), posterior, in_doubt, aided, growth)
+        bank = bank.moved(mean)
+        if in_doubt or trial.in_doubt:
+            left = _seen_error(batch, bank) if in_doubt else (np.zeros(BATCH_STATES), posterior)
+            inner = self.matcher.moved(inner, mean + left[0] - shown, left[1])
+        return fix, Trial(inner, bank, posterior, in_doubt, aided, growth)
 
 
 def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses, Array | None, bool] | None:
@@ -133,7 +145,9 @@ def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses, Array | None,
         more = positive_part(growth - believed, scale)
         growth = positive_part(growth - more, scale)
     bank = trial.hypotheses.grown(forward, growth, more)
-    return bank, believed, aided or trial.aided
+    # of one that is lost or was made uncertain the dynamics are not linear enough to tell an aid
+    uncertain = trial.in_doubt or np.trace(prior[:2, :2]) > CONSTANTS.lost_m**2
+    return bank, believed, trial.aided or (aided and not uncertain)
 
 
 def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, bool]:
@@ -156,12 +170,17 @@ def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, 
 def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:
     """Return the batch as the hypotheses would have it, and (7,) the error that readings would
     show if they were right."""
+    mean, _ = bank.believed()
+    shown, wide = _seen_error(batch, bank)
+    return seen_from(delayed(batch, float(mean[-1])), mean[:-1], wide), shown
+
+
+def _seen_error(batch: Batch, bank: ErrorHypotheses) -> tuple[Array, Array]:
+    """Return (7,) the error that readings would show if the hypotheses were right, and (7, 7) the
+    covariance that batches are matched with while they lead."""
     mean, covariance = bank.believed()
-    delay = float(mean[-1])
-    moved = delayed(batch, delay)
     shown = with_delay(batch.velocity[-1])
-    wide = CONSTANTS.doubted_prior_factor * (shown @ covariance @ shown.T)
-    return seen_from(moved, mean[:-1], wide), shown @ mean
+    return shown @ mean, CONSTANTS.doubted_prior_factor * (shown @ covariance @ shown.T)
 
 
 def _contradicted(batch: Batch, before: ErrorHypotheses, figures: Mapping[str, float]) -> Fix:

@@ -189,7 +189,7 @@ class Constants:
     navigators that were lost it was never more than 2.7. Measured."""
     next_look_if_not_lost_readings: int = 180
     """It has: half of the hour that a look sees."""
-    next_look_if_lost_readings: int = 30
+    next_look_if_lost_readings: int = 15
     """Where the navigator is more likely lost than not, but the place not yet known."""
     look_groups: int = 72
     """Means of readings that a look takes: an hour's readings in groups of five."""
@@ -210,6 +210,8 @@ class Constants:
     left out."""
     look_place_probability: float = 0.8
     """Of that place, where a search begins there: it is to decide, and it may be wrong."""
+    found_probability: float = 0.99
+    """Of that place, from which on it is told to a navigator that knows that it is lost."""
     look_bent_track_m: float = 500.0
     """1-sigma by which the navigator's own fixes may have bent its track. Measured."""
     moved_log_evidence: float = 8.0
@@ -228,7 +230,7 @@ class Constants:
     search_readings: int = 30
     """New readings that a search matches at once; of shorter batches several together. Measured:
     fewer leave more places open, each of which takes time."""
-    past_batches_at_once: int = 2
+    past_batches_at_once: int = 4
     """Matched along with a new one: the search is wide, and the new fix must not wait for long."""
     search_context_readings: int = 10
     """Older readings that the search sees of a batch: they tell most about the map error."""
@@ -254,6 +256,8 @@ class Constants:
     aided_states: float = 0.1
     """Of the navigator's seven, that are known by something else than its dynamics, from which on
     it counts as aided."""
+    lost_m: float = 5000.0
+    """1-sigma of its position from which on a navigator knows that it is lost."""
     telling_information: float = 0.04
     """In units of the navigator's own, of the directions of a fix that are judged: in others what
     is left is how far its likelihood is from a Gaussian. Measured."""

@@ -24,7 +24,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
-from isogal.matching.matrices import positive_part
+from isogal.matching.matrices import positive_part, symmetric
 from isogal.matching.monitoring import Insight, Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
@@ -59,14 +59,16 @@ class _Search:
     look: Look | None = None
     """Where it began; None = everywhere."""
 
-    @property
-    def start(self) -> tuple[Array, Array]:
-        """Mean (7,) and covariance (7, 7) of how wrong the navigator may be at the start, beside
-        what it says of itself."""
-        mean, covariance = np.zeros(BATCH_STATES), LOST_COVARIANCE.copy()
-        if self.look is not None:
-            mean[:2], covariance[:2, :2] = self.look.place, self.look.covariance
-        return mean, covariance
+    def start(self, prior: Array) -> tuple[Array, Array]:
+        """Return mean (7,) and covariance (7, 7) of how wrong the navigator may be at the start,
+        by what it says of itself (7, 7): if it is lost anywhere, or where the look says, with
+        what its place says of the rest of its error."""
+        wide = prior + LOST_COVARIANCE
+        if self.look is None:
+            return np.zeros(BATCH_STATES), wide
+        gain = np.linalg.solve(wide[:2, :2], wide[:2]).T
+        covariance = wide - gain @ wide[:2] + gain @ self.look.covariance @ gain.T
+        return gain @ self.look.place, symmetric(covariance)
 
     def covers(self, look: Look) -> bool:
         """Whether it began where a look says that the navigator is."""
@@ -104,7 +106,8 @@ class LostNavigatorMonitor(Monitor):
         fix, after = self.matcher.match(batch, field_map, watch.memory)
         insight = self.matcher.insight(after)
         doubt = insight.map_error_doubt
-        if batch.attitude is None or fix.reset or doubt is None:
+        found = fix.published and _placeless(batch.prior)
+        if batch.attitude is None or fix.reset or doubt is None or found:
             return fix, Watch(after, threshold=watch.threshold)
         gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
         past = PastBatch.of(batch, field_map, fix, gained, watch.history)
@@ -126,6 +129,20 @@ class LostNavigatorMonitor(Monitor):
         if memory is None:
             return None
         return replace(memory, memory=self.matcher.without_hypotheses(memory.memory))
+
+    def moved(self, memory: Watch | None, by: Array, covariance: Array) -> Watch | None:
+        """Return the memory after a batch whose fix the navigator has not taken as it was: its
+        estimate has lost an error (7,) and its covariance is (7, 7)."""
+        if memory is None or not memory.history:
+            return memory
+        *before, last = memory.history
+        taken, search = replace(last, posterior=(by, covariance)), memory.search
+        if search is not None and search.waiting:
+            search = replace(search, waiting=(*search.waiting[:-1], taken))
+        elif search is not None and search.shift is not None:
+            shift = search.shift + last.posterior[0] - by
+            search = replace(search, last=taken, shift=shift)
+        return replace(memory, history=(*before, taken), search=search)
 
     def _look(self, history: tuple[PastBatch, ...], memory: Any) -> Look | None:
         insight = self.matcher.insight(memory)
@@ -157,23 +174,35 @@ class LostNavigatorMonitor(Monitor):
             ):
                 return fix, ended
             if found.published and not search.waiting:
-                ahead = self._ahead(search, watch)
-                if ahead >= CONSTANTS.moved_log_evidence:
-                    if self._others(search, watch) < -CONSTANTS.others_against_log_evidence:
-                        return fix, ended
+                stands = self._stands(search, watch)
+                if (
+                    stands
+                    and self._others(search, watch) >= -CONSTANTS.others_against_log_evidence
+                ):
                     return _reacquisition(found, current, search), Watch(search.memory)
-                if ahead < -CONSTANTS.moved_log_evidence:
+                if stands is not None:
                     return fix, ended
         return fix, replace(watch, search=search)
 
-    def _ahead(self, search: _Search, watch: Watch) -> float:
-        """Return the log evidence of the place found over the navigator's own, for the same
-        readings: by a look where one began the search, since each of the two matchers has learnt
-        a noise model, which one batch may have misled."""
+    def _stands(self, search: _Search, watch: Watch) -> bool | None:
+        """Return whether the place found stands, or the navigator's own (False); None where that
+        is open.
+
+        Their evidence for the same readings decides: by a look where one began the search, since
+        each of the two matchers has learnt a noise model, which one batch may have misled. Of a
+        navigator that knows that it is lost it is the place against all others."""
         if search.look is None:
-            return self.matcher.insight(search.memory).log_evidence - search.log_evidence
-        look = self._look(watch.history, watch.memory)
-        return look.log_evidence if look is not None and search.covers(look) else 0.0
+            ahead = self.matcher.insight(search.memory).log_evidence - search.log_evidence
+        else:
+            look = self._look(watch.history, watch.memory)
+            if look is None or not search.covers(look):
+                return None
+            if _placeless(watch.history[-1].batch.prior):
+                return True if look.probability > CONSTANTS.found_probability else None
+            ahead = look.log_evidence
+        if abs(ahead) < CONSTANTS.moved_log_evidence:
+            return None
+        return ahead > 0.0
 
     def _others(self, search: _Search, watch: Watch) -> float:
         """Return the log evidence of the place found by the readings of other fields."""
@@ -189,8 +218,7 @@ class LostNavigatorMonitor(Monitor):
         past, last = search.waiting[0], search.last
         prior = joint_prior(past.batch)
         if last is None or search.covariance is None or search.shift is None:
-            shift, beside = search.start
-            covariance = prior + beside
+            shift, covariance = search.start(prior)
         else:
             forward = past.forward
             shift = forward @ search.shift
@@ -218,12 +246,17 @@ class LostNavigatorMonitor(Monitor):
         """Whether the search comes to the navigator's own place by itself."""
         assert search.last is not None and search.shift is not None
         hypotheses = self.matcher.insight(search.memory).hypotheses
-        if hypotheses is None:
+        if hypotheses is None or _placeless(search.last.posterior[1]):
             return False
         apart = np.hypot(*(hypotheses.mean[:, :2] + search.shift[:2]).T)
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
         near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
+
+
+def _placeless(covariance: Array) -> bool:
+    """Whether a navigator of such a covariance knows that it is lost."""
+    return float(np.trace(covariance[:2, :2])) > CONSTANTS.lost_m**2
 
 
 def _looked_for(insight: Insight, batch: Batch) -> bool:

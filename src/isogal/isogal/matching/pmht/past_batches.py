@@ -30,8 +30,9 @@ class PastBatch:
     """Its new readings alone, or where a search is to match, all those since the last such batch
     as new ones and older ones, with those of other fields."""
     field_map: AnyMap
-    information: Information | None
-    """What the navigator was told; None = nothing."""
+    posterior: tuple[Array, Array]
+    """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given what it was
+    told."""
     log_evidence: float
     """Of its new readings."""
     searched: bool
@@ -53,7 +54,8 @@ class PastBatch:
         before: "Sequence[PastBatch]" = (),
     ) -> "PastBatch":
         """Remember a batch after those before it."""
-        information = fix.information if fix.published else None
+        told = fix.information if fix.published else None
+        posterior = posterior_of(joint_prior(batch), told)
         stretch = _unsearched(before)
         count = sum(past.new for past in stretch) + batch.new
         enough = CONSTANTS.search_readings * batch.rows_per_scan
@@ -76,8 +78,7 @@ class PastBatch:
             ]
             kept = replace(_with_new(batch, count), beside=tuple(whole))
         forward = error_after(batch)
-        told = information, log_evidence, searched, batch.new, forward
-        return cls(kept, field_map, *told, others)
+        return cls(kept, field_map, posterior, log_evidence, searched, batch.new, forward, others)
 
     @cached_property
     def new_readings(self) -> Batch:
@@ -96,11 +97,6 @@ class PastBatch:
         """Of the new readings of each field (`new_of`)."""
         found: dict[int | None, Effects] = {None: effects_of(self.new_readings)}
         return found | {one.field: effects_of(one.batch) for one in self.beside}
-
-    @cached_property
-    def posterior(self) -> tuple[Array, Array]:
-        """Mean (7,) and covariance (7, 7) of the navigator's error before the fix, given it."""
-        return posterior_of(joint_prior(self.batch), self.information)
 
 
 def _unsearched(history: Sequence[PastBatch]) -> Sequence[PastBatch]:
