@@ -89,7 +89,7 @@ def _share(scenario: Scenario) -> float:
 
 
 def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
-    """Return what is really left of horizontal gravity after its compensation."""
+    """Return what is really left of horizontal gravity after its compensation, without that."""
     as_it_is = scenario.gravity.model_copy(
         update={"residual_sigma": "auto", "residual_correlation_length": "auto"}
     )
@@ -101,7 +101,7 @@ def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGr
             ),
         }
     )
-    return known_gravity(world, trajectory, scenario.map_error.sigma)
+    return residual_gravity(world, trajectory, scenario.map_error.sigma)
 
 
 def told_map_sigma(scenario: Scenario, disturbance: ScalarMap) -> float:
