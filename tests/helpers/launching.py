@@ -155,6 +155,10 @@ class Launch:
         self.describe()
         for name in self.nodes:
             self._start(name)
+        self.run_on(when, kill)
+
+    def run_on(self, when: str = "", kill: list[str] | None = None) -> None:
+        """Do so with nodes that have been started."""
         kill, again, end = list(kill or ()), {}, time.monotonic() + PATIENCE
         due = 0.0
         while self.reason is None:
@@ -164,9 +168,7 @@ class Launch:
                 self.running[kill.pop(0)].kill()
                 due = time.monotonic() + 2.5
             self._look(again)
-        names = list(self.running)
-        ended = end_as_launch_does([self.running[name] for name in names])
-        self.codes |= dict(zip(names, ended, strict=True))
+        self.codes |= self.end()
 
     def _settled(self) -> bool:
         return all(process.poll() is None and is_up(process) for process in self.running.values())

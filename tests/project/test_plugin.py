@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from helpers.command_line import refusal
+from helpers.commands import isogal
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -68,16 +69,9 @@ def inputs(tmp_path_factory) -> tuple[Path, Path]:
     return folder / "map.asc", folder / "track.csv"
 
 
-def isogal(*arguments: str | Path, path: Path):
-    """Run the command, with what is installed in a folder."""
-    return subprocess.run(
-        [Path(sys.executable).with_name("isogal"), *arguments],
-        env=os.environ | {"PYTHONPATH": str(path)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def knowing(installed: Path) -> dict[str, str]:
+    """The environment of a process that finds what is installed in a folder."""
+    return os.environ | {"PYTHONPATH": str(installed)}
 
 
 def match(inputs: tuple[Path, Path], *options: str) -> tuple[str | Path, ...]:
@@ -89,7 +83,9 @@ def match(inputs: tuple[Path, Path], *options: str) -> tuple[str | Path, ...]:
 
 
 def test_matcher_and_map_format_are_known_once_installed(plugin, inputs):
-    done = isogal(*match(inputs, "--matcher", "least-squares", "--json"), path=plugin)
+    done = isogal(
+        *match(inputs, "--matcher", "least-squares", "--json"), environment=knowing(plugin)
+    )
     assert done.returncode == 0, done.stderr
     fixes = json.loads(done.stdout)
     assert [fix["time"] for fix in fixes] == [290.0, 590.0, 890.0]
@@ -131,7 +127,9 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
         "gravity.field=normal",
     )
     options = [word for item in settings for word in ("--set", item)]
-    done = isogal("run", "--in-process", "--out", out, *options, path=plugin)
+    done = isogal(
+        "run", "--in-process", "--out", out, *options, figures=False, environment=knowing(plugin)
+    )
     assert done.returncode == 0, done.stderr
     fixes = json.loads((out / "summary.json").read_text())["fixes"]
     assert fixes == {"published": 1, "declined": 0}

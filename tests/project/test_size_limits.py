@@ -42,11 +42,19 @@ def functions() -> list[tuple[str, Function]]:
 
 def _functions() -> Iterator[tuple[str, Function]]:
     for path in sources():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, Function):
                 name = f"{path.relative_to(ROOT)}:{node.name}"
                 if name not in EXCEPTIONS:
                     yield name, node
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Those below a node, without their expressions, which hold no function and are most."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case):
+            yield child
+            yield from _statements(child)
 
 
 def is_decorated(function: Function, name: str) -> bool:
@@ -67,11 +75,16 @@ def parameters(function: Function) -> int:
     return sum(argument.arg not in ("self", "cls") for argument in named)
 
 
+def length(function: Function) -> int:
+    assert function.end_lineno is not None
+    return function.end_lineno - function.lineno + 1
+
+
 def lines(function: Function) -> int:
     """Lines of a function; of a command those of its body, without the docstring."""
     assert function.end_lineno is not None
     if not is_command(function):
-        return function.end_lineno - function.lineno + 1
+        return length(function)
     body = function.body[1:] if ast.get_docstring(function) is not None else function.body
     return function.end_lineno - body[0].lineno + 1 if body else 0
 
@@ -122,7 +135,8 @@ def test_no_function_is_too_long() -> None:
     too_long = [
         f"{name}: {lines(function)}"
         for name, function in functions()
-        if lines(function) > limit(function)
+        if length(function) > COMMAND_LINES  # the lowest limit: the others need no look
+        and lines(function) > limit(function)
     ]
     assert not too_long, text(too_long)
 

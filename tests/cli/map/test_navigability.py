@@ -15,7 +15,7 @@ from isogal.maps.formats.netcdf_writing import write_netcdf
 @pytest.fixture(scope="module")
 def rough(tmp_path_factory):
     path = tmp_path_factory.mktemp("navigability") / "rough.nc"
-    write_netcdf(field_map_of(wavy, half=15e3, step=500.0), path)
+    write_netcdf(field_map_of(wavy, half=9e3, step=500.0), path)
     return path
 
 

@@ -70,7 +70,8 @@ def test_a_run_in_one_process_prints_json_and_leaves_the_home_folder_alone(
     overrides = sets(settings("route.duration=120.0"))
     folders = ("--bag", tmp_path / "bag", "--out", tmp_path / "out")
     environment = os.environ | {"HOME": str(tmp_path / "home")}
-    result = isogal("run", "--in-process", "--json", *overrides, *folders, environment=environment)
+    words = ("run", "--in-process", "--json", *overrides, *folders)
+    result = isogal(*words, environment=environment, figures=False)
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (tmp_path / "bag" / "metadata.yaml").exists()

@@ -139,7 +139,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones(
+def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_kill_ends_all(
     launch, scenario, recording, tmp_path
 ) -> None:
     """The graph in its form for a real vehicle, in a namespace, by the recording's clock; the
@@ -160,8 +160,11 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones(
     with Player(recording, sensors, "ship") as player:
         made.start()
         player.play(list(recorded.fixes), lambda: made.output().count("]: ready") >= 4)
-        codes = made.end()
-    assert set(codes.values()) == {0}, made.output()
+        made.run_on(kill=[topics.PMHT_MM])
+    # without respawn one that dies ends all, in order
+    assert made.reason == "pmht_mm_node has ended with code -9"
+    assert made.codes.pop(topics.PMHT_MM) == -9
+    assert set(made.codes.values()) == {0}, made.output()
     reader = BagReader(tmp_path / "bag")
     heard.take_bag(reader)
     assert {name for name in reader.types if not name.startswith("/ship/")} == {
@@ -173,16 +176,6 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones(
     assert list(before) == list(after)
     for ns, place in before.items():
         assert after[ns] == pytest.approx(place, abs=1e-9)  # rad: 6 mm
-
-
-@pytest.mark.slow
-def test_a_node_that_is_killed_ends_all(launch, params) -> None:
-    made = launch(params=params(70.0), rate="5.0", recorder="false")
-    made.run(when="begun", kill=[topics.PMHT_MM])
-    assert made.reason == "pmht_mm_node has ended with code -9"
-    codes = made.codes
-    assert codes.pop(topics.PMHT_MM) == -9
-    assert set(codes.values()) == {0}, made.output()
 
 
 @pytest.mark.slow
