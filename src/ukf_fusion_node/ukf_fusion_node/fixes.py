@@ -10,8 +10,9 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
 
-KEPT = 65536
-"""Stamps kept of fixes, of those that wait and of those that were used."""
+KEPT = 8192
+"""Stamps kept of fixes, of those that wait and of those that were used: hours of them: more
+than the filter goes back."""
 PATIENCE = 30.0
 """s of wall time that a position waits, from its arrival on, for the whole fix of its stamp."""
 

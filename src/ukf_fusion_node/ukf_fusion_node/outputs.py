@@ -18,6 +18,11 @@ from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.transforms import Transforms
 
+PATH_POSES = 500
+"""Of nav/path at most; then every other one is left out, and they come half as often. The whole
+path goes into each message: without end it would grow, and with it what the middleware keeps for
+each message that a slow listener has not taken."""
+
 
 class Outputs:
     """Publishers and messages; the messages are made once and overwritten."""
@@ -62,6 +67,9 @@ class Outputs:
         poses = self._m_path.poses
         if poses and ns - to_ns(poses[-1].header.stamp) < self._interval:
             return
+        if len(poses) == PATH_POSES:
+            del poses[1::2]
+            self._interval *= 2
         poses.append(
             PoseStamped(
                 header=deepcopy(self._m_odom.header), pose=deepcopy(self._m_odom.pose.pose)

@@ -43,7 +43,11 @@ class UkfFusionSettings(NodeSettings):
             " description does it"
         ),
     )
-    path_interval: float = Field(60.0, gt=0.0, description="time between the poses of nav/path, s")
+    path_interval: float = Field(
+        60.0,
+        gt=0.0,
+        description="time between the poses of nav/path, s; twice as long whenever there are 500",
+    )
     start_time: float = Field(
         0.0,
         description="stamp at which the start is true, s; NaN = when the first IMU sample comes",

@@ -45,6 +45,20 @@ def test_every_sample_is_answered(filter_bench) -> None:
     assert len(filter_bench.heard["nav/path"]) == 1
 
 
+def test_the_path_stays_short_and_whole(filter_bench, monkeypatch) -> None:
+    monkeypatch.setattr("ukf_fusion_node.outputs.PATH_POSES", 4)
+    filter_bench.node._outputs._interval = from_seconds(1.0)
+    for k in range(1, 14):
+        filter_bench.imu(k)
+    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 14)
+    filter_bench.settle()
+    paths = [
+        [pose.header.stamp.sec for pose in path.poses] for path in filter_bench.heard["nav/path"]
+    ]
+    assert paths[:5] == [[0], [0, 1], [0, 1, 2], [0, 1, 2, 3], [0, 2, 4]]
+    assert paths[5:] == [[0, 2, 4, 6], [0, 4, 8], [0, 4, 8, 12]]
+
+
 def test_the_protection_level_is_that_of_the_odometrys_covariance(scenario) -> None:
     settings = "integrity.risk=1e-3", "integrity.correlation_time=500"
     with bench(topics.UKF_FUSION, scenario(*settings)) as made:
