@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from isogal.errors import InputError
-from isogal_ros.graph.domain import DOMAIN, claim_domain
+from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults
 
 
 def test_the_users_domain_is_taken(monkeypatch) -> None:
@@ -40,3 +40,20 @@ def test_a_domain_with_a_participant_is_not_free(monkeypatch) -> None:
         participant.bind(("", 7410 + 250 * domain))
         with claim_domain() as other:
             assert other != domain
+
+
+def test_the_graph_gets_what_the_user_does_not_say() -> None:
+    found = defaults({})
+    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert found["FASTRTPS_DEFAULT_PROFILES_FILE"].endswith("fastdds.xml")
+    assert found["RMW_FASTRTPS_USE_QOS_FROM_XML"] == "1"
+    assert defaults(found) == {}
+    said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "RMW_FASTRTPS_USE_QOS_FROM_XML": "0"}
+    assert list(defaults(said)) == ["FASTRTPS_DEFAULT_PROFILES_FILE"]
+
+
+@pytest.mark.parametrize(
+    "name", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"]
+)
+def test_a_users_own_profiles_mean_what_they_mean_elsewhere(name) -> None:
+    assert list(defaults({name: "/my/profiles.xml"})) == ["ROS_AUTOMATIC_DISCOVERY_RANGE"]

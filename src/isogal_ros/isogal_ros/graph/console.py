@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from json import dumps
 from typing import Any
 
-from isogal_ros.graph.domain import DEFAULTS, DOMAIN
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.progress import Progress, Report
 
 EVERY = 5.0
@@ -32,9 +32,7 @@ class Console:
 
     def announce(self, domain: int) -> None:
         """Say how the nodes can be watched."""
-        environment = " ".join(
-            f"{name}={value}" for name, value in DEFAULTS.items() if name.startswith("ROS_")
-        )
+        environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
         self.say(
             f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
             f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"

@@ -3,7 +3,7 @@
 import gc
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -14,15 +14,27 @@ from rclpy.signals import SignalHandlerOptions
 from isogal.errors import InputError
 
 DOMAIN = "ROS_DOMAIN_ID"
-DEFAULTS = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+DISCOVERY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+"""Environment of the graph where the user has not said otherwise: found on this machine only."""
+_PROFILES = {
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("fastdds.xml")),
+    "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
 }
-"""Environment of the graph where the user has not said otherwise: found on this machine only;
-quick acknowledgements."""
+"""Quick acknowledgements, and memory that is freed. The second is for the first only: with a file
+that does not say how messages are kept it would mean something else than usual."""
+_OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula,
 section 9.6.2.3)."""
+
+
+def defaults(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return what an environment lacks for the graph and says nothing else about."""
+    wanted = dict(DISCOVERY)
+    file = _PROFILES[_OWN_FILES[0]]
+    if all(environment.get(name, file) == file for name in _OWN_FILES):
+        wanted |= _PROFILES
+    return {name: value for name, value in wanted.items() if name not in environment}
 
 
 @contextmanager
@@ -80,9 +92,8 @@ def _in_use(domain: int) -> bool:
 
 @contextmanager
 def local_context(domain: int) -> Iterator[Context]:
-    """Yield a context in a domain, with `DEFAULTS` where the user has not said otherwise."""
-    for name, value in DEFAULTS.items():
-        os.environ.setdefault(name, value)
+    """Yield a context in a domain, with `defaults` where the user has not said otherwise."""
+    os.environ.update(defaults(os.environ))
     context = Context()
     # without log files, which would go to the user's home folder, and without lines between
     # those of the command

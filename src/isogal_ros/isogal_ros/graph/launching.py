@@ -19,7 +19,7 @@ from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import DEFAULTS
+from isogal_ros.graph.domain import defaults
 from isogal_ros.graph.plan import Plan, node_class, nodes_of
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import scenario_from
@@ -87,7 +87,7 @@ class Launched:
     @property
     def environment(self) -> dict[str, str]:
         """What the nodes' environment has where the user has not said otherwise."""
-        return {name: value for name, value in DEFAULTS.items() if name not in os.environ}
+        return defaults(os.environ)
 
     def package(self, name: str) -> str:
         """Return the package of a node."""

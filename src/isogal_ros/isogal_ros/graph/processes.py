@@ -18,7 +18,7 @@ from isogal.files import make_folder
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import DEFAULTS, DOMAIN, claim_domain, local_context
+from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults, local_context
 from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan
 from isogal_ros.graph.progress import Report, ReportTimer, progress_of
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
@@ -59,8 +59,7 @@ class Processes:
         own = {name: plan.own(name) for name in plan.names}
         self.parameters.write_text(parameter_file(plan.scenario, own), encoding="utf-8")
         environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
-        for name, value in DEFAULTS.items():
-            environment.setdefault(name, value)
+        environment |= defaults(environment)
         one_thread(environment)
         self._environment, self._respawns = environment, plan.checkpoint is not None
         self._again: dict[str, float] = {}

@@ -20,6 +20,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.lifecycle import ManagedNode
+from isogal_ros.nodes.memory import Memory
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
@@ -132,6 +133,7 @@ class GraphNode(ManagedNode):
         self._heard = 0
         self._parent = os.environ.get(PARENT)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._free_memory = Memory()
         self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
         self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
 
@@ -291,7 +293,9 @@ class GraphNode(ManagedNode):
             self.health.state(OK, "ready")
 
     def _beat(self) -> None:
-        """Publish diagnostics while no data comes; end with the parent, if there is one."""
+        """Publish diagnostics while no data comes; give memory back; end with the parent, if there
+        is one."""
+        self._free_memory.give_back()
         for look in self._looks:
             look()
         if self.health.publications == self._heard:
