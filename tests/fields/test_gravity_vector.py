@@ -1,11 +1,14 @@
 """Gravity that the vehicle feels, its errors, and what a navigator knows of it."""
 
+from collections import OrderedDict
+
 import numpy as np
 import pytest
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
+from isogal.fields import gravity_vector as vector
 from isogal.fields.gravity_vector import averaged, disturbance_of, felt_gravity, gravity_vector
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
 from isogal.fields.simulator import draw_map_error, scan_index
@@ -14,8 +17,10 @@ from isogal.fields.vector_map_error import (
     draw_horizontal_error,
     horizontal_covariance,
 )
+from isogal.maps import tiled_map
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
@@ -58,18 +63,34 @@ def changed(scenario: Scenario, **sections) -> Scenario:
     return Scenario(**(scenario.model_dump() | sections))
 
 
-def test_the_vehicle_feels_what_a_point_mass_does(world):
-    trajectory = build_trajectory(world)
-    (felt,) = felt_gravity(world, trajectory, [0])
+def made_by_the_mass(trajectory):
+    """Horizontal and vertical attraction of the point mass in the middle of each interval."""
     metres = metres_per_radian(ORIGIN[0])
     middle = 0.5 * (trajectory.latitude[1:] + trajectory.latitude[:-1])
     across = 0.5 * (trajectory.longitude[1:] + trajectory.longitude[:-1])
-    expected = np.stack(
+    return np.stack(
         mass_at((middle - ORIGIN[0]) * metres[0], (across - ORIGIN[1]) * metres[1]), axis=-1
     )
+
+
+def test_the_vehicle_feels_what_a_point_mass_does(world):
+    trajectory = build_trajectory(world)
+    (felt,) = felt_gravity(world, trajectory, [0])
+    expected = made_by_the_mass(trajectory)
     assert np.abs(expected[:, :2]).max() > 3e-5
     # what lies beyond the map is the transform's error: a per cent of the peak
     np.testing.assert_allclose(felt, expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_of_a_map_in_tiles_it_feels_the_same(world, monkeypatch):
+    """But for what lies off the corridor of a long route, which counts as nothing."""
+    monkeypatch.setattr(vector, "_kept", OrderedDict())
+    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5000)
+    trajectory = build_trajectory(world)
+    assert isinstance(gravity_vector(world, trajectory).disturbance, TiledMap)
+    (felt,) = felt_gravity(world, trajectory, [0])
+    expected = made_by_the_mass(trajectory)
+    np.testing.assert_allclose(felt, expected, atol=0.05 * np.abs(expected).max())
 
 
 def test_accelerometers_feel_its_negative(world):
@@ -108,8 +129,7 @@ def test_worlds_that_differ_in_their_sensors_share_the_vector(world):
 
 def test_a_gravity_map_is_a_disturbance_map_with_normal_gravity(world):
     trajectory = build_trajectory(world)
-    vector = gravity_vector(world, trajectory)
-    dg = vector.disturbance
+    dg = gravity_vector(world, trajectory).disturbance
     total = FieldMap(
         dg.latitude,
         dg.longitude,

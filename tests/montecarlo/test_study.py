@@ -4,7 +4,8 @@ user interrupts."""
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.summary import canonical_json, summarise
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo import chunks
+from isogal.montecarlo import chunks, workers
 from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Interrupted, compute_cases
@@ -188,6 +189,41 @@ def test_scenario_that_cannot_be_used_is_bad_input(
     beyond = replace(small_case, scenario=small_scenario(route={"duration": 9000.0}))
     with pytest.raises(InputError, match="does not cover the route"):
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
+
+
+def broken(kind: type[Exception]) -> Callable[..., None]:
+    def compute(*_: object) -> None:
+        raise kind("of a chunk")
+
+    return compute
+
+
+@pytest.mark.parametrize(
+    ("raised", "ends", "said"),
+    [
+        (ZeroDivisionError, WorkerError, "small, runs 0 to 3: ZeroDivisionError: of a chunk"),
+        (InputError, InputError, "of a chunk"),
+    ],
+)
+def test_what_a_worker_raises_is_raised_here(
+    small_case: Case, monkeypatch: pytest.MonkeyPatch, raised, ends, said
+) -> None:
+    """The work of a worker's process, in a thread."""
+    monkeypatch.setattr(workers, "compute", broken(raised))
+    (chunk,) = chunks.divide(small_case, [0, 1, 2, 3], 4)
+    ours, theirs = multiprocessing.Pipe()
+    thread = threading.Thread(target=workers.serve, args=(theirs,))
+    thread.start()
+    ours.send((chunk, small_case.field_map))
+    kind, value = ours.recv()
+    ours.close()
+    thread.join(10.0)
+    assert not thread.is_alive()
+    with pytest.raises(ends) as caught:
+        workers._raise_failure(kind, value, chunk)
+    assert str(caught.value) == said
+    traced = "".join(getattr(caught.value, "__notes__", []))
+    assert ("in compute" in traced) == (ends is WorkerError)
 
 
 def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: Watcher) -> None:

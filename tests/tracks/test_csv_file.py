@@ -82,6 +82,7 @@ def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
             'time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n',
             "quoted cell runs over several lines",
         ),
+        ("time,latitude,longitude,value\n", "has no readings"),
         (b"\xff\xfe\x00", r"is not a text file \(UTF-8\)"),
     ],
 )
@@ -168,6 +169,12 @@ def test_projected_coordinates_need_their_system(tmp_path):
     path = file_of(tmp_path, "easting,northing,value\n500000,5800000,3\n500100,5800000,4\n")
     with pytest.raises(InputError, match="has columns x and y; say their system"):
         read_csv_track(path)
+    with pytest.raises(InputError, match="--crs EPSG:0: is no coordinate system that is known"):
+        read_csv_track(path, "EPSG:0")
+    far = "easting,northing,value\n1e300,1e300,3\n2e300,1e300,4\n"
+    (tmp_path / "far.csv").write_text(far)
+    with pytest.raises(InputError, match="x and y are not places in EPSG:32755"):
+        read_csv_track(tmp_path / "far.csv", "EPSG:32755")
     found = read_csv_track(path, "EPSG:32755")
     np.testing.assert_allclose(found.longitude[0], 147.0, atol=1e-9)
     assert 48.0 < -found.latitude[0] < 53.0 or -38.5 < found.latitude[0] < -37.5

@@ -126,6 +126,8 @@ def test_a_gradiometer_and_a_magnetometer(survey):
         (("--also", "map=a.nc,colum=tmi"), "unknown key 'colum'"),
         (("--also", "map=a.nc,column=tmi,height=low"), "height must be a number"),
         (("--also", "a.nc"), "'a.nc' is not KEY=VALUE"),
+        (("--also", "map=a.nc,column=tmi,column=tmi"), "column is given twice"),
+        (("--gradients", "nn", "--reduction", "total"), "--reduction: does not go with"),
         (("--column", "tmj"), "has no column 'tmj' (is it 'tmi'?)"),
         (("--gradients", "nn,xx"), "has no column 't_xx'"),
         (("--gradients", "nn", "--spacing", 500), "--spacing: does not go with --gradients"),

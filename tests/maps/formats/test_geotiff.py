@@ -177,6 +177,11 @@ def test_refusals(tmp_path):
         with pytest.raises(InputError) as error:
             read_geotiff(path, **options)
         assert words in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(InputError, match=r"none\.tif: no such file"):
+        read_geotiff(tmp_path / "none.tif")
+    path = write(tmp_path / "complex.tif", MGAL, NORTH_UP, dtype="complex64")
+    with pytest.raises(InputError, match="band 1 holds complex64, not numbers"):
+        read_geotiff(path)
     for name, content in (
         ("empty", b""),
         ("foreign", b"PK\x03\x04" * 100),

@@ -169,6 +169,10 @@ def test_xyz_with_holes(tmp_path, small_map):
         ("lon lat dg[mGal]\n", "holds no numbers"),
         ("lon lat dg[mGal]\n1 2\n", "columns of numbers, not 3"),
         ("lon lat dg[mGal]\n1 2 3\n1 2 x\n", "not a table of numbers"),
+        ("lon lat dg[mGal]\n1 nan 3\n1 2 3\n", "a point has no coordinates"),
+        ("lon lat dg[mGal]\n500000 2 3\n500100 2 3\n", "is it a projected grid?"),
+        ("lon lat dg[mGal]\n1 2 3\n2 2 3\n3 2 3\n", "all points have the same latitude"),
+        ("lon lat dg[mGal]\n1 2 3\n2 3 3\n", "latitude has 2 nodes; at least 4 are needed"),
         (
             "lon lat dg[mGal]\n" + table() + table().splitlines()[0],
             "two points lie on the same node",

@@ -1,13 +1,26 @@
 """GGMplus tiles that were written are read back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus.reading import read_ggmplus
 from isogal.maps.ggmplus.tiles import CELLS, KINDS
 from isogal.maps.ggmplus.writing import write_ggmplus
+
+
+def test_a_value_that_does_not_fit_and_a_quantity_that_is_not_there(tmp_path, small_map):
+    large = replace(small_map, values=small_map.values + 0.1)
+    with pytest.raises(InputError, match="a value does not fit into"):
+        write_ggmplus(large, tmp_path / "tiles")
+    magnetic = replace(small_map, unit="nT", quantity="magnetic_anomaly")
+    with pytest.raises(InputError, match="GGMplus has no magnetic_anomaly files; it has"):
+        write_ggmplus(magnetic, tmp_path / "tiles")
+    assert not list(tmp_path.rglob("*.*"))
 
 
 @pytest.mark.parametrize("extension", sorted(KINDS))

@@ -97,6 +97,8 @@ GOOD = rows(LAT, LON, VALUE)
         ("lat,lon,dg[mGal]", rows(LON, LAT, VALUE), "swapped or projected"),
         ("lat,lon,dg[mGal]", [*GOOD, "1,2"], "row 62 has 2 cells"),
         ("lat,lon,dg[mGal]", [*GOOD, "1,2,high"], "row 62 holds 'high'"),
+        ("lat,lon,dg[mGal]", [*GOOD, "1,2,1_0"], "is not a table of numbers"),
+        (GOOD[0], GOOD[1:], "does not name its columns"),
         ("lat,lon,dg[mGal]", [*GOOD, *GOOD], "120 of 120 readings are duplicates"),
         (
             "lat,lon,dg[mGal]",
@@ -117,6 +119,14 @@ def test_bad_files_are_refused_in_one_line(tmp_path, header, lines, message):
         read_survey(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_missing_and_a_binary_file_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.csv: no such file"):
+        read_survey(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"binary\.csv: is not a text file"):
+        read_survey(tmp_path / "binary.csv")
 
 
 def test_readings_taken_twice_count_once(tmp_path):

@@ -11,11 +11,14 @@ from isogal.errors import InputError
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
+from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.synthetic import synthetic_map as module
 from isogal.maps.synthetic import tiles as synthetic
 from isogal.maps.synthetic.lattice_noise import RMS, sum_of_octaves
-from isogal.maps.synthetic.synthetic_map import synthetic_map
+from isogal.maps.synthetic.synthetic_map import synthetic_map, synthetic_map_along
 from isogal.maps.synthetic.tiles import VERSION
+from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -133,6 +136,19 @@ def test_tiles_are_made_in_another_process_or_else_here(own_cache, tmp_path, mon
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     np.testing.assert_array_equal(synthetic_map("gravity", part).values, child.values)
     assert here == [(10, 179)]
+
+
+def test_along_a_long_route_it_is_tiled_and_the_same(own_cache, monkeypatch):
+    latitude, longitude = np.radians([-37.9, -37.6]), np.radians([144.2, 145.2])
+    route = [np.linspace(*ends, 500) for ends in (latitude, longitude)]
+    corridor = corridor_of(*route, 3000.0)
+    whole = synthetic_map_along("gravity", corridor)
+    assert isinstance(whole, FieldMap)
+    monkeypatch.setattr(module, "WHOLE_CELLS", 10_000)
+    tiled = synthetic_map_along("gravity", corridor)
+    assert isinstance(tiled, TiledMap)
+    np.testing.assert_allclose(tiled.value(*route), whole.value(*route), rtol=0, atol=1e-13)
+    assert not own_cache[2]  # none was made in this process, and those off the route not at all
 
 
 def test_the_default_route_is_like_the_real_terrain(shared_data):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from helpers.command_line import call
 from helpers.commands import isogal, sets
 from helpers.field_scenarios import GRADIENT
 from isogal.cli import run
@@ -18,6 +19,7 @@ from isogal.fields import derived_maps
 from isogal.scenario import load_scenario
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import BagWriter
+from isogal_ros.faults import campaign
 
 
 def replayed(monkeypatch, capfd, *words: object) -> tuple[int, str, str]:
@@ -103,6 +105,10 @@ BAD = [
     (("run", "SETTINGS", "--rate", "-1"), "--rate"),
     (("run", "SETTINGS", "--port", "8080"), "--port 8080: goes with --live"),
     (
+        ("run", "SETTINGS", "--in-process", "--respawn"),
+        "--respawn: nodes in one process cannot be started again one by one",
+    ),
+    (
         ("run", "SETTINGS", "--set", "route.duration=5"),
         "route: takes 5 s, and the first reading comes after 10 s",
     ),
@@ -132,6 +138,21 @@ def test_bad_input_is_one_line_and_exit_2(
     assert message.startswith("isogal: ")
     assert expected in message
     assert out == ""
+
+
+def test_the_faults_command_ends_with_the_status_of_the_campaign(
+    settings, tmp_path, monkeypatch
+) -> None:
+    asked = []
+    monkeypatch.setattr(
+        campaign, "run_campaign", lambda *words: asked.append(words) or {"failed": 1}
+    )
+    words = ("--quick", "--trials", 3, "--process-trials", 0, "--json", "--out", tmp_path / "f")
+    status, out, _ = call("faults", *sets(settings()), *words)
+    assert (status, json.loads(out)) == (1, {"failed": 1})
+    ((scenario, folder, trials, quick, *_),) = asked
+    assert scenario == campaign.quick_scenario(load_scenario(None, settings()))
+    assert (folder, trials, quick) == (tmp_path / "f", (3, 0), True)
 
 
 def test_without_ros_the_command_says_so(monkeypatch) -> None:
