@@ -206,3 +206,13 @@ def test_only_a_map_that_is_worse_than_told_is_doubted(rough_map, sigma, length,
     assert (later.doubt > 4.0) if doubted else (later.doubt < 2.5)
     batch, _ = make_batch(rough_map)
     assert MapErrorEstimate.unknown(batch, rough_map).doubt == pytest.approx(0.0, abs=1e-12)
+
+
+def test_between_points_of_the_grid_sigma_is_found(rough_map):
+    """The log evidence of n readings of variance s is -n / 2 (log sigma² + s / sigma²)."""
+    batch, _ = make_batch(rough_map)
+    start = MapErrorEstimate.unknown(batch, rough_map)
+    for truth in (2.1e-5, 2.3e-5, 2.45e-5):
+        evidence = -300.0 * (np.log(start.sigma**2) + (truth / start.sigma) ** 2)
+        found = replace(start, log_weight=start.prior + evidence[:, None], batches=1)
+        assert found.model(BASE).map_sigma == pytest.approx(truth, rel=0.02)

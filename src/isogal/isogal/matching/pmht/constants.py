@@ -138,8 +138,12 @@ class Constants:
     error that cannot be told from none."""
     largest_sigma_share: float = 0.5
     """Largest sigma of that grid, as a share of the map's standard deviation."""
-    sigma_grid_factor: float = 1.6
-    """From one sigma of that grid to the next."""
+    sigma_grid_factor: float = 2.0**0.25
+    """Between points of the grid of an unknown sigma. Good readings show sigma² / L, the growth of
+    the map's error from reading to reading, far better than either: two steps here are one of the
+    lengths, so that no length is preferred because the grid has a better sigma to it."""
+    coarse_steps: tuple[int, int] = (5, 2)
+    """Of the grids of sigma and length, that a look takes a point in each of."""
     unknown_sigma_factor: float = 5.0
     """1-sigma, as a factor, by which an untold sigma exceeds the map's roughness."""
     unknown_length_factor: float = 2.5
@@ -150,7 +154,7 @@ class Constants:
     asked whether the navigator is lost where nothing was told. Measured."""
     unknown_lengths_m: tuple[float, float, int] = (500.0, 16000.0, 6)
     """Grid of an unknown correlation length: of the maps that are known to us."""
-    told_steps: tuple[int, int] = (9, 5)
+    told_steps: tuple[int, int] = (17, 9)
     """Points of the grids of sigma and length about what was told, over two 1-sigmas each way."""
     conditioning_readings: int = 10
     """Older residuals that new ones are conditioned on; still older ones say little more.

@@ -20,6 +20,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements, tensor_covariance
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.error_chain import ErrorChain, NewReadings
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel, distances, map_correlation
 
@@ -68,6 +69,9 @@ class MapErrorEstimate:
     doubtful: float
     """Sigma from which the navigator's place is in doubt rather than the map."""
     batches: int = 0
+    chain: ErrorChain | None = None
+    """What each of them believes of the map's error at the last reading and of the readings' bias;
+    None = there has been no reading."""
 
     @classmethod
     def unknown(
@@ -84,7 +88,7 @@ class MapErrorEstimate:
         )
         steps = math.log(max(CONSTANTS.largest_sigma_share * scale / least, 4.0))
         count = 1 + math.ceil(steps / math.log(CONSTANTS.sigma_grid_factor))
-        sigma = least * np.geomspace(1.0, math.exp(steps), count)
+        sigma: Array = least * np.power(CONSTANTS.sigma_grid_factor, np.arange(float(count)))
         rough = min(max(float(np.mean([roughness(one) for one in maps])), least), sigma[-1])
         above = np.maximum(np.log(sigma / rough), 0.0) / math.log(CONSTANTS.unknown_sigma_factor)
         factor = CONSTANTS.unknown_length_factor
@@ -108,10 +112,11 @@ class MapErrorEstimate:
 
     @property
     def coarse_prior(self) -> MapErrorPrior:
-        """The prior on every second point of the grids."""
-        log_weight = self.prior[::2, ::2]
+        """The prior on a part of the grids' points."""
+        of_sigma, of_length = (slice(None, None, step) for step in CONSTANTS.coarse_steps)
+        log_weight = self.prior[of_sigma, of_length]
         log_weight = log_weight - np.logaddexp.reduce(log_weight, axis=None)
-        return MapErrorPrior(self.sigma[::2], self.length[::2], log_weight)
+        return MapErrorPrior(self.sigma[of_sigma], self.length[of_length], log_weight)
 
     @property
     def doubt(self) -> float:
@@ -136,11 +141,30 @@ class MapErrorEstimate:
         sigma, length = _means(self)
         return replace(base, map_sigma=sigma, correlation_length=length)
 
+    def follow(self, new: NewReadings, bias_sigma: Array | None) -> "MapErrorEstimate":
+        """Add the evidence of new readings given all before, which are a chain
+        (`error_chain.is_chain`).
+
+        Parameters
+        ----------
+        new : NewReadings
+        bias_sigma : (2,) array, optional
+            1-sigma of the bias and of its drift before any reading; None = there is none.
+        """
+        if not np.isfinite(new.residual).all() or not len(new.residual):
+            return self
+        chain = self.chain or ErrorChain.before(self.sigma, self.length, new)
+        if bias_sigma is not None and not chain.biased:
+            chain = chain.with_bias(bias_sigma)
+        chain, evidence = chain.after(self.sigma, self.length, new)
+        log_weight, batches = self.log_weight + evidence, self.batches + 1
+        return replace(self, log_weight=log_weight, batches=batches, chain=chain)
+
     def update(
         self, batch: Batch, likelihood: BatchLikelihood, field_map: AnyMap, mean: Array
     ) -> "MapErrorEstimate":
-        """Add the evidence of the new readings of a batch given the older ones, linearised at the
-        error mean (4,).
+        """Add the evidence of the new readings of a batch given the older ones in it, linearised
+        at the error mean (4,).
 
         The navigator's prior knows the older readings already.
         """
@@ -179,11 +203,29 @@ class MapErrorEstimate:
 @lru_cache(maxsize=4)  # several ask it of the same estimate
 def _means(estimate: MapErrorEstimate) -> tuple[float, float]:
     """Return mean sigma and the exponential of the mean log length."""
-    p = estimate.probability
+    sigma, log_weight = _refined(estimate.sigma, estimate.log_weight)
+    p = np.exp(log_weight - log_weight.max())
+    p /= p.sum()
     return (
-        float((p.sum(axis=1) * estimate.sigma).sum()),
+        float((p.sum(axis=1) * sigma).sum()),
         float(np.exp((p.sum(axis=0) * np.log(estimate.length)).sum())),
     )
+
+
+def _refined(sigma: Array, log_weight: Array) -> tuple[Array, Array]:
+    """Return a grid of sigmas four times as fine, (4 S,), and the log weights there (4 S, L), by
+    parabolas through three neighbours: many good readings know sigma better than the grid."""
+    if len(sigma) < 3:
+        return sigma, log_weight
+    middle = np.clip(np.arange(len(sigma)), 1, len(sigma) - 2)
+    slope = 0.5 * (log_weight[middle + 1] - log_weight[middle - 1])
+    bend = log_weight[middle + 1] - 2.0 * log_weight[middle] + log_weight[middle - 1]
+    away = (np.arange(len(sigma)) - middle)[:, None] + np.arange(-0.5, 0.5, 0.25)
+    step = np.log(sigma[middle + 1] / sigma[middle])
+    fine = sigma[middle, None] * np.exp(step[:, None] * away)
+    log = log_weight[middle, None] + slope[:, None] * away[..., None]
+    log = log + 0.5 * bend[:, None] * away[..., None] ** 2
+    return fine.ravel(), log.reshape(fine.size, -1)
 
 
 @lru_cache(maxsize=4)

@@ -33,7 +33,7 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
     prior = prior_of(batch, memory)
     estimate = _bias(batch, field_map, memory, settings)
     bias = None if estimate is None else estimate.at_end(batch)
-    batch = batch if bias is None else bias.added_to(batch)
+    as_read, batch = batch, batch if bias is None else bias.added_to(batch)
     map_error = _map_error(batch, field_map, memory, settings)
     noise = settings.noise if map_error is None else map_error.model(settings.noise)
     if bias is not None:
@@ -42,6 +42,7 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
     likelihood = likelihood_of(batch, field_map, noise, prior, factor)
     state = State(
         batch=batch,
+        as_read=as_read,
         field_map=field_map,
         settings=settings,
         memory=memory,

@@ -71,6 +71,8 @@ class State:
 
     batch: Batch
     """Without earlier outliers, and with the readings' bias among its nuisance parameters."""
+    as_read: Batch
+    """The same without what is believed of their bias."""
     field_map: AnyMap
     settings: Settings
     memory: Memory | None
