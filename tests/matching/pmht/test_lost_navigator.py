@@ -16,6 +16,7 @@ from isogal.matching.monitoring import Insight
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.elsewhere import Look
+from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
 from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import posterior_of, seen_from, without_fixes
@@ -163,16 +164,20 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
     np.testing.assert_allclose(mean[:2], (before + FOUND)[:2], atol=5.0)
 
 
-@pytest.mark.parametrize(("probability", "found"), [(0.995, True), (0.9, False)])
-def test_a_navigator_that_knows_that_it_is_lost_is_told_a_sure_place(
-    monkeypatch, probability, found
+@pytest.mark.parametrize(
+    ("own", "probability", "found"), [(15e3, 0.995, True), (15e3, 0.9, False), (2e3, 0.9, True)]
+)
+def test_a_navigator_that_knows_little_of_its_place_is_told_a_sure_one(
+    monkeypatch, own, probability, found
 ):
-    """Its own place is as wide as all: the search near the place of a look is not a search that
-    comes back to it."""
+    """A search near the place of a look, 3.6 km off, is not one that comes back to its own place,
+    however vague that is. One that is lost has none, and is told the place if it is sure."""
     sure = Look(15.0, FOUND[:2], 500.0**2 * np.eye(2), probability)
     monkeypatch.setattr(LostNavigatorMonitor, "_look", lambda *_: sure)
-    wide = random_covariance(SIGMA, 0) + LOST_COVARIANCE
+    wide = random_covariance(SIGMA, 0)
+    wide[:2, :2] += own**2 * np.eye(2)
     script = Placeless(sure=1)
+    script.own = own
     matcher, memory, fixes = LostNavigatorMonitor(script), None, []
     made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
     for t in range(210):
@@ -205,15 +210,22 @@ class Untold(Scripted):
 class Placeless(Untold):
     """Finds nothing but near a place."""
 
+    own = 0.0
+    """m, the navigator's own 1-sigma."""
+
     def match(self, batch, field_map, memory):
         prior = joint_prior(batch)
         after = (1, 0.0)
-        if batch.prior[0, 0] > 1e8:
+        if batch.prior[0, 0] > 0.5 * self.own**2:
             return declined(batch, "ambiguous"), after
         self.seen_lost.append(batch)
         information = Information(np.zeros(7), 3.0 * np.linalg.inv(prior))
         fix = replace(declined(batch, ""), reason=None, information=information)
         return replace(fix, covariance=np.eye(2)), after
+
+    def insight(self, memory):
+        here = Mixture.gaussian(np.zeros(4), 100.0 * np.eye(4))
+        return replace(super().insight(memory), hypotheses=here)
 
 
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))

@@ -250,7 +250,10 @@ class LostNavigatorMonitor(Monitor):
             return False
         apart = np.hypot(*(hypotheses.mean[:, :2] + search.shift[:2]).T)
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
-        near = apart < CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
+        limit = CONSTANTS.same_place_m + CONSTANTS.same_place_sigma * sigma
+        if search.look is not None:  # a place that looks tell apart from its own, however vague
+            limit = min(limit, CONSTANTS.look_one_place_m)
+        near = apart < limit
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
 
 
