@@ -44,7 +44,10 @@ def test_an_aided_quarter_of_an_hour(gravity, tolerance):
     assert np.abs(compiled.error - compiled.unaided_error).max() > 100.0
     np.testing.assert_array_equal(by_filterpy.published, compiled.published)
     np.testing.assert_allclose(by_filterpy.error, compiled.error, rtol=0.0, atol=tolerance)
-    np.testing.assert_allclose(by_filterpy.fix_error, compiled.fix_error, rtol=0.0, atol=tolerance)
+    # in a direction of which a fix says next to nothing it is tens of kilometres off
+    np.testing.assert_allclose(
+        by_filterpy.fix_error, compiled.fix_error, rtol=1e-7, atol=tolerance
+    )
     sigma, expected = (
         np.sqrt(np.diagonal(runs.covariance, axis1=-2, axis2=-1))
         for runs in (by_filterpy, compiled)
