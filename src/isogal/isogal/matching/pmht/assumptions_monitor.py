@@ -32,7 +32,7 @@ from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import delayed
 from isogal.matching.pmht.error_hypotheses import ErrorHypotheses, with_delay
-from isogal.matching.pmht.past_batches import error_after, posterior_of, seen_from
+from isogal.matching.pmht.past_batches import error_after, placeless, posterior_of, seen_from
 
 CONTRADICTED_COVARIANCE = batch_covariance(500.0, 0.5, 1e-4, 1e-3)
 """(7, 7) what an aid that is not what it says may have done to the navigator besides what fixes
@@ -146,7 +146,7 @@ def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses, Array | None,
         growth = positive_part(growth - more, scale)
     bank = trial.hypotheses.grown(forward, growth, more)
     # of one that is lost or was made uncertain the dynamics are not linear enough to tell an aid
-    uncertain = trial.in_doubt or np.trace(prior[:2, :2]) > CONSTANTS.lost_m**2
+    uncertain = trial.in_doubt or placeless(prior)
     return bank, believed, trial.aided or (aided and not uncertain)
 
 

@@ -11,7 +11,7 @@ another.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import Readings, linearise, nuisance
 
 STATES = 3
@@ -60,7 +61,7 @@ class NewReadings:
             batch.reading[rows] - batch.offset[rows],
             np.ascontiguousarray(batch.transition[rows]),
             np.ascontiguousarray(batch.reading_jacobian[rows]),
-            np.tile([0.0, 0.0, 1.0], (len(rows), 1, 1)),
+            path_nodes(batch, rows),
         )
         residual, slope = linearise(field_map.grid, readings, mean)
         by_position = np.ascontiguousarray(batch.nuisance_position[rows])
@@ -106,7 +107,7 @@ class ErrorChain:
         covariance = self.covariance.copy()
         covariance[..., 1, 1] += sigma[0] ** 2
         covariance[..., 2, 2] += sigma[1] ** 2
-        return ErrorChain(self.mean, covariance, self.time, self.place, True)
+        return replace(self, covariance=covariance, biased=True)
 
     def after(self, sigma: Array, length: Array, new: NewReadings) -> tuple["ErrorChain", Array]:
         """Return the filters after new readings, and (S, L) the log densities of these given the

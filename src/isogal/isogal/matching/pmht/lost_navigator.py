@@ -32,6 +32,7 @@ from isogal.matching.pmht.elsewhere import Look, look_elsewhere
 from isogal.matching.pmht.other_fields import hour_of, log_evidence_of_others
 from isogal.matching.pmht.past_batches import (
     PastBatch,
+    placeless,
     posterior_of,
     recent,
     seen_from,
@@ -106,7 +107,7 @@ class LostNavigatorMonitor(Monitor):
         fix, after = self.matcher.match(batch, field_map, watch.memory)
         insight = self.matcher.insight(after)
         doubt = insight.map_error_doubt
-        found = fix.published and _placeless(batch.prior)
+        found = fix.published and placeless(batch.prior)
         if batch.attitude is None or fix.reset or doubt is None or found:
             return fix, Watch(after, threshold=watch.threshold)
         gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
@@ -197,7 +198,7 @@ class LostNavigatorMonitor(Monitor):
             look = self._look(watch.history, watch.memory)
             if look is None or not search.covers(look):
                 return None
-            if _placeless(watch.history[-1].batch.prior):
+            if placeless(watch.history[-1].batch.prior):
                 return True if look.probability > CONSTANTS.found_probability else None
             ahead = look.log_evidence
         if abs(ahead) < CONSTANTS.moved_log_evidence:
@@ -246,7 +247,7 @@ class LostNavigatorMonitor(Monitor):
         """Whether the search comes to the navigator's own place by itself."""
         assert search.last is not None and search.shift is not None
         hypotheses = self.matcher.insight(search.memory).hypotheses
-        if hypotheses is None or _placeless(search.last.posterior[1]):
+        if hypotheses is None or placeless(search.last.posterior[1]):
             return False
         apart = np.hypot(*(hypotheses.mean[:, :2] + search.shift[:2]).T)
         sigma = math.sqrt(float(np.trace(search.last.posterior[1][:2, :2])))
@@ -255,11 +256,6 @@ class LostNavigatorMonitor(Monitor):
             limit = min(limit, CONSTANTS.look_one_place_m)
         near = apart < limit
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
-
-
-def _placeless(covariance: Array) -> bool:
-    """Whether a navigator of such a covariance knows that it is lost."""
-    return float(np.trace(covariance[:2, :2])) > CONSTANTS.lost_m**2
 
 
 def _looked_for(insight: Insight, batch: Batch) -> bool:

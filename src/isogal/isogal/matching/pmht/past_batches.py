@@ -213,6 +213,11 @@ def error_after(batch: Batch) -> Array:
     return np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
 
 
+def placeless(covariance: Array) -> bool:
+    """Whether a navigator of a covariance (n, n), north and east first, knows that it is lost."""
+    return float(np.trace(covariance[:2, :2])) > CONSTANTS.lost_m**2
+
+
 def posterior_of(prior: Array, information: Information | None) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
     if information is None:
