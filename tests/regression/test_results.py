@@ -10,11 +10,10 @@ import pytest
 from helpers.reference_runs import GRAPH, KEPT, LIBRARY, sampled
 
 KEPT_RESULTS = json.loads(KEPT.read_text())
-MADE_WITH = "2.4."
-"""NumPy of the results that are kept; that of the lock for Python 3.11."""
-TOLERANCE = 1e-3 if np.__version__.startswith(MADE_WITH) else 0.05
-"""m; another machine's linear algebra may differ in the last digits, which the sampler enlarges,
-and another NumPy's more (2 cm between 2.4 and 2.5)."""
+TOLERANCE = 0.2
+"""m; another processor's or NumPy's linear algebra differs in the last digits, which particles,
+candidates and iterations enlarge: to 0.06 m between two processors of one kind. Errors are tens
+of metres. On one machine `helpers.reference_runs` compares every digit."""
 
 
 def _same(case: str, results: dict[str, np.ndarray]) -> None:
