@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -47,6 +49,14 @@ def running(tmp_path, settings):
     yield process, nodes, tmp_path / "out", before
     kill(process, nodes)
     sweep_shared_memory(before)  # a test may have killed what sweeps
+
+
+def listens_by(pid: int) -> set[str]:
+    """Return by which of Fast DDS's transports a process listens: each has threads named
+    dds.TRANSPORT.PORT."""
+    names = [path.read_text().strip() for path in Path(f"/proc/{pid}/task").glob("*/comm")]
+    found = [re.fullmatch(r"dds\.(udp|shm|tcp)\.\d+", name) for name in names]
+    return {match[1] for match in found if match}
 
 
 def kill(process: subprocess.Popen, nodes: dict[str, psutil.Process]) -> None:
@@ -115,6 +125,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     assert set(nodes) == set(CLASSES)
     for name, node in nodes.items():
         assert node.memory_info().rss < 300e6, name
+        assert listens_by(node.pid) == {"udp"}, name
     own = own_memory(process.pid)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
