@@ -107,6 +107,47 @@ def test_bias_of_the_first_follows_the_fix_of_the_second():
     assert left[1][0, 0] < left[0][0, 0]
 
 
+def two_batches(matcher: JointMatcher, first: int) -> tuple[np.ndarray, np.ndarray, Any]:
+    """Error left (4,), its covariance (4, 4) and the memory of the matcher that knows of a bias,
+    after two batches one after the other of a biased field and of another, in either order."""
+    north = field_map_of(lambda north, east: 1e-8 * np.asarray(north) + 0.0 * np.asarray(east))
+    east = field_map_of(lambda north, east: 1e-8 * np.asarray(east) + 2e-9 * np.asarray(north))
+    error, covariance = np.array([40.0, -30.0, 0.1, -0.05]), np.diag([1e4, 1e4, 0.04, 0.04])
+    straight, memory = np.eye(4), None
+    straight[:2, 2:] = 150.0 * np.eye(2)
+    for k in range(2):
+        start = (150.0 * k * 14.0, 150.0 * k * 17.0)
+        keys = {"error": error, "scans": 15, "sigma": 1e-7, "start": start, "prior": covariance}
+        keys["time"] = 1000.0 + 150.0 * k + 10.0 * np.arange(15)
+        if k:
+            keys |= {"back_transition": np.linalg.inv(straight), "back_nuisance": np.zeros((4, 0))}
+        parts = [make_batch(ground, seed=k, **keys)[0] for ground in (north, east)]
+        parts[0] = replace(parts[0], reading=parts[0].reading + 5e-7)
+        grounds = (north, east) if first == 0 else (east, north)
+        parts = parts if first == 0 else parts[::-1]
+        batch = replace(parts[0], beside=(Beside(1, parts[1], grounds[1]),))
+        fix, memory = matcher.match(batch, grounds[0], memory)
+        mean, covariance = informed(covariance, fix.information)
+        error = error - mean
+        if k == 0:
+            error, covariance = straight @ error, straight @ covariance @ straight.T
+    return error, covariance, memory.memories[first]
+
+
+def test_the_order_of_fields_does_not_matter_to_a_bias():
+    """What is known of a bias goes together with the position where the last batch ended, of which
+    the fix of another field tells something, too: exactly as if that field came last."""
+    biased, plain = pmht(map_sigma=0.0, bias_sigma=1e-6), pmht(map_sigma=0.0)
+    one = two_batches(joint(biased, plain), 0)
+    other = two_batches(joint(plain, biased), 1)
+    sigma = np.sqrt(np.diag(one[1]))
+    assert (np.abs(one[0] - other[0]) < 0.02 * sigma).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(other[1])), sigma, rtol=0.01)
+    figures = [memory.bias.figures() for *_, memory in (one, other)]
+    assert abs(figures[0]["bias"] - figures[1]["bias"]) < 0.02 * figures[0]["bias_sigma"]
+    assert figures[1]["bias_sigma"] == pytest.approx(figures[0]["bias_sigma"], rel=0.01)
+
+
 @dataclass(frozen=True)
 class Says:
     """A matcher that says what it is told to."""

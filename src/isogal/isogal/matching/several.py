@@ -28,7 +28,7 @@ from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.map_error import MapErrorPrior
-from isogal.matching.pmht.past_batches import seen_from
+from isogal.matching.pmht.past_batches import error_before, seen_from
 from isogal.scenario import Scenario
 
 
@@ -181,12 +181,14 @@ class _Step:
     def take(self, beside: Beside) -> None:
         """Match what another field has read meanwhile."""
         matcher, before = self._joint.matchers[beside.field], self._memories[beside.field]
-        batch = beside.batch
+        batch, memory = beside.batch, before
         if self._taken:
             batch = _seen(batch, self._mean, self._covariance)
-        memory = before
         if isinstance(matcher, Sharing):
-            memory = matcher.given(before, batch, self._hypotheses)
+            if self._taken and before is not None:
+                earlier = _earlier(beside.batch, batch, self._mean)
+                memory = matcher.after_others(before, *earlier)
+            memory = matcher.given(memory, batch, self._hypotheses)
         fix, after = matcher.match(batch, beside.field_map, memory)
         if fix.reset and any(one.published for one in self._fixes.values()):
             # the navigator has just been found where it believes to be: these readings are wrong
@@ -306,6 +308,17 @@ def _seen(batch: Batch, shift: Array, covariance: Array) -> Batch:
         reading=batch.reading - batch.reading_jacobian @ shift,
         prior=covariance,
     )
+
+
+def _earlier(batch: Batch, seen: Batch, shift: Array) -> tuple[Array, Array]:
+    """Return what a fix says of the error at the end of the batch before: the mean (n,) that a
+    mean error at this one's end makes there, and the covariance (n, n) that is left; `seen` is the
+    batch after the fix."""
+    elapsed = float(batch.time[-1] - batch.time[max(len(batch) - batch.new - 1, 0)])
+    back, nuisance = seen.back(elapsed)
+    covariance = back @ seen.prior @ back.T + nuisance @ nuisance.T
+    by_error = batch.back(elapsed)[0] if batch.attitude is None else error_before(batch)
+    return by_error @ shift, symmetric(covariance)
 
 
 @dataclass(frozen=True, slots=True)
