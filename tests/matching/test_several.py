@@ -148,6 +148,31 @@ def test_the_order_of_fields_does_not_matter_to_a_bias():
     assert figures[1]["bias_sigma"] == pytest.approx(figures[0]["bias_sigma"], rel=0.01)
 
 
+@pytest.mark.parametrize("lead", [0, 1])
+@pytest.mark.parametrize("told", [(1e-5, 1e-5), ("auto", 1e-5), (0.0, 1e-5)])
+def test_doubt_of_any_field_counts(lead, told):
+    """Readings of the second, and of no other, say that its map is far worse than told."""
+    first, second = both(prior_sigma=(30.0, 0.02), error=(0.0, 0.0, 0.0, 0.0))
+    noise = 1e-4 * np.random.default_rng(5).standard_normal(len(second))
+    sigma = np.full(len(second), 3e-5)
+    second = replace(second, reading=second.reading + noise, sigma=sigma)
+    matchers, parts = [pmht(map_sigma=one) for one in told], [first, second]
+    maps = [FIRST, SECOND]
+    if lead == 1:
+        matchers, parts, maps = matchers[::-1], parts[::-1], maps[::-1]
+    batch = replace(parts[0], beside=(Beside(1, parts[1], maps[1]),))
+    matcher = joint(*matchers)
+    _, memory = matcher.match(batch, maps[0], None)
+    insight = matcher.insight(memory)
+    doubted = memory.memories[1 - lead]
+    assert doubted.map_error.doubt > 1.0
+    assert insight.told_doubt == doubted.map_error.doubt
+    assert insight.map_error_doubt >= insight.told_doubt
+    assert insight.untold == ("auto" in told)
+    evidence = [one.log_evidence for one in memory.memories]
+    assert insight.log_evidence == pytest.approx(sum(evidence))
+
+
 @dataclass(frozen=True)
 class Says:
     """A matcher that says what it is told to."""

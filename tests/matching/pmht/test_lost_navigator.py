@@ -204,7 +204,14 @@ class Untold(Scripted):
     """Nobody has told it the map's error."""
 
     def insight(self, memory):
-        return replace(super().insight(memory), map_error_prior=PRIOR)
+        return replace(super().insight(memory), map_error_prior=PRIOR, untold=True)
+
+
+class PartlyTold(Untold):
+    """Of several fields: of one somebody has told it, and that is in doubt."""
+
+    def insight(self, memory):
+        return replace(super().insight(memory), told_doubt=100.0)
 
 
 class Placeless(Untold):
@@ -231,7 +238,9 @@ class Placeless(Untold):
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
 
 
-@pytest.mark.parametrize(("script", "searched"), [(Scripted(sure=9), True), (Untold(9), False)])
+@pytest.mark.parametrize(
+    ("script", "searched"), [(Scripted(sure=9), True), (Untold(9), False), (PartlyTold(9), True)]
+)
 def test_doubt_begins_a_search_only_where_the_maps_error_is_told(script, searched):
     matcher, memory = LostNavigatorMonitor(script), None
     made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)

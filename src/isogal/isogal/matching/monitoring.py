@@ -6,6 +6,7 @@ and acts on what the matcher has come to believe. Two are there: for a navigator
 follows the protocol `Monitored`.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -24,13 +25,17 @@ class Insight:
     log_evidence: float
     """Log probability density of all readings so far, each batch given the ones before."""
     map_error_doubt: float | None
-    """Log Bayes factor of a map error above what was told against one that is not; None = none
-    was told."""
+    """Log Bayes factor of a map error above what was told against one that is not; of several
+    fields the largest. None = it is not in question."""
     map_error_prior: MapErrorPrior | None
     """What was believed of the map's error before any reading; None = somebody has told it."""
     hypotheses: Mixture | None
     """About the navigator's error at the end of the last batch; None = the navigator's own
     prior."""
+    told_doubt: float = -math.inf
+    """The largest such factor of fields whose map error somebody has told."""
+    untold: bool = False
+    """Whether there are fields of whose map error nobody has told anything."""
 
 
 @runtime_checkable

@@ -103,8 +103,8 @@ class JointMatcher:
             step.take(beside)
         return step.fix(), step.remembered()
 
-    # What monitors ask (`monitoring.Monitored`): of the first field, but for the hypotheses, and
-    # for whether somebody has told how wrong the maps are, all of them.
+    # What monitors ask (`monitoring.Monitored`): of the first field, but what the readings say of
+    # all of them.
 
     def insight(self, memory: JointMemory | None) -> Insight:
         """Say what the matchers have come to believe."""
@@ -114,10 +114,16 @@ class JointMatcher:
             for matcher, one in zip(self.matchers, whole.memories, strict=True)
             if isinstance(matcher, Monitored)
         ]
-        own, prior = self._watched.insight(whole.memories[self.lead]), None
-        if any(one.map_error_prior is not None for one in each):
-            prior = self.map_error_prior(whole, self.lead)
-        return replace(own, hypotheses=whole.hypotheses, map_error_prior=prior)
+        untold = any(one.untold for one in each)
+        doubts = [one.map_error_doubt for one in each if one.map_error_doubt is not None]
+        return Insight(
+            sum(one.log_evidence for one in each),
+            max(doubts, default=None),
+            self.map_error_prior(whole, self.lead) if untold else None,
+            whole.hypotheses,
+            told_doubt=max(one.told_doubt for one in each),
+            untold=untold,
+        )
 
     def sceptic(
         self, batch: Batch, before: Any, after: JointMemory, variance: float, confidence: float

@@ -106,17 +106,18 @@ class LostNavigatorMonitor(Monitor):
         watch = memory or Watch()
         fix, after = self.matcher.match(batch, field_map, watch.memory)
         insight = self.matcher.insight(after)
-        doubt = insight.map_error_doubt
         found = fix.published and placeless(batch.prior)
-        if batch.attitude is None or fix.reset or doubt is None or found:
+        unasked = insight.map_error_doubt is None
+        if batch.attitude is None or fix.reset or unasked or found:
             return fix, Watch(after, threshold=watch.threshold)
         gained = insight.log_evidence - self.matcher.insight(watch.memory).log_evidence
         past = PastBatch.of(batch, field_map, fix, gained, watch.history)
         history, search = recent((*watch.history, past)), watch.search
         seen, look_at = watch.seen + batch.new, watch.look_at
+        doubt = _counting(insight, batch)
         if search is not None:
             search = replace(search, waiting=(*search.waiting, past))
-        elif doubt > watch.threshold and not _looked_for(insight, batch):
+        elif doubt > watch.threshold:
             search = _Search(waiting=history)
         if seen >= look_at:
             look = self._look(history, after)
@@ -147,7 +148,7 @@ class LostNavigatorMonitor(Monitor):
 
     def _look(self, history: tuple[PastBatch, ...], memory: Any) -> Look | None:
         insight = self.matcher.insight(memory)
-        if insight.map_error_prior is None:
+        if not insight.untold:
             return None
         hour = hour_of(self.matcher, memory, history, insight.map_error_prior)
         return None if hour is None else look_elsewhere(hour)
@@ -258,10 +259,13 @@ class LostNavigatorMonitor(Monitor):
         return float(hypotheses.weight[near].sum()) > CONSTANTS.same_place_probability
 
 
-def _looked_for(insight: Insight, batch: Batch) -> bool:
-    """Whether looks find a lost navigator: where nobody has told the map's error, few readings
-    doubt it by chance, and a poor map then fits better somewhere else."""
-    return insight.map_error_prior is not None and batch.channel is None
+def _counting(insight: Insight, batch: Batch) -> float:
+    """Return the doubt that starts a search: that of any field whose map error was told. Where
+    nobody has told it, few readings doubt it by chance, and a poor map then fits better somewhere
+    else: looks find a lost navigator there, but not by several channels."""
+    if insight.untold and batch.channel is None:
+        return insight.told_doubt
+    return -math.inf if insight.map_error_doubt is None else insight.map_error_doubt
 
 
 def _looked(

@@ -16,6 +16,7 @@ and returns another:
 A stage that reaches a verdict ends the way of the batch; `publish` always comes last.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -88,16 +89,18 @@ class Pmht:
 
     def insight(self, memory: Memory | None) -> Insight:
         """Say what the matcher has come to believe."""
-        memory_error = None if memory is None else memory.map_error
+        if memory is None:
+            return Insight(0.0, None, None, None)
+        error, untold = memory.map_error, self.settings.adaptive
+        if error is None:
+            return Insight(memory.log_evidence, None, None, memory.hypotheses)
         return Insight(
-            log_evidence=0.0 if memory is None else memory.log_evidence,
-            map_error_doubt=None if memory_error is None else memory_error.doubt,
-            map_error_prior=(
-                memory_error.coarse_prior
-                if memory_error is not None and self.settings.adaptive
-                else None
-            ),
-            hypotheses=None if memory is None else memory.hypotheses,
+            memory.log_evidence,
+            error.doubt,
+            error.coarse_prior if untold else None,
+            memory.hypotheses,
+            told_doubt=-math.inf if untold else error.doubt,
+            untold=untold,
         )
 
     def sceptic(
