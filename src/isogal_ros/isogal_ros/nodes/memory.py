@@ -7,7 +7,7 @@ lies below the last block in use."""
 import ctypes
 import time
 
-EVERY = 10.0
+EVERY = 5.0
 """s of wall time."""
 
 
