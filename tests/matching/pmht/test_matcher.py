@@ -268,7 +268,7 @@ def test_an_error_that_is_only_processing_s_own_is_not_believed_to_be_all(rough_
 
 def test_fixes_for_retrodiction_hold_the_information_once(rough_map):
     batch, error = batch_at(rough_map)
-    fix, _ = pmht().match(replace(batch, new=20), rough_map, None)
+    fix, _ = pmht(mode="retrodiction").match(replace(batch, new=20), rough_map, None)
     assert np.isnan(fix.scan_covariance[:10]).all()
     together = np.linalg.inv(np.linalg.inv(fix.scan_covariance[10:]).sum(axis=0))
     np.testing.assert_allclose(together, fix.covariance, rtol=1e-9)
@@ -282,6 +282,9 @@ def test_fixes_for_retrodiction_hold_the_information_once(rough_map):
         )
         < 100.0
     )
+    once, _ = pmht().match(replace(batch, new=20), rough_map, None)
+    assert once.scan_position is None and once.of_scan(29) is None
+    np.testing.assert_array_equal(once.information.matrix, fix.information.matrix)
 
 
 def test_the_shape_of_a_wide_posterior_goes_on_to_the_next_batch(rough_map):

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.measured import measured_field
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Expansion, expansion_of
@@ -17,8 +16,15 @@ from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.matching.residual_gravity import UNMOVED
-from isogal.matching.scans import Collected, Scan, arrays_of
-from isogal.matching.transitions import Bridge, across, backwards, carried, condition, rates
+from isogal.matching.scans import Collected, Scan, Track, arrays_of
+from isogal.matching.transitions import (
+    Bridge,
+    across,
+    backwards,
+    carried,
+    condition,
+    reading_rate,
+)
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
@@ -81,6 +87,7 @@ class BatchBuilder:
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
+        self._track: Track | None = None
         self.gravity = UNMOVED
         """What moves the navigator within a batch; nothing, unless it is set."""
 
@@ -125,7 +132,7 @@ class BatchBuilder:
         """Go on from what an earlier builder of the same settings had collected."""
         self._scans.clear()
         self._scans.extend(collected.scans)
-        self._count, self._unused = collected.count, collected.unused
+        self._count, self._unused, self._track = collected.count, collected.unused, None
         self._bridge = collected.bridge
 
     def begin(self, earlier: int) -> None:
@@ -197,17 +204,13 @@ class BatchBuilder:
         scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
         if not scans:
             return
-        latitude, longitude, velocity, times = arrays_of(scans)
-        shift = (self._errors(latitude, velocity, times, time)[1] @ jump)[:, :4]
-        change = (self._jacobian(latitude, longitude, velocity) * shift).sum(axis=1)
-        north, east = metres_per_radian(latitude)
-        places = np.stack([latitude + shift[:, 0] / north, longitude + shift[:, 1] / east], axis=1)
-        velocity = velocity + shift[:, 2:]
-        for i, (scan, place, more) in enumerate(
-            zip(scans, places.tolist(), change.tolist(), strict=True)
-        ):
-            scan.latitude, scan.longitude = place
-            scan.velocity, scan.reading = velocity[i], scan.reading + more
+        track, self._track = self._track, None
+        if track is None or not track.is_of(scans, time, self._bridge):
+            latitude, longitude, velocity, times = arrays_of(scans)
+            every = self._errors(latitude, velocity, times, time)[1]
+            jacobian = self._jacobian(latitude, longitude, velocity)
+            track = Track(latitude, longitude, velocity, every, jacobian, scans, time)
+        track.move(jump)
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -225,6 +228,10 @@ class BatchBuilder:
         every, rest = condition(joined, prior, apart)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
+        end = float(times[-1])
+        self._track = Track(
+            latitude, longitude, velocity, joined, at_scan, scans, end, self._bridge
+        )
         sigma = np.array([scan.sigma for scan in scans])
         new = min(self._unused, len(scans))
         self._unused = 0
@@ -253,7 +260,7 @@ class BatchBuilder:
             reading_covariance=self._noise(scans, sigma, velocity, times),
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
-            reading_rate=_rate(at_scan, velocity, times),
+            reading_rate=reading_rate(at_scan, velocity, times),
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
         if self.covariance is None:
@@ -310,7 +317,7 @@ class BatchBuilder:
             nuisance_position=np.ascontiguousarray(rest[:, :2]),
             nuisance_reading=np.einsum("ti,tij->tj", at_scan, rest[:, :4]),
             filter_path=filter_path,
-            reading_rate=_rate(at_scan, velocity, batch.time),
+            reading_rate=reading_rate(at_scan, velocity, batch.time),
             end_place=batch.end,
         )
 
@@ -338,12 +345,3 @@ class BatchBuilder:
         return self.reduction.jacobian(
             State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
         )
-
-
-def _rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
-    """Return (T,) the change per s along the path of what a reduction adds to the readings, by
-    its Jacobian (T, 4) at the scans."""
-    if len(times) < 2:
-        return None
-    moving = np.concatenate([velocity, rates(velocity, times)], axis=1)
-    return np.asarray((jacobian * moving).sum(axis=1))

@@ -9,7 +9,7 @@ fix, measurement information only: the navigator's prior is not in its covarianc
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -235,7 +235,9 @@ class Fix:
     """(2, 2) m², north-east, of the measurements alone; NaN where there is no fix."""
     reason: str | None = None
     """None = published; else one line saying why the batch gives no fix."""
-    candidates: Candidates | None = None
+    shown: Callable[[], Candidates] | None = None
+    """Returns `candidates`, which are computed for those who look at them; None = there are
+    none."""
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     """Named figures: feature_variability, consistency p-value, evidence, iterations, ..."""
     information: "Information | None" = None
@@ -255,6 +257,11 @@ class Fix:
     scan_information: "tuple[Information | None, ...] | None" = None
     """T shares of `information`, each about the error at its own scan and relative to the estimate
     there of a navigator that has taken the shares of earlier scans; None = positions say all."""
+
+    @property
+    def candidates(self) -> Candidates | None:
+        """Where the map has the readings' values; None where that is not known."""
+        return None if self.shown is None else self.shown()
 
     @property
     def published(self) -> bool:

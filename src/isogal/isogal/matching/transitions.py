@@ -95,6 +95,15 @@ def rates(values: Array, times: Array) -> Array:
     return np.concatenate([slope[:1], inner, slope[-1:]])
 
 
+def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
+    """Return (T,) the change per s along the path of what a reduction adds to the readings, by
+    its Jacobian (T, 4) at the scans."""
+    if len(times) < 2:
+        return None
+    moving = np.concatenate([velocity, rates(velocity, times)], axis=1)
+    return np.asarray((jacobian * moving).sum(axis=1))
+
+
 @kernel
 def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""

@@ -8,6 +8,7 @@ section 4.1), the residual of a reading is
     r_t(xi) = level_t - jacobian_t xi - map(p_t - transition_t xi).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -211,7 +212,7 @@ def _fix(
         latitude=float(batch.end[0] - position[0] / north[-1]),
         longitude=float(batch.end[1] - position[1] / east[-1]),
         covariance=covariance,
-        candidates=candidates,
+        shown=_showing(candidates),
         diagnostics=diagnostics,
         information=information,
         # late readings say where the vehicle was, not where it is at their stamps
@@ -222,3 +223,7 @@ def _fix(
         ),
         scan_covariance=None if batch.end_place is not None else scan_covariance,
     )
+
+
+def _showing(candidates: Candidates | None) -> Callable[[], Candidates] | None:
+    return None if candidates is None else lambda: candidates

@@ -214,7 +214,7 @@ class PmhtPaper:
             latitude=float(latitude[-1] + batch.end[0] - batch.latitude[-1]),
             longitude=float(longitude[-1] + batch.end[1] - batch.longitude[-1]),
             covariance=out,
-            candidates=_listed(plane, candidates, result.weight),
+            shown=lambda: _listed(plane, candidates, result.weight),
             diagnostics={
                 "feature_variability": variability,
                 "iterations": float(result.iterations),

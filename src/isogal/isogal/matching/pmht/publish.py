@@ -13,7 +13,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
 from isogal.matching.information import likelihood_information, measurement_only, shares
-from isogal.matching.interfaces import Fix, Information, declined
+from isogal.matching.interfaces import Batch, Candidates, Fix, Information, declined
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.clustering import pieces
 from isogal.matching.pmht.constants import CONSTANTS
@@ -83,31 +83,39 @@ def _fix(state: State, information: Information, figures: dict[str, float]) -> F
     error, error_covariance = measurement_only(mean, covariance, batch.prior)
     north, east = metres_per_radian(batch.end[0])
     each, first = first_channel(batch, state.field_map)  # each scan once
-    new = slice(len(each) - each.new, None)
-    moved = np.full((len(each), 2), np.nan)
-    moved[new] = each.transition[new] @ mean
-    scan_north, scan_east = metres_per_radian(each.latitude)
-    scan_covariance = np.full((len(each), 2, 2), np.nan)
-    scan_covariance[new] = error_covariance * each.new
-    parts: list[Information | None] = [None] * len(each)
-    if each.backward is not None:
-        parts[new] = shares(information, joint_prior(batch), each.backward[new])
-    return Fix(
+
+    def shown() -> Candidates:
+        return contour_candidates(as_points(each, first, mean), first, mean, covariance)
+
+    fix = Fix(
         time=float(batch.time[-1]),
         latitude=float(batch.end[0] - error[0] / north),
         longitude=float(batch.end[1] - error[1] / east),
         covariance=error_covariance,
-        candidates=contour_candidates(as_points(each, first, mean), first, mean, covariance),
+        shown=shown,
         diagnostics=figures,
         information=information,
-        # late readings say where the vehicle was, not where it is at their stamps
-        scan_position=None
-        if batch.end_place is not None
-        else np.stack(
-            [each.latitude - moved[:, 0] / scan_north, each.longitude - moved[:, 1] / scan_east],
-            axis=-1,
-        ),
-        scan_covariance=None if batch.end_place is not None else scan_covariance,
+    )
+    return _of_each_scan(fix, state, each, mean) if state.settings.each_scan else fix
+
+
+def _of_each_scan(fix: Fix, state: State, each: Batch, mean: Array) -> Fix:
+    """Return the fix with what it says at each scan, for retrodiction."""
+    batch, new = state.batch, slice(len(each) - each.new, None)
+    moved = np.full((len(each), 2), np.nan)
+    moved[new] = each.transition[new] @ mean
+    north, east = metres_per_radian(each.latitude)
+    covariance = np.full((len(each), 2, 2), np.nan)
+    covariance[new] = fix.covariance * each.new
+    parts: list[Information | None] = [None] * len(each)
+    if each.backward is not None and fix.information is not None:
+        parts[new] = shares(fix.information, joint_prior(batch), each.backward[new])
+    places = [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east]
+    late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
+    return replace(
+        fix,
+        scan_position=None if late else np.stack(places, axis=-1),
+        scan_covariance=None if late else covariance,
         scan_information=None if each.backward is None else tuple(parts),
     )
 

@@ -70,6 +70,8 @@ class Settings:
     options: Options = field(default_factory=Options)
     context: int = 30
     """Older scans that a batch brings along."""
+    each_scan: bool = False
+    """Whether fixes say what each scan is given of them (retrodiction)."""
 
     @classmethod
     def of(cls, matcher: MatcherSettings) -> "Settings":
@@ -82,4 +84,4 @@ class Settings:
             bias_sigma=matcher.bias_sigma,
         )
         context = matcher.batch_length if options.context is None else options.context
-        return cls(noise, adaptive, options, context)
+        return cls(noise, adaptive, options, context, matcher.mode == "retrodiction")
