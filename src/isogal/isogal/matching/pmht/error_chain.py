@@ -184,17 +184,20 @@ def _filtered(  # type: ignore[no-untyped-def]
                 for a in range(q):
                     H[3 + a] = unknown[t, a]
                 spread, innovation = noise[t], residual[t]
+                for a in range(size):  # P is symmetric: its rows are its columns
+                    PH[a] = 0.0
+                for b in range(size):
+                    for a in range(size):
+                        PH[a] += P[b, a] * H[b]
                 for a in range(size):
-                    value = 0.0
-                    for b in range(size):
-                        value += P[a, b] * H[b]
-                    PH[a] = value
-                    spread += H[a] * value
+                    spread += H[a] * PH[a]
                     innovation -= H[a] * x[a]
+                inverse = 1.0 / spread
                 for a in range(size):
-                    x[a] += PH[a] * innovation / spread
+                    gain = PH[a] * inverse
+                    x[a] += gain * innovation
                     for b in range(size):
-                        P[a, b] -= PH[a] * PH[b] / spread
+                        P[a, b] -= gain * PH[b]
                 total += 0.5 * (math.log(spread) + innovation * innovation / spread)
             evidence[i, j] = -total
             for a in range(3):

@@ -7,11 +7,13 @@ A bank of linear filters that run beside the navigator and take the information 
 foretells the fixes. Docs/mathematics.md, section 8.8.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import LOST_COVARIANCE, Information
 from isogal.matching.matrices import symmetric
@@ -92,25 +94,13 @@ class ErrorHypotheses:
         """
         z, by_error, telling = _as_measurement(information, prior)
         H = by_error @ with_delay(velocity)
-        cross = self.covariance @ H.T
-        S = H @ cross + self.noise[:, None, None] * np.eye(len(z))
-        innovation = (z - self.mean @ H.T)[:, :, None]
-        gain = np.linalg.solve(S, cross.transpose(0, 2, 1)).transpose(0, 2, 1)
-        # Joseph's form: what is left of a wide covariance is not lost in rounding
-        left = np.eye(H.shape[1]) - gain @ H
-        covariance = left @ self.covariance @ left.transpose(0, 2, 1)
-        covariance += self.noise[:, None, None] * (gain @ gain.transpose(0, 2, 1))
-        log_weight = self.log_weight + _log_density(
-            innovation[:, telling], S[:, telling][:, :, telling]
+        mean, covariance, density = _informed(
+            self.mean, self.covariance, self.noise, z, np.ascontiguousarray(H), telling
         )
         # what was wrong for hours may become right: no hypothesis falls too far behind
-        log_weight = log_weight - log_weight.max()
-        return replace(
-            self,
-            mean=self.mean + (gain @ innovation)[:, :, 0],
-            covariance=symmetric(covariance),
-            log_weight=np.maximum(log_weight, -CONSTANTS.untold_reach_log),
-        )
+        log_weight = self.log_weight + density
+        log_weight = np.maximum(log_weight - log_weight.max(), -CONSTANTS.untold_reach_log)
+        return replace(self, mean=mean, covariance=covariance, log_weight=log_weight)
 
     def lost(self) -> "ErrorHypotheses":
         """Return the bank where a navigator that is as assumed must be lost, and has become as
@@ -152,27 +142,19 @@ class ErrorHypotheses:
         }
 
 
-def _log_density(innovation: Array, covariance: Array) -> Array:
-    """Return (K,) log densities, without their constant, of innovations (K, m, 1) by covariances
-    (K, m, m)."""
-    root = np.linalg.cholesky(covariance)
-    whitened = np.linalg.solve(root, innovation)[:, :, 0]
-    log_det = np.log(np.einsum("kii->ki", root)).sum(axis=1)
-    return np.asarray(-0.5 * (whitened**2).sum(axis=1) - log_det)
-
-
-def _as_measurement(information: Information, prior: Array) -> tuple[Array, Array, Booleans]:
+def _as_measurement(information: Information, prior: Array) -> tuple[Array, Array, int]:
     """Return z (m,) and H (m, 7) of a fix, z = H x + N(0, I), in the directions in which it is
-    positive, and (m,) in which it tells so much that it may be judged.
+    positive, and in how many, the first, it tells so much that it may be judged.
     """
     scale = np.sqrt(np.diag(prior))
     root = scale[:, None] * np.linalg.cholesky(prior / scale / scale[:, None])
     values, vectors = np.linalg.eigh(symmetric(root.T @ information.matrix @ root))
-    kept = values > _LEAST_INFORMATION
-    size, turned = np.sqrt(values[kept]), vectors[:, kept]
+    values, vectors = values[::-1], vectors[:, ::-1]
+    kept = int((values > _LEAST_INFORMATION).sum())
+    size, turned = np.sqrt(values[:kept]), vectors[:, :kept]
     z = (turned.T @ (root.T @ information.vector)) / size
     H = (np.linalg.solve(root.T, turned) * size).T
-    return z, H, values[kept] > CONSTANTS.telling_information
+    return z, H, int((values > CONSTANTS.telling_information).sum())
 
 
 def with_delay(velocity: Array) -> Array:
@@ -181,3 +163,75 @@ def with_delay(velocity: Array) -> Array:
     shown = np.eye(BATCH_STATES, BATCH_STATES + 1)
     shown[:2, -1] = velocity
     return shown
+
+
+@kernel
+def _joseph(P, gain, H, noise, left, half, out):  # type: ignore[no-untyped-def]
+    """Write the covariance (n, n) after a measurement H (m, n) with a transposed gain (m, n), in
+    Joseph's form: what is left of a wide covariance is not lost in rounding. `left` and `half`
+    (n, n) are work space."""
+    m, n = H.shape
+    for i in range(n):
+        for j in range(n):
+            left[i, j] = 1.0 if i == j else 0.0
+            for a in range(m):
+                left[i, j] -= gain[a, i] * H[a, j]
+    for i in range(n):
+        for j in range(n):
+            half[i, j] = 0.0
+            for c in range(n):
+                half[i, j] += left[i, c] * P[c, j]
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for c in range(n):
+                value += half[i, c] * left[j, c]
+            for a in range(m):
+                value += noise * gain[a, i] * gain[a, j]
+            out[i, j] = out[j, i] = value
+
+
+@kernel
+def _informed(means, covariances, noises, z, H, telling):  # type: ignore[no-untyped-def]
+    """Return means (K, n), covariances (K, n, n) and log densities (K,), without their constant,
+    of hypotheses that are told z (m,) = H x + N(0, noise), H (m, n): a Kalman filter each. The
+    density is of the first `telling` of z."""
+    m, n = H.shape
+    out_mean, out = means.copy(), np.empty_like(covariances)
+    density = np.zeros(noises.shape[0])
+    cross, gain, root = np.empty((m, n)), np.empty((m, n)), np.empty((m, m))
+    white, left, half = np.empty(m), np.empty((n, n)), np.empty((n, n))
+    for k in range(noises.shape[0]):
+        P = covariances[k]
+        for a in range(m):
+            white[a] = z[a]
+            for i in range(n):
+                white[a] -= H[a, i] * means[k, i]
+                cross[a, i] = 0.0
+                for j in range(n):
+                    cross[a, i] += H[a, j] * P[j, i]
+            for b in range(a + 1):  # Cholesky factor of S = H P H' + noise
+                value = noises[k] if a == b else 0.0
+                for i in range(n):
+                    value += cross[a, i] * H[b, i]
+                for c in range(b):
+                    value -= root[a, c] * root[b, c]
+                root[a, b] = math.sqrt(value) if a == b else value / root[b, b]
+            for b in range(a):
+                white[a] -= root[a, b] * white[b]
+            white[a] /= root[a, a]
+            if a < telling:
+                density[k] -= 0.5 * white[a] * white[a] + math.log(root[a, a])
+            for i in range(n):
+                gain[a, i] = cross[a, i]
+                for b in range(a):
+                    gain[a, i] -= root[a, b] * gain[b, i]
+                gain[a, i] /= root[a, a]
+                out_mean[k, i] += gain[a, i] * white[a]
+        for a in range(m - 1, -1, -1):  # S^-1 H P, transposed
+            for i in range(n):
+                for b in range(a + 1, m):
+                    gain[a, i] -= root[b, a] * gain[b, i]
+                gain[a, i] /= root[a, a]
+        _joseph(P, gain, H, noises[k], left, half, out[k])
+    return out_mean, out, density

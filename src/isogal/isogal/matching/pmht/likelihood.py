@@ -42,6 +42,7 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
+    last_rows,
     linearise,
     log_likelihood,
     mode,
@@ -271,7 +272,7 @@ class BatchLikelihood:
             self,
             covariance=covariance,
             factor=factor,
-            whitening=_whitening(factor, self.first_new),
+            whitening=last_rows(factor, self.first_new),
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 
@@ -308,9 +309,3 @@ class BatchLikelihood:
         """Log of the constant that `log` leaves out, for comparing noise models."""
         white = float(np.log(np.diag(self.reduction[self.first_new :])).sum())
         return white - 0.5 * math.log(2.0 * math.pi) * self.new_count
-
-
-def _whitening(factor: Array, first_new: int) -> Array:
-    """Return (T, n) the transpose of the last rows of a Cholesky factor's inverse."""
-    columns = np.eye(len(factor))[:, first_new:]
-    return np.ascontiguousarray(np.linalg.solve(factor.T, columns))

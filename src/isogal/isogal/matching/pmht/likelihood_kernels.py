@@ -68,6 +68,25 @@ def nuisance(grid, readings, position, reading, xi):  # type: ignore[no-untyped-
     return out
 
 
+@kernel(error_model="numpy")
+def last_rows(factor, first):  # type: ignore[no-untyped-def]
+    """Return (T, n) the transpose of the rows from `first` on of a Cholesky factor's inverse."""
+    rows = factor.shape[0]
+    out = np.zeros((rows, rows - first))
+    for s in range(rows - 1, -1, -1):
+        here = out[s]
+        if s >= first:
+            here[s - first] = 1.0
+        scale = 1.0 / factor[s, s]
+        for k in range(here.shape[0]):
+            here[k] *= scale
+        for t in range(s):
+            weight, there = factor[s, t], out[t]
+            for k in range(here.shape[0]):
+                there[k] -= weight * here[k]
+    return out
+
+
 @kernel
 def reducing(whitening, effect):  # type: ignore[no-untyped-def]
     """Return (T, n) W C'⁻¹, C C' = 1 + D D', of a whitening W (T, n) of the n new readings and

@@ -9,7 +9,7 @@ what is told otherwise (docs/mathematics.md, section 9.1).
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -54,9 +54,10 @@ class MapErrorPrior:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class MapErrorEstimate:
-    """Discrete posterior of the map error's sigma and correlation length."""
+    """Discrete posterior of the map error's sigma and correlation length; what follows from it is
+    computed once, when it is first asked for."""
 
     sigma: Array
     """(S,) grid, map's unit."""
@@ -118,7 +119,7 @@ class MapErrorEstimate:
         log_weight = log_weight - np.logaddexp.reduce(log_weight, axis=None)
         return MapErrorPrior(self.sigma[of_sigma], self.length[of_length], log_weight)
 
-    @property
+    @cached_property
     def doubt(self) -> float:
         """Log Bayes factor of a sigma above the one from which there is doubt against one that is
         not.
@@ -138,8 +139,13 @@ class MapErrorEstimate:
         """
         if self.batches == 0 and base.map_sigma > 0.0:
             return base
-        sigma, length = _means(self)
+        sigma, length = self._model
         return replace(base, map_sigma=sigma, correlation_length=length)
+
+    @cached_property
+    def _model(self) -> tuple[float, float]:
+        """Sigma and length of `model`."""
+        return _means(self)
 
     def follow(self, new: NewReadings, bias_sigma: Array | None) -> "MapErrorEstimate":
         """Add the evidence of new readings given all before, which are a chain
@@ -200,7 +206,6 @@ class MapErrorEstimate:
         return {"map_sigma": model.map_sigma, "map_correlation_length_m": model.correlation_length}
 
 
-@lru_cache(maxsize=4)  # several ask it of the same estimate
 def _means(estimate: MapErrorEstimate) -> tuple[float, float]:
     """Return mean sigma and the exponential of the mean log length."""
     sigma, log_weight = _refined(estimate.sigma, estimate.log_weight)
@@ -228,7 +233,6 @@ def _refined(sigma: Array, log_weight: Array) -> tuple[Array, Array]:
     return fine.ravel(), log.reshape(fine.size, -1)
 
 
-@lru_cache(maxsize=4)
 def _doubt(estimate: MapErrorEstimate) -> float:
     above = estimate.sigma > 1.001 * estimate.doubtful
     if above.all() or not above.any():

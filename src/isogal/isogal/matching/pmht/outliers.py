@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans
+from isogal.compiled import kernel
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
@@ -34,7 +35,8 @@ def reject_outliers(state: State) -> State:
         math.sqrt(float(np.diag(reach).mean())),
         CONSTANTS.wrong_place_length_m,
     )
-    smooth *= likelihood.channel[:, None] == likelihood.channel
+    if likelihood.channel.any():
+        smooth *= likelihood.channel[:, None] == likelihood.channel
     nuisance = likelihood.nuisance_at(mean)
     expected = likelihood.covariance + nuisance @ nuisance.T + reach + smooth
     gate = state.settings.options.outlier_gate + CONSTANTS.innovation_gate_excess_sigma
@@ -55,10 +57,14 @@ def residual_outliers(likelihood: BatchLikelihood, posterior: Mixture, gate: flo
 def leave_one_out(residual: Array, covariance: Array) -> Array:
     """Return (T,) each residual's deviation from what the others predict for it, in its 1-sigma.
 
-    For r ~ N(0, S): (S⁻¹ r)_i / sqrt((S⁻¹)_ii) (Rasmussen & Williams 2006, eqs. 5.10-5.12).
+    For r ~ N(0, S): (S⁻¹ r)_i / sqrt((S⁻¹)_ii) (Rasmussen & Williams 2006, eqs. 5.10-5.12). 0 for
+    all where S is singular to rounding: then none can be told from the others.
     """
-    inverse = np.linalg.inv(covariance)
-    return (inverse @ residual) / np.sqrt(np.diag(inverse))
+    try:
+        factor = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(residual))
+    return np.asarray(_left_out(factor, residual))
 
 
 def outliers(
@@ -99,3 +105,28 @@ def smooth_covariance(latitude: Array, longitude: Array, sigma: float, length: f
     It stands for the map's values at a wrong place: smooth over the map's features.
     """
     return sigma**2 * np.exp(-0.5 * (distances(latitude, longitude) / length) ** 2)
+
+
+@kernel(error_model="numpy")
+def _left_out(factor, residual):  # type: ignore[no-untyped-def]
+    """Return `leave_one_out` by a Cholesky factor (T, T) of the covariance."""
+    count = residual.shape[0]
+    inverse = np.zeros((count, count))  # of the factor
+    solved, diagonal = np.zeros(count), np.zeros(count)
+    for a in range(count):
+        row, white = inverse[a], 0.0
+        row[a] = 1.0
+        for b in range(a):
+            weight, other = factor[a, b], inverse[b]
+            for i in range(b + 1):
+                row[i] -= weight * other[i]
+        scale = 1.0 / factor[a, a]
+        for i in range(a + 1):
+            row[i] *= scale
+            white += row[i] * residual[i]
+        for i in range(a + 1):
+            solved[i] += row[i] * white
+            diagonal[i] += row[i] * row[i]
+    for i in range(count):
+        solved[i] /= math.sqrt(diagonal[i])
+    return solved

@@ -200,9 +200,8 @@ def error_before(batch: Batch) -> Array:
     """
     if batch.back_transition is None or batch.back_nuisance is None:
         return np.eye(BATCH_STATES)
-    before = len(batch) - batch.new - 1
-    if before < batch.cut and batch.backward is not None:
-        return batch.backward[before]
+    if batch.backward is not None:
+        return batch.backward[len(batch) - batch.new - 1]
     return unconditioned(batch, batch.back_transition, batch.back_nuisance)
 
 
