@@ -79,7 +79,7 @@ def horizontal_difference(
     d_lon = (
         np.remainder(np.asarray(longitude) - np.asarray(longitude_0) + np.pi, 2.0 * np.pi) - np.pi
     )
-    return np.stack(
-        np.broadcast_arrays((np.asarray(latitude) - np.asarray(latitude_0)) * north, d_lon * east),
-        axis=-1,
-    )
+    d_north, d_east = (np.asarray(latitude) - np.asarray(latitude_0)) * north, d_lon * east
+    if d_north.shape != d_east.shape:
+        d_north, d_east = np.broadcast_arrays(d_north, d_east)
+    return np.stack([d_north, d_east], axis=-1)

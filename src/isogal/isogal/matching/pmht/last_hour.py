@@ -16,7 +16,7 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch
-from isogal.matching.matrices import positive_part, square_root
+from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import Effects, PastBatch, effects_of, without_fixes
@@ -143,7 +143,7 @@ class LastHour:
             is the field of the batches themselves, others are those beside them.
         """
         dynamics = _Dynamics.of(history)
-        prior = joint_prior(history[0].batch)
+        prior = history[0].prior
         lost = LostError.of(prior, dynamics.since_middle[0], dynamics.since_middle[-1])
         at_middle = np.concatenate([np.zeros((2, BATCH_STATES - 2)), lost.root])
         aided, unaided = dynamics.errors(aided=True), dynamics.errors(aided=False)
@@ -169,7 +169,8 @@ class LastHour:
         own = square_root(whole)
         effects = at_rows, in_reading = effects_of(batch)
         root = in_reading[:, 2:] @ lost.root
-        aided = Track.of([_aided(batch, effects, own, own, field_map)])
+        slope = _slopes(field_map, batch.latitude, batch.longitude)
+        aided = Track.of([_aided(batch, effects, own, own, slope)])
         unaided = Track.of([(batch, at_rows, in_reading, root)])
         seen = Seen(aided, unaided, field_map, map_error)
         return cls((seen,), batch.prior[:2, :2], lost)
@@ -179,25 +180,34 @@ def _aided_track(
     history: Sequence[PastBatch], field: int | None, errors: Sequence[Array], field_map: FieldMap
 ) -> Track:
     """Return the track of the navigator as it is."""
-    parts = []
-    for past, by_error in zip(history, errors, strict=True):
-        one = past.new_of(field)
-        if one is not None:
-            effects = past.effects[field]
-            parts.append(_aided(one, effects, by_error, errors[-1], field_map))
-    return Track.of(parts)
+    read = [(past, past.new_of(field), by) for past, by in zip(history, errors, strict=True)]
+    parts = [(one, past.effects[field], by) for past, one, by in read if one is not None]
+    places = [(one.latitude, one.longitude) for one, *_ in parts]
+    slopes = _slopes(field_map, *(np.concatenate(each) for each in zip(*places, strict=True)))
+    ends = np.cumsum([len(one) for one, *_ in parts])[:-1]
+    return Track.of(
+        [
+            _aided(one, effects, by, errors[-1], slope)
+            for (one, effects, by), slope in zip(parts, np.split(slopes, ends), strict=True)
+        ]
+    )
+
+
+def _slopes(field_map: FieldMap, latitude: Array, longitude: Array) -> Array:
+    """Return (N, 2) the map's derivative north and east per m; 0 where it has none."""
+    _, *slope = field_map.value_and_gradient(latitude, longitude)
+    return np.nan_to_num(np.stack(slope, axis=-1))
 
 
 def _aided(
-    batch: Batch, effects: Effects, errors: Array, at_end: Array, field_map: FieldMap
+    batch: Batch, effects: Effects, errors: Array, at_end: Array, slope: Array
 ) -> tuple[Batch, Array, Array, Array]:
     """Return a batch of the navigator as it is, as `Track.of` takes it: its error (7, K) at the
-    end of the track stands for that in the middle, and what it was before is linearised."""
+    end of the track stands for that in the middle, and what it was before is linearised by the
+    map's `_slopes`."""
     at_rows, in_reading = effects
     moved = at_rows @ errors - at_end[:2]
-    _, *slope = field_map.value_and_gradient(batch.latitude, batch.longitude)
-    by_place = np.nan_to_num(np.stack(slope, axis=-1))[:, None]
-    root = in_reading @ errors - (by_place @ moved)[:, 0]
+    root = in_reading @ errors - (slope[:, None] @ moved)[:, 0]
     still = np.zeros_like(at_rows)
     still[:, 0, 0] = still[:, 1, 1] = 1.0
     return batch, still, np.zeros_like(in_reading), root
@@ -240,20 +250,24 @@ class _Dynamics:
         """Return of each batch end the error (7, K) per unit-variance component of K: of the
         navigator with its fixes, each of which takes a part of it away; or of one without them,
         what its sensors have added since the first."""
-        before = joint_prior(self.history[0].batch)
-        sources = [square_root(before) if aided else np.zeros((BATCH_STATES, 0))]
-        forward = [np.eye(BATCH_STATES)]
-        for last, past in zip(self.history, self.history[1:], strict=False):
-            prior, after = joint_prior(past.batch), last.posterior[1]
-            scale = np.sqrt(np.diag(prior))
-            left = past.forward @ np.linalg.solve(before, after).T if aided else past.forward
-            kept = left @ before if aided else past.forward @ after
-            sources.append(square_root(positive_part(prior - kept @ left.T, scale)))
-            forward.append(left)
-            before = prior
+        priors = np.stack([past.prior for past in self.history])
+        start = square_root(priors[0]) if aided else np.zeros((BATCH_STATES, 0))
+        forward = np.stack([past.forward for past in self.history[1:]] or [priors[0]])
+        after = np.stack([past.posterior[1] for past in self.history])
+        before, after, priors = priors[:-1], after[:-1], priors[1:]
+        forward, scale = forward[: len(before)], np.sqrt(np.diagonal(priors, axis1=1, axis2=2))
+        left, kept = forward, forward @ after
+        if aided:
+            left = forward @ np.linalg.solve(before, after).swapaxes(1, 2)
+            kept = left @ before
+        grown = symmetric(priors - kept @ left.swapaxes(1, 2))
+        # a root of its positive part (`matrices.positive_part`), of all batches at once
+        values, vectors = np.linalg.eigh(grown / scale[:, None] / scale[:, :, None])
+        root = scale[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        sources, steps = [start, *root], [np.eye(BATCH_STATES), *left]
         width = [one.shape[1] for one in sources]
         total, every, column = np.zeros((BATCH_STATES, sum(width))), [], 0
-        for step, source, count in zip(forward, sources, width, strict=True):
+        for step, source, count in zip(steps, sources, width, strict=True):
             total = step @ total
             total[:, column : column + count] = source
             column += count

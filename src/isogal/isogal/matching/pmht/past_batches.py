@@ -81,6 +81,11 @@ class PastBatch:
         return cls(kept, field_map, posterior, log_evidence, searched, batch.new, forward, others)
 
     @cached_property
+    def prior(self) -> Array:
+        """(7, 7) the navigator's covariance at its end, before the fix."""
+        return joint_prior(self.batch)
+
+    @cached_property
     def new_readings(self) -> Batch:
         """Its readings that no earlier batch had used."""
         return self.batch.part(max(len(self.batch) - self.new, self.batch.cut))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -143,11 +144,15 @@ class State:
         What a wrong place or a bias does to the readings goes where it can: into the residuals,
         or into a posterior far from the prior.
         """
-        apart = self.best.mixture.mean[0] - self.prior.mean
-        solved = np.linalg.solve(self.prior.covariance, apart[..., None])[..., 0]
-        tension = np.einsum("ki,ki->k", apart, solved).min()
-        freedom = float(max(self.best.likelihood.new_count, 1))
-        return ChiSquare(self.best.misfit + float(tension), freedom)
+        return _agreement(self.best, self.prior)
+
+
+@lru_cache(maxsize=4)  # several ask it of the same posterior
+def _agreement(best: Update, prior: Mixture) -> ChiSquare:
+    apart = best.mixture.mean[0] - prior.mean
+    solved = np.linalg.solve(prior.covariance, apart[..., None])[..., 0]
+    tension = np.einsum("ki,ki->k", apart, solved).min()
+    return ChiSquare(best.misfit + float(tension), float(max(best.likelihood.new_count, 1)))
 
 
 def likelihood_of(
