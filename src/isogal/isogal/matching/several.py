@@ -115,10 +115,9 @@ class JointMatcher:
             if isinstance(matcher, Monitored)
         ]
         untold = any(one.untold for one in each)
-        doubts = [one.map_error_doubt for one in each if one.map_error_doubt is not None]
         return Insight(
             sum(one.log_evidence for one in each),
-            max(doubts, default=None),
+            max((x for one in each if (x := one.map_error_doubt) is not None), default=None),
             self.map_error_prior(whole, self.lead) if untold else None,
             whole.hypotheses,
             told_doubt=max(one.told_doubt for one in each),
@@ -317,9 +316,8 @@ def _seen(batch: Batch, shift: Array, covariance: Array) -> Batch:
 
 
 def _earlier(batch: Batch, seen: Batch, shift: Array) -> tuple[Array, Array]:
-    """Return what a fix says of the error at the end of the batch before: the mean (n,) that a
-    mean error at this one's end makes there, and the covariance (n, n) that is left; `seen` is the
-    batch after the fix."""
+    """Return mean (n,) and covariance (n, n) of the error at the end of the batch before, after a
+    fix with a mean error at this one's; `seen` is the batch after the fix."""
     elapsed = float(batch.time[-1] - batch.time[max(len(batch) - batch.new - 1, 0)])
     back, nuisance = seen.back(elapsed)
     covariance = back @ seen.prior @ back.T + nuisance @ nuisance.T
