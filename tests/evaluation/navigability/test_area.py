@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.navigability.area import Area, navigability
+from isogal.evaluation.navigability.area import Area, between, navigability
 from isogal.evaluation.navigability.leg import leg_scenario
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -82,16 +82,54 @@ def test_a_slope_tells_along_itself_only():
 
 
 def test_a_field_that_repeats_itself_is_ambiguous():
-    def repeating(north, east):
-        return 5e-4 * np.sin(2.0 * np.pi * north / 4000.0) + 1e-9 * east
-
     settings = scenario(initial_error={"position": 4000.0})
-    ambiguous = [Area(settings, field_map_of(f, half=40e3, step=400.0)) for f in (repeating, wavy)]
+    rough = Area(settings, field_map_of(wavy, half=40e3, step=400.0))
     nodes = np.array([100]), np.array([100])
-    twin, single = (area.ambiguity(area.leg(0.0), *nodes)[0, 0] for area in ambiguous)
-    # a place one wave away is as likely but for the prior: Phi(-1/2) at one 1-sigma
-    assert twin == pytest.approx(0.31, abs=0.03)
-    assert single < 0.5 * twin
+    normal = rough.leg(0.0).by_place[0]
+
+    def repeating(slope):
+        def value(north, east):
+            waves = 5e-4 * np.sin(2.0 * np.pi * np.asarray(north) / 4000.0)
+            return waves + slope * np.asarray(north) + 0.0 * np.asarray(east)
+
+        area = Area(settings, field_map_of(value, half=40e3, step=400.0))
+        return area.ambiguity(area.leg(0.0), *nodes)[0, 0]
+
+    # places that many waves away are as likely but for the prior, by which the likeliest is
+    # another one if the true one is more than half a 1-sigma off: 2 Phi(-1/2)
+    assert repeating(normal) == pytest.approx(0.62, abs=0.07)
+    # normal gravity tells them: from wave to wave it changes by three times a reading's noise
+    assert normal == pytest.approx(8e-9, rel=0.05)
+    assert repeating(0.0) < 1e-3
+    assert rough.ambiguity(rough.leg(0.0), *nodes)[0, 0] < 0.3
+
+
+def test_where_little_is_told_there_is_no_second_place():
+    """One place, however vague: chance must not make ripples of it."""
+    settings = scenario(initial_error={"position": 2000.0})
+    faint = field_map_of(lambda north, east: 0.02 * wavy(north, east), half=40e3, step=500.0)
+    area = Area(settings, faint)
+    rows = np.arange(60, 100, 5)
+    found = area.ambiguity(area.leg(0.5), rows, rows)
+    assert found.max() < 0.1
+    assert np.median(found) < 0.01
+
+
+def test_between_nodes_it_is_linear(monkeypatch):
+    monkeypatch.setattr("isogal.evaluation.navigability.area._COMPUTED", 7)
+    rows, columns = np.arange(0, 40, 2), np.arange(3, 36)
+    asked = []
+
+    def plane(i, j):
+        asked.append(i.size * j.size)
+        return 2.0 * i[:, None] - 0.5 * j[None, :]
+
+    found = between(plane, rows, columns)
+    assert asked[0] <= 49
+    wanted = 2.0 * rows[:, None] - 0.5 * columns[None, :]
+    np.testing.assert_allclose(found[:19, :31], wanted[:19, :31], atol=1e-12)
+    # beyond the last that is computed, as there
+    np.testing.assert_allclose(found[19:, 31:], wanted[18, 30])
 
 
 def test_the_whole_area():

@@ -3,17 +3,20 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.evaluation.navigability.kernels import confusions, errors_on_arrival
+from isogal.evaluation.navigability.kernels import errors_on_arrival
 from isogal.evaluation.navigability.leg import Leg, leg_to
+from isogal.evaluation.navigability.second_places import second_places
 from isogal.fields.measured import measured_field
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.scenario import Scenario
 
 HEADINGS = 8
@@ -22,8 +25,12 @@ MOST_NODES = 1000
 _THINNED = 3
 """Of the readings of a leg every third counts for the probability of a second place, with the
 noise of a mean of three."""
-_RINGS = (1.0, 2.0)
-"""1-sigmas of the prior away from the true place, where second places are looked for."""
+_COMPUTED = 400
+"""Along each side the probability of a second place is computed at so many nodes at most."""
+_REACH = 3.0
+"""1-sigmas of the prior, each way, within which second places are looked for."""
+_CELLS = 24
+"""Of the grid of places that are tried, along each side, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,19 +149,20 @@ class Area:
     def ambiguity(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the probability of a second place at nodes."""
         prior = math.sqrt((leg.position[0] ** 2).sum() / 2.0)
-        angles = np.arange(8) * math.pi / 4.0
-        away = np.concatenate(
-            [ring * prior * np.stack([np.cos(angles), np.sin(angles)], axis=1) for ring in _RINGS]
-        )
+        step = float(self.cell.min())
+        reach = _REACH * prior
+        count = math.ceil(min(reach / max(2.0 * reach / _CELLS, 0.5 * step), _CELLS / 2))
         every = slice(len(leg.offset) % _THINNED, None, _THINNED)
-        return confusions(
+        noise = leg.noise / _THINNED
+        return second_places(
             rows,
             columns,
             self.values,
             self.cell,
             np.ascontiguousarray(leg.offset[every]),
-            np.array([leg.noise / _THINNED, leg.step * _THINNED, prior]),
-            away,
+            np.array([noise, leg.step * _THINNED, prior, 0.25 * step, CONSTANTS.mode_separation]),
+            leg.by_place,
+            np.linspace(-reach, reach, 2 * count + 1),
             self.sigma,
             self.length,
         )
@@ -225,7 +233,7 @@ def navigability(
         error[k] = area.errors(leg, rows, columns)
         prior += ((leg.position[-1] ** 2).sum() + leg.rest) / headings
         if k in among:
-            ambiguity += area.ambiguity(leg, rows, columns) / len(among)
+            ambiguity += between(partial(area.ambiguity, leg), rows, columns) / len(among)
         if progress is not None:
             progress(k + 1, headings)
     latitude, longitude = field_map.latitude[rows], field_map.longitude[columns]
@@ -235,11 +243,28 @@ def navigability(
         longitude,
         bearing,
         error,
-        ambiguity,
+        np.where(np.isfinite(error[0]), ambiguity, np.nan),
         variability,
         math.sqrt(prior),
         field_map.unit,
     )
+
+
+def between(
+    compute: Callable[[Integers, Integers], Array], rows: Integers, columns: Integers
+) -> Array:
+    """Return (N, M) what is computed at nodes: of many at every so many-th, linear between them;
+    NaN beside one that is not known."""
+    parts = [np.arange(0, one.size, -(-one.size // _COMPUTED)) for one in (rows, columns)]
+    found = compute(rows[parts[0]], columns[parts[1]])
+    for axis, (one, part) in enumerate(zip((rows, columns), parts, strict=True)):
+        index = np.minimum(np.arange(one.size) / (part[1] if part.size > 1 else 1), part.size - 1)
+        low = np.floor(index).astype(np.int64)
+        high = np.minimum(low + 1, part.size - 1)
+        share = np.expand_dims(index - low, 1 - axis)
+        first, last = np.take(found, low, axis), np.take(found, high, axis)
+        found = np.where(share > 0.0, (1.0 - share) * first + share * last, first)
+    return found
 
 
 def _map_error(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:

@@ -191,73 +191,7 @@ def _arrive(A, position, rest, solved, out, count):  # type: ignore[no-untyped-d
 
 
 @kernel(error_model="numpy")
-def confusions(  # type: ignore[no-untyped-def]
-    rows: Integers,
-    columns: Integers,
-    values: Array,
-    cell: Array,
-    offset: Array,
-    constants: Array,
-    away: Array,
-    sigma: Array,
-    length: Array,
-):
-    """Return (N, M) the probability that a second place explains readings better than the true
-    one, by one leg.
-
-    With D² the squared difference of the readings at two places in units of their noise, plus the
-    squared distance in units of the prior's 1-sigma, the wrong one is the likelier with the
-    probability Phi(-D / 2). The largest of those among the places `away` counts that are places of
-    their own: half-way to them readings fit worse.
-
-    Parameters
-    ----------
-    constants : (3,) noise and step of the readings that are given, 1-sigma of the prior
-    away : (A, 2) m north and east, places that are tried
-    others
-        See `errors_on_arrival`.
-    """
-    T = offset.shape[0]
-    noise, step, prior = constants
-    out = np.full((rows.size, columns.size), math.nan)
-    here, there = np.empty((T, SIDE_BY_SIDE)), np.empty((T, SIDE_BY_SIDE))
-    gain, weight = np.empty((T, SIDE_BY_SIDE)), np.empty((T, SIDE_BY_SIDE))
-    correlation, halfway, full, least = np.empty((4, SIDE_BY_SIDE))
-    for a in range(rows.size):
-        i = rows[a]
-        for first in range(0, columns.size, SIDE_BY_SIDE):
-            chosen = columns[first : first + SIDE_BY_SIDE]
-            B = chosen.size
-            for b in range(B):
-                variance = sigma[i, chosen[b]] ** 2
-                correlation[b] = math.exp(-step / length[i, chosen[b]])
-                left = variance
-                least[b] = math.inf
-                for t in range(T):
-                    gain[t, b], weight[t, b] = left / (left + noise), 1.0 / (left + noise)
-                    square = correlation[b] ** 2
-                    left = square * left * (1.0 - gain[t, b]) + (1.0 - square) * variance
-            _shifted(values, i, chosen, offset, cell[i], 0.0, 0.0, here)
-            for c in range(away.shape[0]):
-                north, east = away[c]
-                for part in range(2):
-                    share = 0.5 * (part + 1)
-                    _shifted(
-                        values, i, chosen, offset, cell[i], share * north, share * east, there
-                    )
-                    _misfit(here, there, correlation, gain, weight, full if part else halfway, B)
-                distance = (north**2 + east**2) / prior**2
-                for b in range(B):
-                    if full[b] < halfway[b]:
-                        least[b] = min(least[b], full[b] + distance)
-            for b in range(B):
-                if not math.isnan(values[i, chosen[b]]):
-                    out[a, first + b] = 0.5 * math.erfc(math.sqrt(least[b] / 8.0))
-    return out
-
-
-@kernel(error_model="numpy")
-def _shifted(values, i, columns, offset, cell, north, east, out):  # type: ignore[no-untyped-def]
+def shifted(values, i, columns, offset, cell, north, east, out):  # type: ignore[no-untyped-def]
     """Write the map's values (T, B) at the readings of legs that end some way (m) off nodes of a
     row, linear between nodes."""
     n, m = values.shape
@@ -273,18 +207,3 @@ def _shifted(values, i, columns, offset, cell, north, east, out):  # type: ignor
             out[t, b] = (1.0 - v) * ((1.0 - u) * values[k, j] + u * values[k, j + 1]) + v * (
                 (1.0 - u) * values[k + 1, j] + u * values[k + 1, j + 1]
             )
-
-
-@kernel(error_model="numpy")
-def _misfit(here, there, correlation, gain, weight, out, count):  # type: ignore[no-untyped-def]
-    """Write (B,) the squared difference between values (T, B) in units of the noise; NaN, which is
-    not less than anything, where one is missing."""
-    before = np.zeros(count)
-    for b in range(count):
-        out[b] = 0.0
-    for t in range(here.shape[0]):
-        for b in range(count):
-            expected = correlation[b] * before[b]
-            difference = there[t, b] - here[t, b] - expected
-            before[b] = expected + gain[t, b] * difference
-            out[b] += weight[t, b] * difference * difference

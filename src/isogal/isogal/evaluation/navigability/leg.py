@@ -57,6 +57,8 @@ class Leg:
     """m², variance of the position at the end that is left out."""
     noise: float
     """Variance of a reading's noise."""
+    by_place: Array
+    """(2,) reading by the place, per m north and east, without the part of the map's gradient."""
 
 
 def leg_to(
@@ -108,6 +110,7 @@ def leg_to(
         np.einsum("ti,tim->tm", np.column_stack([jacobian, np.ones(T)]), basis),
         max(float(rest), 0.0),
         effective_noise_variance(scenario.world.gravimeter, quantisation),
+        np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
 
 

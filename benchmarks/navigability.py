@@ -1,0 +1,252 @@
+"""What `isogal map navigability` promises against what runs reach, at random places and headings.
+
+    python benchmarks/navigability.py --data DIR --out DIR [--places 30] [--runs 24]
+        [--far 2000] [--bin-places 10] [--bin-runs 40] [--page docs/maps.md]
+
+DIR of `--data` holds `se_australia_gravity.nc`. First the expected error: places and headings
+drawn at random, the default scenario and an exact map. Then the probability of a second place,
+with a start known to `--far` m (1-sigma) only: places are drawn until there are so many in each
+range of what is promised. There, each run is one batch, matched by itself. The best place is wrong
+where the true one is outside its 99.9 % ellipse."""
+
+import os
+
+from isogal.threads import VARIABLES
+
+os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.evaluation.navigability.area import Area
+from isogal.evaluation.navigability.leg import leg_scenario
+from isogal.files import write_atomic
+from isogal.maps.field_map import FieldMap
+from isogal.maps.load import load_map
+from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.pmht.attitude import joint_prior
+from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.past_batches import posterior_of
+from isogal.matching.registry import load_matcher
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario, validate_scenario
+from isogal.seeds import generator
+
+MARKS = "<!-- table of benchmarks/navigability.py -->", "<!-- end of the table -->"
+RANGES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+"""Of the promised probability of a second place."""
+_OUTSIDE = 13.8
+"""Chi-square of two degrees of freedom that one in a thousand exceeds."""
+_MARGIN = 0.12
+"""Share of the map along its edges in which no place is drawn."""
+_SECOND = 0.05
+"""Probability beside the best place from which on a posterior holds a second one."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A place and a heading, with what is promised there."""
+
+    row: int
+    column: int
+    heading: float
+    promised: float
+
+
+@dataclass
+class Listening:
+    """A matcher that says nothing to the navigator, and remembers what it found."""
+
+    matcher: Any
+    found: list[tuple[Mixture, float]] = field(default_factory=list)
+    """Of each batch: the heaviest place, and its probability."""
+
+    def __post_init__(self) -> None:
+        self.name, self.context = self.matcher.name, self.matcher.context
+        self.takes_channels = self.matcher.takes_channels
+
+    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
+        """Match one batch; see `isogal.matching.interfaces.Matcher`."""
+        fix, after = self.matcher.match(batch, field_map, None)
+        places, sure = after.hypotheses, fix.diagnostics.get("probability", 0.0)
+        if fix.published:  # the hypotheses are about what the fix leaves
+            places = Mixture.gaussian(*posterior_of(joint_prior(batch), fix.information))
+        self.found.append((places, sure))
+        return declined(batch, "only listening"), after
+
+
+def draw(area: Area, count: int, seed: int) -> list[tuple[int, int, float]]:
+    """Return rows, columns and headings (rad) of random places."""
+    random = generator(seed, 0, "navigability")
+    rows, columns = area.field_map.shape
+    margin = int(_MARGIN * min(rows, columns))
+    return [
+        (
+            int(random.integers(margin, rows - margin)),
+            int(random.integers(margin, columns - margin)),
+            float(random.uniform(0.0, 2.0 * math.pi)),
+        )
+        for _ in range(count)
+    ]
+
+
+def at(area: Area, case: tuple[int, int, float]) -> Scenario:
+    """Return the scenario of a leg."""
+    row, column, heading = case
+    ground = area.field_map
+    return leg_scenario(
+        area.scenario, float(ground.latitude[row]), float(ground.longitude[column]), heading
+    )
+
+
+def errors(ground: FieldMap, places: int, runs: int) -> dict[str, Any]:
+    """Return promised and reached RMS errors on arrival (m) of the default scenario, whose matcher
+    is told that the map is exact."""
+    settings = {"gravity": {"field": "normal"}, "matcher": {"map_sigma": 0.0}}
+    area = Area(validate_scenario(settings), ground)
+    promised, reached = [], []
+    for case in draw(area, places, 0):
+        nodes = np.array([case[0]]), np.array([case[1]])
+        promised.append(float(area.errors(area.leg(case[2]), *nodes)[0, 0]))
+        record = simulate(at(area, case), range(runs), ground)
+        reached.append(float(np.sqrt((record.error[:, -1] ** 2).sum(axis=1).mean())))
+    return {"promised": promised, "reached": reached}
+
+
+def places_of(area: Area, each: int) -> list[Case]:
+    """Return cases, so many in each range of what is promised, or what 4,000 draws give."""
+    kept: list[list[Case]] = [[] for _ in RANGES[1:]]
+    for row, column, heading in draw(area, 4000, 1):
+        found = area.ambiguity(area.leg(heading), np.array([row]), np.array([column]))
+        promised = float(found[0, 0])
+        which = int(np.searchsorted(RANGES, promised, side="right")) - 1
+        if math.isfinite(promised) and len(kept[min(which, len(kept) - 1)]) < each:
+            kept[min(which, len(kept) - 1)].append(Case(row, column, heading, promised))
+        if all(len(one) == each for one in kept):
+            break
+    return [case for one in kept for case in one]
+
+
+def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[dict[str, Any]]:
+    """Return of each case what is promised, in how many runs the best place was wrong, or there
+    was a second one, and the mean probability that the matcher gave the others."""
+    settings = {
+        "gravity": {"field": "normal"},
+        "initial_error": {"position": far},
+        "matcher": {"map_sigma": 0.0, "batch_length": 30, "stride": 30},
+    }
+    area = Area(validate_scenario(settings), ground)
+    results = []
+    for case in places_of(area, each):
+        leg = at(area, (case.row, case.column, case.heading))
+        ear = Listening(load_matcher(leg.matcher))
+        record = simulate(leg, range(runs), ground, ear)
+        truth = record.error[:, -1]
+        wrong = [
+            _outside(place, error) for (place, _), error in zip(ear.found, truth, strict=True)
+        ]
+        left = np.array([1.0 - sure for _, sure in ear.found])
+        results.append(
+            {
+                "promised": case.promised,
+                "wrong": int(sum(wrong)),
+                "second": int((left > _SECOND).sum()),
+                "left": float(left.mean()),
+                "runs": runs,
+            }
+        )
+        print(results[-1], flush=True)
+    return results
+
+
+def _outside(place: Mixture | None, error: Array) -> bool:
+    """Whether the navigator's error (2,) is outside the ellipse of the best place."""
+    if place is None:
+        return True
+    apart = error - place.mean[0, :2]
+    return bool(apart @ np.linalg.solve(place.covariance[0, :2, :2], apart) > _OUTSIDE)
+
+
+def rank_correlation(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return Spearman's."""
+    from scipy.stats import spearmanr
+
+    return float(spearmanr(a, b).statistic)
+
+
+def table(error: dict[str, Any], second: list[dict[str, Any]], told: Any) -> str:
+    """Return the results as Markdown."""
+    from scipy.stats import binomtest
+
+    ratio = np.array(error["reached"]) / np.array(error["promised"])
+    shares = [one["wrong"] / one["runs"] for one in second]
+    order = rank_correlation([one["promised"] for one in second], shares)
+    lines = [
+        f"Expected error: {told.places} places, {told.runs} runs at each: rank correlation of"
+        f" promised and reached {rank_correlation(error['promised'], error['reached']):.2f},"
+        f" median of reached / promised {np.median(ratio):.2f} ({ratio.min():.2f} to"
+        f" {ratio.max():.2f}).",
+        "",
+        f"Second place: a start known to {told.far:.0f} m, {len(second)} places,"
+        f" {told.bin_runs} runs at each; rank correlation of what is promised and the share of"
+        f" runs whose best place is wrong {order:.2f}.",
+        "",
+        "| promised | mean | places | best place wrong (95 %) | a second place held |"
+        " probability beside the best place |",
+        "|---|---|---|---|---|---|",
+    ]
+    for low, high in pairwise(RANGES):
+        part = [one for one in second if low <= one["promised"] < high]
+        if not part:
+            continue
+        runs = sum(one["runs"] for one in part)
+        bad = sum(one["wrong"] for one in part)
+        interval = binomtest(bad, runs).proportion_ci(0.95, "wilson")
+        cells = [
+            f"{low:.2f} to {high:.2f}",
+            f"{np.mean([one['promised'] for one in part]):.3f}",
+            f"{len(part)}",
+            f"{bad / runs:.3f} ({interval.low:.3f} to {interval.high:.3f})",
+            f"{sum(one['second'] for one in part) / runs:.3f}",
+            f"{np.mean([one['left'] for one in part]):.3f}",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Compute both, print the tables, and write them into a page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    for name, default in (("places", 30), ("runs", 24), ("bin-places", 10), ("bin-runs", 40)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--far", type=float, default=2000.0)
+    parser.add_argument("--page", type=Path)
+    told = parser.parse_args(arguments)
+    ground = load_map(told.data / "se_australia_gravity.nc", "dg")
+    second = second_places(ground, told.far, told.bin_places, told.bin_runs)
+    error = errors(ground, told.places, told.runs)
+    text = table(error, second, told)
+    print(text)
+    told.out.mkdir(parents=True, exist_ok=True)
+    results = {"error": error, "second": second}
+    write_atomic(told.out / "navigability.json", json.dumps(results, indent=1))
+    if told.page is not None:
+        page = told.page.read_text(encoding="utf-8")
+        before, _, rest = page.partition(MARKS[0])
+        _, _, after = rest.partition(MARKS[1])
+        write_atomic(told.page, f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}")
+
+
+if __name__ == "__main__":
+    main()
