@@ -39,6 +39,7 @@ POTENTIAL = ("map_errors=one_potential",)
 TILT = ("platform_tilt=5e-3", "platform_time=3600")
 LESS = ("platform_tilt=1e-3", "platform_time=3600")
 FIXED = ("platform_tilt=5e-3", "platform_time=1e9")
+FAR = ("platform_tilt=2e-2", "platform_time=1e9")
 FAST = ("platform_tilt=1e-3", "platform_time=200")
 OFFSET = ("bias_eotvos=5",)
 WALK = ("bias_walk_eotvos=0.1",)
@@ -49,6 +50,7 @@ CASES = {
     "the same, over 200 s": (FAST, POTENTIAL),
     "platform tilted by 5 mrad, for good": (FIXED, POTENTIAL),
     "the same, over an hour": (TILT, POTENTIAL),
+    "platform tilted by 20 mrad, for good": (FAR, POTENTIAL),
     "offsets of 5 E": (OFFSET, POTENTIAL),
     "offsets that walk, 6 E in an hour": (WALK, POTENTIAL),
     "all, and 1 mrad over an hour": ((*LESS, *OFFSET, *WALK), POTENTIAL),

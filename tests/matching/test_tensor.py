@@ -100,7 +100,8 @@ def test_the_map_error_is_learnt_as_one_potential():
 
 
 def test_a_scenario_says_it():
-    assert expansion_of(load_scenario(None, ["field=gradient"])) is None
+    level = "gradiometer.allowed_tilt=0"
+    assert expansion_of(load_scenario(None, ["field=gradient", level])) is None
     settings = load_scenario(
         None,
         [

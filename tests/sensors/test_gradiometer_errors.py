@@ -87,6 +87,27 @@ def test_offsets_and_their_walk():
     assert not errors().any()
 
 
+def test_a_tilt_is_allowed_for_where_nobody_has_told_of_one():
+    """But not of one component, where it is an offset, nor by matchers that estimate nothing."""
+
+    def parameters(components, *more):
+        told = f"gradiometer.components=[{components}]", "matcher.batch_length=3"
+        builder = BatchBuilder.of(load_scenario(None, ["field=gradient", *told, *more]))
+        for k in range(3):
+            count = components.count(",") + 1
+            readings = np.ones(count) if count > 1 else 1.0
+            builder.add_scan(10.0 * k, LATITUDE, 2.5, np.array([0.0, 20.0]), readings, 1.0)
+        return builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])).parameters
+
+    allowed = parameters("nd, ne")
+    np.testing.assert_allclose(allowed.sigma, [5e-3, 5e-3])
+    np.testing.assert_array_equal(allowed.time, [3600.0, 3600.0])
+    beside = parameters("nd, ne", "gradiometer.bias_eotvos=3", "gradiometer.allowed_tilt=1e-3")
+    np.testing.assert_allclose(beside.sigma, [1e-3, 1e-3, 3e-9, 3e-9])
+    assert parameters("nd") is None
+    assert parameters("nd, ne", "matcher.name=iccp") is None
+
+
 def test_a_batch_has_what_is_told_as_parameters():
     items = ["field=gradient", "gradiometer.components=[nd, ne]", "matcher.batch_length=3"]
     told = ["gradiometer.platform_tilt=1e-4", "gradiometer.bias_walk_eotvos=0.02"]
@@ -101,7 +122,7 @@ def test_a_batch_has_what_is_told_as_parameters():
     effect = tilt_effect(("nd", "ne"), LATITUDE)
     np.testing.assert_allclose(parameters.reading[:2], np.column_stack([effect, np.eye(2)]))
     np.testing.assert_allclose(parameters.reading[4:], parameters.reading[:2])
-    plain = BatchBuilder.of(load_scenario(None, items))
-    assert plain.expansion is None
+    level = "gradiometer.allowed_tilt=0"
+    assert BatchBuilder.of(load_scenario(None, [*items, level])).expansion is None
     with pytest.raises(InputError, match=r"platform_tilt"):
         load_scenario(None, [*items, "gradiometer.platform_tilt=0.2"])

@@ -110,6 +110,30 @@ def test_map_errors_of_one_potential(survey):
     assert spread(together) != pytest.approx(spread(alone), rel=1e-3)
 
 
+def test_a_gradiometer_that_is_tilted(survey):
+    """By 20 mrad about north and east, and with offsets, of which nobody has said anything."""
+    folder, place = survey
+    header, *rows = (folder / "track.csv").read_text().splitlines()
+    names = header.split(",")
+    keys = "--height", 500, "--map-height", 0, "--sensor-sigma", "1E", "--map-sigma", "1E"
+    tensor = *words(folder), "--gradients", "nn,ne,nd,ee,ed", *keys
+    wrong = []
+    for row in rows:
+        cells = row.split(",")
+        for name, more in (("t_nd", 60.0), ("t_ed", -60.0), ("t_nn", 15.0)):
+            k = names.index(name)
+            cells[k] = repr(float(cells[k]) + more)
+        wrong.append(",".join(cells))
+    bad = folder / "tilted.csv"
+    bad.write_text("\n".join([header, *wrong]) + "\n")
+    tilted = [bad if word == folder / "track.csv" else word for word in tensor]
+    told = "--tilt-sigma", 2e-2, "--offset-sigma", 20
+    (fix,) = json.loads(answer(*tilted, *told))
+    assert squared_distance(fix, *place) < LIMIT
+    (untold,) = json.loads(answer(*tilted, "--tilt-sigma", 0))
+    assert untold["status"] == "no_fix"
+
+
 def test_a_gradiometer_and_a_magnetometer(survey):
     folder, place = survey
     tensor = "--gradients", "nn,ee", "--height", 500, "--map-height", 0
@@ -132,6 +156,8 @@ def test_a_gradiometer_and_a_magnetometer(survey):
         (("--gradients", "nn,xx"), "has no column 't_xx'"),
         (("--gradients", "nn", "--spacing", 500), "--spacing: does not go with --gradients"),
         (("--one-potential",), "--one-potential: goes with --gradients"),
+        (("--offset-sigma", 5), "--offset-sigma, --offset-walk: go with --gradients"),
+        (("--gradients", "nn,nn"), "components: each once"),
         (("--gradients", "nn", "--column", "tmi"), "--gradients names its own columns"),
         (("--gradients", "nn", "--report", "report"), "--report: shows tracks of one number"),
         (("--gradients", "nn", "--height", -5, "--map-height", 0), "below the map's level"),

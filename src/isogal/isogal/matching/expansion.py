@@ -13,7 +13,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.magnetic_vehicle import prior_sigma
 from isogal.matching.interfaces import PER_ROW, Batch
 from isogal.matching.parameters import Parameters
-from isogal.matching.registry import require
+from isogal.matching.registry import able, require
 from isogal.scenario import Gradiometer, Scenario
 from isogal.sensors.beams import PARTS
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
@@ -46,16 +46,24 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     if scenario.measured_field == "magnetic" and scenario.magnetometer.online:
         require(scenario.matcher.name, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
-    told = scenario.gradiometer
-    if scenario.measured_field == "gradient" and (told.of_one_potential or told.wanders):
-        if told.wanders:
-            require(scenario.matcher.name, "takes_parameters", "gradiometer.bias_eotvos ...")
-        return Tensor(told)
+    if scenario.measured_field == "gradient":
+        return tensor_of(scenario.gradiometer, scenario.matcher.name)
     altimeter = scenario.altimeter
     if scenario.measured_field == "terrain" and altimeter.sounds:
         require(scenario.matcher.name, "takes_parameters", "altimeter.beams, scale_sigma")
         return Soundings(altimeter.count, altimeter.scale_sigma)
     return None
+
+
+def tensor_of(told: Gradiometer, matcher: str) -> "Tensor | None":
+    """Return what is done with the readings of a gradiometer for a matcher; raises InputError
+    where that does not estimate what is told of tilt and offsets."""
+    if told.wanders:
+        require(matcher, "takes_parameters", "gradiometer.bias_eotvos ...")
+    if not told.platform_tilt and len(told.components) > 1 and able(matcher, "takes_parameters"):
+        # nobody has told of a tilt, but what is not allowed for passes for an error of position
+        told = told.model_copy(update={"platform_tilt": told.allowed_tilt})
+    return Tensor(told) if told.of_one_potential or told.wanders else None
 
 
 class Tensor:

@@ -83,11 +83,11 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
         The name is unknown, an option is unknown or out of range, or the matcher does not take
         several channels.
     """
-    if channels and not _able(settings.name, "takes_channels"):
-        able = [name for name in plugins.names(plugins.MATCHERS) if _able(name, "takes_channels")]
+    if channels and not able(settings.name, "takes_channels"):
+        others = [one for one in plugins.names(plugins.MATCHERS) if able(one, "takes_channels")]
         raise InputError(
             f"matcher.name: {settings.name} takes one number per scan; for readings of several"
-            f" channels give {' or '.join(able)}"
+            f" channels give {' or '.join(others)}"
         )
     matcher: Matcher = plugins.load(plugins.MATCHERS, settings.name).from_settings(settings)
     return matcher
@@ -96,12 +96,13 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
 def require(name: str, ability: str, key: str) -> None:
     """Raise InputError where a matcher does not have what a key of a scenario asks for: an
     attribute of its class, as `takes_parameters`."""
-    if not _able(name, ability):
-        able = [name for name in plugins.names(plugins.MATCHERS) if _able(name, ability)]
-        raise InputError(f"{key}: matcher {name} does not have it; give {' or '.join(able)}")
+    if not able(name, ability):
+        others = [one for one in plugins.names(plugins.MATCHERS) if able(one, ability)]
+        raise InputError(f"{key}: matcher {name} does not have it; give {' or '.join(others)}")
 
 
-def _able(name: str, ability: str) -> bool:
+def able(name: str, ability: str) -> bool:
+    """Return whether a matcher has an ability: an attribute of its class."""
     return bool(getattr(plugins.load(plugins.MATCHERS, name), ability, False))
 
 

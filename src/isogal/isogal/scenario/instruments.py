@@ -261,6 +261,14 @@ class Gradiometer(Section):
     platform_time: Positive = Field(
         3600.0, description="s, correlation time of that tilt (first-order Gauss-Markov)"
     )
+    allowed_tilt: NonNegative = Field(
+        5e-3,
+        le=0.1,
+        description=(
+            "1-sigma of a tilt that the matcher of several components allows for where"
+            " platform_tilt is 0, rad; 0 = the platform is known to be level"
+        ),
+    )
     map_errors: Literal["independent", "one_potential"] = Field(
         "independent",
         description=(

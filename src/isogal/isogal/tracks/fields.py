@@ -7,11 +7,13 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.matching.channels import channel_batch
+from isogal.matching.expansion import tensor_of
 from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.monitoring import Monitored
 from isogal.matching.pmht.robust import TrackMonitor
 from isogal.matching.registry import load_matcher
 from isogal.matching.several import JointMatcher
+from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import build_batch, without_map_edge
 from isogal.tracks.integrated.matcher import IntegratedMatcher
@@ -26,8 +28,8 @@ class ChannelReadings:
     """(N, C) unit of the maps; NaN = no reading."""
     covariance: Array
     """(C, C) of the sensor's noise."""
-    of_one_potential: tuple[str, ...] | None = None
-    """See `isogal.matching.interfaces.Batch`."""
+    gradiometer: Gradiometer | None = None
+    """Whose components they are; None = of another instrument."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,10 @@ class TrackField:
         if self.channels is None:
             return batch
         whole = channel_batch(batch, self.channels.values[rows], self.channels.covariance)
-        return replace(whole, of_one_potential=self.channels.of_one_potential)
+        if self.channels.gradiometer is None:
+            return whole
+        tensor = tensor_of(self.channels.gradiometer, self.settings.name)
+        return whole if tensor is None else tensor.expand(whole, (), ())
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:

@@ -12,6 +12,7 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
+    from isogal.scenario import Gradiometer
 
 _REACH = 20_000.0
 """m, within which of a map's edge its gradients are not known."""
@@ -64,8 +65,8 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
                 f"{track.where}: gradients are not known at {int(off_map.sum())} of {len(track)}"
                 " readings as recorded"
             )
-        together = components if chosen.one_potential else None
-        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), together)
+        instrument = _instrument(components, chosen)
+        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
         found.append(Inputs(track, maps, unit, factor, first.line, readings))
     return found
 
@@ -83,6 +84,25 @@ def _components(chosen: TrackChoice, assumed: Assumptions) -> tuple[str, ...]:
             raise InputError(f"{option}: does not go with --gradients")
     names = [one.strip().casefold() for one in (chosen.gradients or "").split(",")]
     return tuple(name for name in names if name)
+
+
+def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
+    """Return what the options say of the gradiometer; raises InputError where it cannot be."""
+    from pydantic import ValidationError
+
+    from isogal.scenario import Gradiometer
+    from isogal.scenario.messages import describe
+
+    try:
+        return Gradiometer(
+            components=components,
+            allowed_tilt=chosen.tilt_sigma,
+            bias_eotvos=chosen.offset_sigma,
+            bias_walk_eotvos=chosen.offset_walk,
+            map_errors="one_potential" if chosen.one_potential else "independent",
+        )
+    except ValidationError as error:
+        raise InputError(describe(error, Gradiometer)) from None
 
 
 def _rise(chosen: TrackChoice, disturbance: "FieldMap") -> float:

@@ -60,6 +60,37 @@ class TrackChoice:
             ),
         ),
     ] = False
+    tilt_sigma: Annotated[
+        float,
+        typer.Option(
+            "--tilt-sigma",
+            metavar="RAD",
+            min=0.0,
+            max=0.1,
+            help=(
+                "1-sigma of the tilt of the gradiometer's platform, which is estimated where there"
+                " are several components; 0 = it is level; goes with --gradients."
+            ),
+        ),
+    ] = 5e-3
+    offset_sigma: Annotated[
+        float,
+        typer.Option(
+            "--offset-sigma",
+            metavar="E",
+            min=0.0,
+            help="1-sigma of each component's offset, E; goes with --gradients.",
+        ),
+    ] = 0.0
+    offset_walk: Annotated[
+        float,
+        typer.Option(
+            "--offset-walk",
+            metavar="E",
+            min=0.0,
+            help="By how much that walks, E per root second; goes with --gradients.",
+        ),
+    ] = 0.0
     also: Annotated[
         list[str] | None,
         typer.Option(
@@ -165,6 +196,8 @@ class TrackChoice:
             raise InputError(f"--column {self.column}: --gradients names its own columns")
         if self.one_potential and self.gradients is None:
             raise InputError("--one-potential: goes with --gradients")
+        if (self.offset_sigma or self.offset_walk) and self.gradients is None:
+            raise InputError("--offset-sigma, --offset-walk: go with --gradients")
         if self.map_height is not None and self.height is None:
             raise InputError(f"--map-height {self.map_height:g}: goes with --height")
         if self.base is not None and self.track_unit not in (None, "nT"):
