@@ -168,6 +168,12 @@ class FieldMap:
             float((self.longitude[-1] - self.longitude[0]) / (self.longitude.size - 1)),
         )
 
+    @cached_property
+    def scale(self) -> float:
+        """Standard deviation of the values, by a sample of at most 200 x 200 nodes."""
+        steps = [max(1, count // 200) for count in self.values.shape]
+        return float(np.nanstd(self.values[:: steps[0], :: steps[1]]))
+
     @property
     def states_error(self) -> bool:
         """Whether the map says how wrong it is."""

@@ -15,7 +15,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, Information
-from isogal.matching.matrices import symmetric
+from isogal.matching.matrices import inverse, symmetric
 
 _UNINFORMED_RATIO = 1.0 - 1e-4
 """Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
@@ -38,12 +38,12 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    factor, ratio, vectors = _relative(covariance, prior)
+    whitening, ratio, vectors = _relative(covariance, prior)
     if (np.abs(ratio - 1.0) < _LEAST_CHANGE).all():
         return Information(vector=np.zeros(len(mean)), matrix=np.zeros_like(prior))
     ratio = np.minimum(ratio, _LARGEST_RATIO)
-    back = np.linalg.solve(factor.T, vectors)  # whitened directions as rows of information
-    coordinate = np.linalg.solve(factor, mean) @ vectors
+    back = whitening.T @ vectors  # whitened directions as rows of information
+    coordinate = whitening @ mean @ vectors
     return Information(
         vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T
     )
@@ -136,20 +136,19 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
         Position error (m) according to the measurements alone, and its covariance (m²); a
         direction without information has ten thousand times the prior's variance.
     """
-    factor, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
+    whitening, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
     informed = ratio < _UNINFORMED_RATIO
-    coordinate = np.linalg.solve(factor, mean[:2]) @ vectors
+    coordinate = whitening @ mean[:2] @ vectors
     weight = np.where(informed, 1.0 / ratio - 1.0, 1e-4)
     z = np.where(informed, coordinate / (ratio * weight), 0.0)
-    axes = factor @ vectors
+    axes = inverse(whitening) @ vectors
     return axes @ z, (axes / weight) @ axes.T
 
 
 def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Return the prior's Cholesky factor, and eigenvalues and vectors of the posterior covariance
-    in prior units.
+    """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
+    posterior covariance in prior units.
     """
-    factor = np.asarray(np.linalg.cholesky(prior), dtype=np.float64)
-    whitened = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
-    values, vectors = np.linalg.eigh(symmetric(whitened))
-    return factor, np.maximum(values, 1e-12), np.asarray(vectors, dtype=np.float64)
+    whitening = inverse(np.linalg.cholesky(prior))
+    values, vectors = np.linalg.eigh(symmetric(whitening @ covariance @ whitening.T))
+    return whitening, np.maximum(values, 1e-12), np.asarray(vectors, dtype=np.float64)

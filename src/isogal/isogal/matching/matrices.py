@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 
 
 def symmetric(matrix: NDArray[Any]) -> Array:
@@ -32,3 +33,47 @@ def square_root(covariance: Array) -> Array:
     """Return A (n, n) with A A' = covariance, which may be singular."""
     values, vectors = np.linalg.eigh(symmetric(covariance))
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def inverse(matrix: NDArray[Any]) -> Array:
+    """Return the inverse of a small matrix (n, n), in less time than NumPy takes to look at it.
+
+    Raises
+    ------
+    LinAlgError
+        It is singular, or not finite.
+    """
+    result = _inverse(np.ascontiguousarray(matrix, dtype=np.float64))
+    if not np.isfinite(result[0, 0]):
+        raise np.linalg.LinAlgError("Singular matrix")
+    return np.asarray(result)
+
+
+@kernel
+def _inverse(matrix):  # type: ignore[no-untyped-def]
+    """Gauss-Jordan elimination with pivots of each column; NaN where there is none."""
+    n = matrix.shape[0]
+    left, right = matrix.copy(), np.eye(n)
+    for c in range(n):
+        pivot = c
+        for r in range(c + 1, n):
+            if abs(left[r, c]) > abs(left[pivot, c]):
+                pivot = r
+        if not abs(left[pivot, c]) > 0.0:
+            return np.full((n, n), np.nan)
+        if pivot != c:
+            for k in range(n):
+                left[c, k], left[pivot, k] = left[pivot, k], left[c, k]
+                right[c, k], right[pivot, k] = right[pivot, k], right[c, k]
+        for k in range(n):
+            right[c, k] /= left[c, c]
+        for k in range(n - 1, c - 1, -1):
+            left[c, k] /= left[c, c]
+        for r in range(n):
+            factor = left[r, c]
+            if r != c and factor != 0.0:
+                for k in range(n):
+                    right[r, k] -= factor * right[c, k]
+                for k in range(c, n):
+                    left[r, k] -= factor * left[c, k]
+    return right

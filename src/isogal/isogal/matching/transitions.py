@@ -13,7 +13,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import square_root, symmetric
+from isogal.matching.matrices import inverse, square_root, symmetric
 
 
 def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
@@ -163,7 +163,7 @@ def condition(backward: Array, prior: Array, apart: Array | None = None) -> tupl
         rows = 4
         every, rest = backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
     else:
-        gain = np.linalg.solve(prior[:4, :4], prior[:4, 4:]).T
+        gain = prior[4:, :4] @ inverse(prior[:4, :4])
         root = square_root(prior[4:, 4:] - gain @ prior[:4, 4:])
         every = backward[:, :, :4] + backward[:, :, 4:] @ gain
         rest = backward[:, :, 4:] @ root

@@ -26,7 +26,7 @@ from isogal.matching.interfaces import (
     Matcher,
     declined,
 )
-from isogal.matching.matrices import positive_part
+from isogal.matching.matrices import inverse, positive_part
 from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
@@ -161,7 +161,8 @@ def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, 
     scale = np.sqrt(np.diag(prior))
     unaided = forward @ posterior @ forward.T
     unaided = unaided + positive_part(prior - unaided, scale)
-    kept = np.linalg.solve(unaided / scale / scale[:, None], prior / scale / scale[:, None]).T
+    unit = scale * scale[:, None]
+    kept = (prior / unit) @ inverse(unaided / unit)
     forward = (kept * scale[:, None] / scale) @ forward
     aided = bool(np.trace(kept) < BATCH_STATES - CONSTANTS.aided_states)
     return forward, positive_part(prior - forward @ posterior @ forward.T, scale), aided

@@ -22,7 +22,7 @@ from isogal.maps.interpolation import look_up
 from isogal.matching.interfaces import LOST_SIGMA
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.last_hour import LastHour, LostError, Track
-from isogal.matching.pmht.map_error import MapErrorPrior, field_scale
+from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.quasi_random import standard_normal
 
 _AT_ONCE = 512
@@ -49,7 +49,7 @@ class _Models:
         distance = np.hypot(apart[..., 0], apart[..., 1])
         correlation = np.exp(-distance / prior.length[:, None, None])
         values, vectors = np.linalg.eigh(correlation)
-        bias = CONSTANTS.unknown_bias_share * field_scale(field_map)
+        bias = CONSTANTS.unknown_bias_share * field_map.scale
         common = np.concatenate([np.full((len(lat), 1), bias), _main_part(track)], axis=1)
         return cls(vectors, np.maximum(values, 0.0), prior, common)
 

@@ -50,6 +50,8 @@ class Mixture:
 
     def moments(self) -> tuple[Array, Array]:
         """Return mean (n,) and covariance (n, n) of the whole."""
+        if len(self) == 1 and self.weight[0] == 1.0:
+            return self.mean[0], self.covariance[0]
         mean = self.weight @ self.mean
         apart = self.mean - mean
         return mean, np.einsum(

@@ -39,6 +39,7 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import inverse
 from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
@@ -128,26 +129,35 @@ class BatchLikelihood:
             batch, rows, channel, field_map, noise, place or (np.zeros(4), batch.prior)
         )
         north, east = metres_per_radian(latitude)
-        likelihood = cls(
-            grid=field_map.grid,
-            latitude=latitude,
-            longitude=longitude,
-            radian=np.stack([1.0 / north, 1.0 / east], axis=-1),
-            level=batch.reading[rows] - batch.offset[rows],
-            transition=np.ascontiguousarray(batch.transition[rows]),
-            jacobian=np.ascontiguousarray(batch.reading_jacobian[rows]),
-            nodes=path_nodes(batch, rows),
-            nuisance_position=np.ascontiguousarray(batch.nuisance_position[rows]),
-            nuisance_reading=np.ascontiguousarray(batch.nuisance_reading[rows]),
-            covariance=covariance,
-            factor=np.empty((0, 0)),
-            whitening=np.empty((0, 0)),
-            reduction=np.empty((0, 0)),
-            first_new=int(np.searchsorted(rows, len(batch) - batch.new)),
-            rows=rows,
-            channel=channel,
+        readings = Readings(
+            channel,
+            latitude,
+            longitude,
+            np.stack([1.0 / north, 1.0 / east], axis=-1),
+            batch.reading[rows] - batch.offset[rows],
+            np.ascontiguousarray(batch.transition[rows]),
+            np.ascontiguousarray(batch.reading_jacobian[rows]),
+            path_nodes(batch, rows),
         )
-        return likelihood._with_covariance(covariance)
+        position = np.ascontiguousarray(batch.nuisance_position[rows])
+        reading = np.ascontiguousarray(batch.nuisance_reading[rows])
+        first_new = int(np.searchsorted(rows, len(batch) - batch.new))
+        factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        whitening = last_rows(factor, first_new)
+        grid = field_map.grid
+        effect = nuisance(grid, readings, position, reading, np.zeros(4))
+        return cls(
+            grid=grid,
+            **readings._asdict(),
+            nuisance_position=position,
+            nuisance_reading=reading,
+            covariance=covariance,
+            factor=factor,
+            whitening=whitening,
+            reduction=reducing(whitening, effect),
+            first_new=first_new,
+            rows=rows,
+        )
 
     @property
     def _readings(self) -> Readings:
@@ -239,7 +249,7 @@ class BatchLikelihood:
         residual, slope = self.linearise(xi)
         white = self.whitened(np.column_stack([residual, slope, self.nuisance_at(xi)]))
         effect = white[:, 5:]
-        covariance = np.asarray(np.linalg.inv(np.eye(effect.shape[1]) + effect.T @ effect))
+        covariance = inverse(np.eye(effect.shape[1]) + effect.T @ effect)
         by = -covariance @ effect.T @ white[:, :5]
         return by[:, 0], by[:, 1:], covariance
 

@@ -82,7 +82,7 @@ class MapErrorEstimate:
         map's roughness, larger ones less so; log-normal about the usual length.
         """
         maps = channels_of(field_map)
-        scale = float(np.mean([field_scale(one) for one in maps]))
+        scale = float(np.mean([one.scale for one in maps]))
         rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
         least = CONSTANTS.least_sigma_noise_share * math.hypot(
             float(np.nanmedian(batch.sigma)), rounding
@@ -262,14 +262,6 @@ def _shapes(batch: Batch, channel: Integers, lengths: Array) -> Array:
     apart = distances(batch.latitude, batch.longitude)
     shapes = np.stack([map_correlation(apart, length, batch.filter_path) for length in lengths])
     return shapes if batch.channel is None else shapes * (channel[:, None] == channel)
-
-
-def field_scale(field_map: FieldMap) -> float:
-    """Return the standard deviation of the map's values, by a sample of at most 200 x 200
-    nodes.
-    """
-    steps = [max(1, count // 200) for count in field_map.values.shape]
-    return float(np.nanstd(field_map.values[:: steps[0], :: steps[1]]))
 
 
 def roughness(field_map: FieldMap) -> float:

@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.matching.matrices import inverse
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.importance_sampling import Posterior
@@ -39,7 +40,8 @@ def nearly_linear(
     z, slope, precision, likelihood = found
     if not _linear_over_prior(likelihood, mean, root, z, slope):
         return None
-    spread = np.linalg.inv(np.linalg.cholesky(precision)).T  # its square is the covariance
+    factor = np.linalg.cholesky(precision)
+    spread = inverse(factor).T  # its square is the covariance
     points = _points(CONSTANTS.linear_points)
     in_prior = z + points @ spread.T
     x = mean + in_prior @ root.T
@@ -53,7 +55,7 @@ def nearly_linear(
     if effective < CONSTANTS.linear_effective_share:
         return None
     # prior density over that of the points
-    evidence = top + math.log(float(weight.mean())) - 0.5 * float(np.linalg.slogdet(precision)[1])
+    evidence = top + math.log(float(weight.mean())) - float(np.log(np.diag(factor)).sum())
     weight /= weight.sum()
     centre = weight @ x
     off = x - centre

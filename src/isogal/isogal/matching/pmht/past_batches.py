@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Beside, Fix, Information
-from isogal.matching.matrices import symmetric
+from isogal.matching.matrices import inverse, symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.transitions import condition, unconditioned
@@ -214,7 +214,7 @@ def error_before(batch: Batch) -> Array:
 def error_after(batch: Batch) -> Array:
     """Return (7, 7) the error at a batch's end per unit of error at the end of the batch before.
     Not to be written to."""
-    return np.asarray(np.linalg.inv(error_before(batch)), dtype=np.float64)
+    return inverse(error_before(batch))
 
 
 def placeless(covariance: Array) -> bool:
@@ -226,7 +226,8 @@ def posterior_of(prior: Array, information: Information | None) -> tuple[Array, 
     """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
     if information is None:
         return np.zeros(BATCH_STATES), prior
-    covariance = np.linalg.inv(np.linalg.inv(prior) + information.matrix)
+    # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
+    covariance = inverse(np.eye(len(prior)) + prior @ information.matrix) @ prior
     return covariance @ information.vector, symmetric(covariance)
 
 

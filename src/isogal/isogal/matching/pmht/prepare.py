@@ -8,7 +8,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.map_error import MapErrorEstimate, field_scale
+from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.memory import Memory, prior_of
 from isogal.matching.pmht.noise_model import NoiseModel, uneven
 from isogal.matching.pmht.sensor_bias import BiasEstimate
@@ -77,7 +77,7 @@ def unknown_bias(batch: Batch, field_map: AnyMap, settings: Settings) -> BiasEst
     """Return the prior of the readings' bias: as told, else that of who knows nothing."""
     sigma, drift = settings.noise.bias_sigma, settings.options.bias_drift_sigma
     if not sigma > 0.0:
-        sigma = CONSTANTS.unknown_bias_share * field_scale(channels_of(field_map)[0])
+        sigma = CONSTANTS.unknown_bias_share * channels_of(field_map)[0].scale
     drift = sigma / CONSTANTS.bias_drift_time_s if drift is None else drift
     more = batch.delay_sigma, batch.parameters
     return BiasEstimate.unknown(float(batch.time[0]), sigma, drift, *more)

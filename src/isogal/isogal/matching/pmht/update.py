@@ -10,7 +10,6 @@ import numpy as np
 
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.map_error import field_scale
 from isogal.matching.pmht.noise_model import uneven
 from isogal.matching.pmht.outliers import residual_outliers
 from isogal.matching.pmht.state import State, Verdict, evidence, or_before, rematch
@@ -40,7 +39,7 @@ def _evidence_of_outliers(state: State) -> float:
     count = int(state.outlier[state.likelihood.first_new :].sum())
     if not count:
         return 0.0
-    scale = max(field_scale(state.first_map), float(np.nanmedian(state.batch.sigma)))
+    scale = max(state.first_map.scale, float(np.nanmedian(state.batch.sigma)))
     density = CONSTANTS.outlier_probability / (math.sqrt(2.0 * math.pi) * scale)
     return float(count) * math.log(density)
 
