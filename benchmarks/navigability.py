@@ -228,8 +228,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    for name, default in (("places", 30), ("runs", 24), ("bin-places", 10), ("bin-runs", 40)):
-        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--places", type=int, default=30)
+    parser.add_argument("--runs", type=int, default=24)
+    parser.add_argument("--bin-places", type=int, default=10)
+    parser.add_argument("--bin-runs", type=int, default=40)
     parser.add_argument("--far", type=float, default=2000.0)
     parser.add_argument("--page", type=Path)
     told = parser.parse_args(arguments)
