@@ -62,7 +62,8 @@ def update(
     if len(groups) > CONSTANTS.sampled_hypotheses:
         prior, pieces = _screened(likelihood, prior)
         groups = _groups(prior)
-    share = replace(sampling, samples=_points(sampling.samples, len(groups)))
+    samples = _points(sampling.samples, len(groups))
+    share = sampling if samples == sampling.samples else replace(sampling, samples=samples)
     for group in groups:
         pieces += _update_group(likelihood, prior.part(group), share, most)
     return _joined(pieces, most) if pieces else None

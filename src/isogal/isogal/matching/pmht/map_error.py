@@ -140,7 +140,7 @@ class MapErrorEstimate:
         if self.batches == 0 and base.map_sigma > 0.0:
             return base
         sigma, length = self._model
-        return replace(base, map_sigma=sigma, correlation_length=length)
+        return NoiseModel(sigma, length, base.bias_sigma)
 
     @cached_property
     def _model(self) -> tuple[float, float]:

@@ -40,7 +40,8 @@ def reject_outliers(state: State) -> State:
     nuisance = likelihood.nuisance_at(mean)
     expected = likelihood.covariance + nuisance @ nuisance.T + reach + smooth
     gate = state.settings.options.outlier_gate + CONSTANTS.innovation_gate_excess_sigma
-    return replace(state, outlier=outliers(innovation, expected, gate))
+    found = outliers(innovation, expected, gate)
+    return replace(state, outlier=found) if found.any() else state
 
 
 def residual_outliers(likelihood: BatchLikelihood, posterior: Mixture, gate: float) -> Booleans:
