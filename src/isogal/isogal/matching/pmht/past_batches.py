@@ -156,10 +156,10 @@ def effects_of(batch: Batch) -> Effects:
     do is 0."""
     if batch.attitude is not None:
         known = batch.attitude[1].shape[1]  # behind it: what the matcher itself has added
-        return (
-            unconditioned(batch, batch.transition, batch.nuisance_position[..., :known]),
-            unconditioned(batch, batch.reading_jacobian, batch.nuisance_reading[..., :known]),
-        )
+        rows = np.concatenate([batch.transition, batch.reading_jacobian[:, None]], axis=1)
+        drift = [batch.nuisance_position, batch.nuisance_reading[:, None]]
+        whole = unconditioned(batch, rows, np.concatenate(drift, axis=1)[..., :known])
+        return whole[:, :2], whole[:, 2]
     by_tilt = np.zeros((len(batch), 2, BATCH_STATES - batch.transition.shape[2]))
     return (
         np.concatenate([batch.transition, by_tilt], axis=2),
