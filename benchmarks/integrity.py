@@ -20,12 +20,13 @@ import argparse
 import math
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import get_args
 
 import mismatch
 import numpy as np
-from mismatch_rows import ROWS, Row
+from mismatch_rows import ROWS
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
@@ -186,13 +187,13 @@ def counted(
     return count
 
 
-def cases(options: argparse.Namespace) -> Iterator[tuple[str, Row, bool, tuple[str, ...], int]]:
-    """Yield the rows as `mismatch.cases` does, the first of a map error with its run-hours."""
-    for name, row, told, base, runs in mismatch.cases(options):
-        if row is ROWS[0]:
-            yield name, row, told, base, math.ceil(options.run_hours / HOURS)
+def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:
+    """Yield what `mismatch.cases` does, the first row of a map error, told, with its run-hours."""
+    for case in mismatch.cases(options):
+        if case.row is ROWS[0] and case.kind == "told":
+            yield replace(case, runs=math.ceil(options.run_hours / HOURS))
         elif options.mismatch:
-            yield name, row, told, base, runs
+            yield case
 
 
 def main() -> None:
@@ -200,38 +201,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
-    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="kept there")
+    mismatch.add_options(parser)
     parser.add_argument("--run-hours", type=float, default=360.0)
     parser.add_argument("--mismatch", action="store_true", help="the other rows, too")
-    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
-    parser.add_argument("--runs", type=int, default=24, help="of untold rows")
-    parser.add_argument("--told-runs", type=int, default=100)
-    parser.add_argument("--map-errors", type=float, nargs="+", default=[3e-5], metavar="M/S²")
     parser.add_argument("--present", action="store_true", help="compute nothing")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--page", type=Path, help="page whose table is replaced")
     parser.add_argument("--figure", type=Path, help="PNG file for the first row's diagram")
     options = parser.parse_args()
     maps = mismatch.coarse_map(options.data, options.out)
-    together = {"told": Count(), "untold": Count()}
+    together = {kind: Count() for kind in reversed(get_args(mismatch.Kind))}
     seen: list[Scenario] = []
     lines = [HEAD]
     print(HEAD, flush=True)
     with ProcessPoolExecutor(options.workers) as pool:
-        for name, row, told, base, runs in cases(options):
-            scenario = mismatch.scenario_of(row, told, base, maps)
-            count = counted(scenario, runs, options, pool)
+        for case in cases(options):
+            scenario = case.scenario(maps)
+            count = counted(scenario, case.runs, options, pool)
             if count.hours == 0.0:
                 continue
-            if options.figure and len(lines) == 1:
+            if options.figure and case.kind == "told" and case.row is ROWS[0]:
                 write_atomic(options.figure, picture(count))
-            kind = "told" if told else "untold"
             if scenario not in seen:  # "map 3 mGal wrong", told, is "nothing" once more
-                together[kind].merge(count)
+                together[case.kind].merge(count)
                 seen.append(scenario)
-            world = f", {name.rpartition(', ')[2]}" if len(options.map_errors) > 1 else ""
-            lines.append(count.line(row.name + world, kind if row.untold else ""))
+            world = f", {case.base_name}" if len(options.map_errors) > 1 else ""
+            lines.append(count.line(case.row.name + world, mismatch.label(case.row, case.kind)))
             print(lines[-1], flush=True)
     for kind, count in together.items():
         if count.hours > 0.0 and options.mismatch:

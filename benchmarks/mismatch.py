@@ -1,13 +1,14 @@
 """What it costs that the world differs from what is assumed, row by row, untold and told.
 
-    python benchmarks/mismatch.py --data DIR [--out DIR] [--rows TEXT ...] [--runs 24]
-        [--told-runs 100] [--map-errors 3e-5 0] [--workers 2] [--page docs/mismatch.md]
+    python benchmarks/mismatch.py --data DIR [--out DIR] [--rows TEXT ...] [--kinds KIND ...]
+        [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--workers 2] [--page docs/mismatch.md]
 
 DIR of `--data` holds `se_australia_gravity.nc` and `kalgoorlie_gravity_magnetic.nc`. A row is a
 closed loop of so many runs of 3.6 h with `matcher.stride=5`: `untold` with filter and matcher as
-for the base, `told` with the truth for their settings. Ratio is RMS error over the RMS bound of
-that world, both over the time after the first hour. Finished parts are kept in `--out` and not
-computed again; after a change of the library, begin with an empty folder."""
+for the base, `told` with the truth for their settings, `nothing told` as `untold` without what the
+base tells the matcher of map and biases. Ratio is RMS error over the RMS bound of that world, both
+over the time after the first hour. Finished parts are kept in `--out` and not computed again;
+after a change of the library, begin with an empty folder."""
 
 import os
 
@@ -24,7 +25,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import yaml
@@ -50,6 +51,10 @@ BASE = (
     "gravity.field=normal",
 )
 """Of every row, before its own base."""
+Kind = Literal["nothing told", "untold", "told"]
+"""What filter and matcher know of a row's world."""
+OF_THE_MAP = "matcher.map_", "matcher.bias_"
+"""Keys that are left at their defaults where nothing is told."""
 CHUNK = 10
 """Runs to a job."""
 COARSER = 2
@@ -120,15 +125,17 @@ def coarse_map(data: Path, out: Path) -> Maps:
     return Maps(str(fine), str(coarse), str(rated), str(magnetic), sigma, far * speed * route.dt)
 
 
-def scenario_of(row: Row, told: bool, base: Sequence[str], maps: Maps) -> Scenario:
+def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenario:
     """Return the scenario of a row: with its world in the section truth, or told."""
     first = maps.put_in([*BASE, *(base if row.base is None else row.base)])
+    if kind == "nothing told":
+        first = [text for text in first if not text.startswith(OF_THE_MAP)]
     world = maps.put_in(row.world)
     truth = [
         f"truth.{text}" if text.split(".")[0].split("=")[0] in SECTIONS else text for text in world
     ]
     untold = load_scenario(None, [*first, *truth])
-    if not told:
+    if kind != "told":
         return untold
     if any(text.startswith("map.") for text in world):  # the map is still what it is
         return changed(untold, maps.put_in(row.told))
@@ -219,6 +226,11 @@ def line(name: str, kind: str, it: dict[str, Any]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def label(row: Row, kind: Kind) -> str:
+    """Return what the second column says."""
+    return kind if row.untold or kind == "nothing told" else ""
+
+
 def number(value: float | None) -> str:
     if value is None:
         return "–"
@@ -229,9 +241,9 @@ def table(results: dict[str, dict[str, Any]], base: str) -> str:
     """Return the table of one base, in the order of the rows."""
     lines = [HEAD]
     for row in ROWS:
-        for kind in ("untold", "told"):
+        for kind in get_args(Kind):
             if it := results.get(f"{row.name}, {kind}, {base}"):
-                lines.append(line(row.name, kind if row.untold else "", it))
+                lines.append(line(row.name, label(row, kind), it))
     return "\n".join(lines)
 
 
@@ -248,18 +260,53 @@ def write_between(page: Path, marks: tuple[str, str], text: str) -> None:
     write_atomic(page, after)
 
 
-def cases(options: argparse.Namespace) -> Iterator[tuple[str, Row, bool, tuple[str, ...], int]]:
+@dataclass(frozen=True)
+class Case:
+    """A line of the table."""
+
+    row: Row
+    kind: Kind
+    base: tuple[str, ...]
+    base_name: str
+    runs: int
+
+    @property
+    def name(self) -> str:
+        """What its results are kept as."""
+        return f"{self.row.name}, {self.kind}, {self.base_name}"
+
+    def scenario(self, maps: Maps) -> Scenario:
+        return scenario_of(self.row, self.kind, self.base, maps)
+
+
+def cases(options: argparse.Namespace) -> Iterator[Case]:
+    """Yield the lines that are asked for, in the order of the rows."""
     for error in options.map_errors:
         base = EXACT if error == 0.0 else tuple(s.replace("3e-5", f"{error:g}") for s in MGAL_3)
         name = "exact map" if error == 0.0 else f"map {error * 1e5:g} mGal wrong"
         for row in ROWS:
             if options.rows and not any(text in row.name for text in options.rows):
                 continue
-            for told in (False, True):
-                if (row.tellable if told else row.untold) and not (row.base and error == 0.0):
-                    kind = "told" if told else "untold"
-                    runs = options.told_runs if told else options.runs
-                    yield f"{row.name}, {kind}, {name}", row, told, base, runs
+            if row.base and error == 0.0:
+                continue
+            there = {"nothing told": True, "untold": row.untold, "told": row.tellable}
+            for kind in options.kinds or get_args(Kind):
+                if there[kind]:
+                    runs = options.told_runs if kind == "told" else options.runs
+                    yield Case(row, kind, base, name, runs)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which lines, from what data, and where results are kept."""
+    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
+    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="kept there")
+    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
+    parser.add_argument("--kinds", nargs="+", choices=get_args(Kind), help="default: all")
+    parser.add_argument("--runs", type=int, default=24, help="of rows that are not told")
+    parser.add_argument("--told-runs", type=int, default=100)
+    parser.add_argument("--map-errors", type=float, nargs="+", default=[3e-5], metavar="M/S²")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--page", type=Path, help="page whose table is replaced")
 
 
 def main() -> None:
@@ -267,28 +314,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
-    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="kept there")
-    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
-    parser.add_argument("--runs", type=int, default=24, help="of untold rows")
-    parser.add_argument("--told-runs", type=int, default=100)
-    parser.add_argument("--map-errors", type=float, nargs="+", default=[3e-5], metavar="M/S²")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--page", type=Path, help="page whose table is replaced")
+    add_options(parser)
     options = parser.parse_args()
     maps = coarse_map(options.data, options.out)
     path = options.out / "results.json"
     results: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     with ProcessPoolExecutor(options.workers) as pool:
-        for name, row, told, base, runs in cases(options):
-            if results.get(name, {}).get("runs", 0) < runs:
-                scenario = scenario_of(row, told, base, maps)
-                parts = list(parts_of(scenario, runs, options.out / "parts"))
+        for case in cases(options):
+            if results.get(case.name, {}).get("runs", 0) < case.runs:
+                scenario = case.scenario(maps)
+                parts = list(parts_of(scenario, case.runs, options.out / "parts"))
                 one = partial(some_runs, scenario)
                 record = Runs.concatenate(list(pool.map(one, *zip(*parts, strict=True))))
-                results[name] = measured(row, scenario, record, maps)
+                results[case.name] = measured(case.row, scenario, record, maps)
                 write_json(path, results)
-            print(line(name, "", results[name]), flush=True)
+            print(line(case.name, "", results[case.name]), flush=True)
     bases = dict.fromkeys(name.rpartition(", ")[2] for name in results)
     text = "\n\n".join(f"{base[0].upper()}{base[1:]}:\n\n{table(results, base)}" for base in bases)
     write_atomic(options.out / "table.md", text + "\n")

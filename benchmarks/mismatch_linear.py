@@ -118,7 +118,7 @@ def differences(
 def line_of(row: Row, options: argparse.Namespace) -> str | None:
     """Return the line of a told row; None where it is left out or has not been run."""
     maps = coarse_map(options.data, options.out)
-    scenario = scenario_of(row, True, MGAL_3, maps)
+    scenario = scenario_of(row, "told", MGAL_3, maps)
     parts = [path for _, path in parts_of(scenario, options.runs, options.out / "parts")]
     aided = scenario.height.measured or scenario.velocity.kind != "none"
     several = measured_field(scenario).channels is not None

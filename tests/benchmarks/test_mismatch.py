@@ -1,5 +1,7 @@
 """The rows of `benchmarks/mismatch.py`: what is told and what is true; it goes on where it was."""
 
+import argparse
+
 import mismatch
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from mismatch_rows import MGAL_3, ROWS
 from helpers.batches import ORIGIN
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
-from isogal.scenario import load_scenario
+from isogal.scenario import Scenario, load_scenario
 
 MAPS = mismatch.Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
 IDS = [row.name for row in ROWS]
@@ -20,7 +22,7 @@ def test_there_are_at_least_twenty_rows_of_different_names():
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_told_and_untold_are_one_world(row):
-    untold, told = (mismatch.scenario_of(row, which, MGAL_3, MAPS) for which in (False, True))
+    untold, told = (mismatch.scenario_of(row, kind, MGAL_3, MAPS) for kind in ("untold", "told"))
     assert untold.matcher.stride == told.matcher.stride == 5
     assert bool(untold.truth) or not row.untold or row.world[0].startswith("map_error.")
     worlds = [
@@ -31,6 +33,30 @@ def test_told_and_untold_are_one_world(row):
     if row.tellable and row.untold:
         assert told != untold
         assert told.truth == {} or row.told
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_where_nothing_is_told_the_matcher_has_its_defaults(row):
+    untold, nothing = (
+        mismatch.scenario_of(row, kind, MGAL_3, MAPS) for kind in ("untold", "nothing told")
+    )
+    assert nothing.matcher == Scenario().matcher.model_copy(update={"stride": 5})
+    assert nothing == untold.model_copy(update={"matcher": nothing.matcher})
+
+
+def test_lines_are_in_the_order_of_the_rows_and_of_what_is_told():
+    options = argparse.Namespace(
+        map_errors=[0.0, 3e-5], rows=["nothing", "readings 20 s"], kinds=None, runs=2, told_runs=3
+    )
+    assert [(case.name, case.runs) for case in mismatch.cases(options)][:5] == [
+        ("nothing, nothing told, exact map", 2),
+        ("nothing, told, exact map", 3),
+        ("readings 20 s late, nothing told, exact map", 2),
+        ("readings 20 s late, untold, exact map", 2),
+        ("readings 20 s late, told, exact map", 3),
+    ]
+    options.kinds = ["untold"]
+    assert {case.kind for case in mismatch.cases(options)} == {"untold"}
 
 
 def test_a_page_gets_the_table_between_its_marks(tmp_path):
