@@ -117,7 +117,19 @@ ROWS = (
     ),
     Row("gravimeter bias walks 1 mGal in an hour", ("gravimeter.bias_walk=1.7e-7",)),
     Row("readings 20 s late", ("gravimeter.delay=20",)),
+    Row(
+        "readings 20 s late, told that they may be by 20 s",
+        ("gravimeter.delay=20",),
+        base=(*MGAL_3, "gravimeter.delay_sigma=20"),
+        tellable=False,
+    ),
     Row("clock of the gravimeter 2 s off", ("gravimeter.delay=2",), tellable=False),
+    Row(
+        "clock of the gravimeter 2 s off, told that it may be by 2 s",
+        ("gravimeter.delay=2",),
+        base=(*MGAL_3, "gravimeter.delay_sigma=2"),
+        tellable=False,
+    ),
     Row("gravimeter with a low-pass filter of 30 s", ("gravimeter.filter_time=30",)),
     Row(
         "gravimeter takes 1 mGal from 0.01 m/s², route with turns",

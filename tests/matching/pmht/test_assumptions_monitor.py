@@ -40,10 +40,10 @@ class Kept:
 
 
 def flown(field_map, watched=True, runs=(0,), **keys):
-    """Record of runs on the synthetic map, taken to be nearly exact, and their fixes."""
-    scenario = Scenario(
-        route={"duration": 2500.0}, gravity={"field": "normal"}, matcher=TOLD, **keys
-    )
+    """Record of runs on the synthetic map, taken to be nearly exact where nothing else is told,
+    and their fixes."""
+    keys = {"matcher": TOLD, **keys}
+    scenario = Scenario(route={"duration": 2500.0}, gravity={"field": "normal"}, **keys)
     matcher = build_matcher(scenario.matcher)
     assert isinstance(matcher, AssumptionsMonitor)
     kept = Kept(matcher if watched else matcher.matcher)
@@ -65,6 +65,27 @@ def test_readings_that_are_late_are_put_where_they_belong(field_map):
     assert fixes[-1].diagnostics["delay"] == pytest.approx(20.0, abs=6.0)
     assert record.horizontal_error[0, record.elapsed > 2000.0].max() < 150.0
     assert nees(record, 2000.0)[0] < 4.0
+
+
+def test_a_delay_that_is_told_to_be_unknown_is_estimated_and_no_other_place_believed(field_map):
+    """It was forgotten wherever the readings had shown to have no bias, then learnt anew from
+    readings that had been used."""
+    record, fixes = flown(
+        field_map,
+        runs=range(4),
+        truth={"gravimeter": {"delay": 6.0}},
+        gravimeter={"delay_sigma": 6.0},
+        matcher={},
+    )
+    last = fixes[-4:]
+    assert {fix.time for fix in last} == {fixes[-1].time}
+    for fix in last:
+        said, sigma = (fix.diagnostics[key] for key in ("reading_delay", "reading_delay_sigma"))
+        assert 0.5 < sigma < 4.0
+        assert abs(said - 6.0) < 3.0 * sigma
+        assert fix.diagnostics["as_assumed"] > 0.3
+    assert not any(fix.reset for fix in fixes)
+    assert nees(record, 600.0).mean() < 2.0
 
 
 def test_a_navigator_that_is_worse_than_told_becomes_less_certain(field_map):

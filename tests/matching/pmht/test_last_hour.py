@@ -64,6 +64,15 @@ def test_the_track_is_one_from_batch_to_batch(hour):
     assert np.abs(np.diff(wrong, axis=0)).max() < 2.5
 
 
+def test_readings_that_may_be_late_are_displaced_along_the_track(history, hour):
+    *before, last = history
+    late = replace(last, batch=replace(last.batch, delay_sigma=20.0))
+    prior = hour.seen[0].prior
+    own = LastHour.of([*before, late], {None: (FLAT, prior)}).own
+    way = 20.0 * last.batch.velocity[-1]
+    np.testing.assert_allclose(own - hour.own, np.outer(way, way))
+
+
 def test_a_wrong_velocity_is_in_readings_of_gravity_as_eotvos_effect(hour):
     by_velocity = hour.seen[0].unaided.reading[89, 2:4]
     at = ORIGIN[0], 0.0

@@ -148,7 +148,7 @@ def test_a_chain_of_batches_is_conditioning_on_all_readings(seed, walk, delay_si
     )
     assert estimate.figures()["bias_sigma"] == pytest.approx(scale[4], rel=close)
     assert estimate.figures()["drift"] == estimate.mean[1]
-    assert ("delay" in estimate.figures()) == (count == 3)
+    assert ("reading_delay" in estimate.figures()) == (count == 3)
 
 
 def chained():

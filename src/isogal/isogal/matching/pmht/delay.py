@@ -43,10 +43,10 @@ def later(batch: Batch, delay: float) -> Batch:
 def delayed(batch: Batch, delay: float) -> Batch:
     """Return a batch whose readings are later than told by a time (s): of earlier places, and
     reduced with the state there."""
-    return replace(later(batch, delay), offset=batch.offset - delay * by_delay(batch))
+    return replace(later(batch, delay), offset=batch.offset + delay * by_delay(batch))
 
 
 def by_delay(batch: Batch) -> Array:
-    """Return (T,) d(reduced reading)/d(delay), per s, by a reduction with the state at the stamp
-    instead of that before."""
-    return np.zeros(len(batch)) if batch.reading_rate is None else -batch.reading_rate
+    """Return (T,) how much is in each reading per s of delay because it was reduced with the state
+    at its stamp, instead of that before."""
+    return np.zeros(len(batch)) if batch.reading_rate is None else batch.reading_rate

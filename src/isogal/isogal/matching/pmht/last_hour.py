@@ -125,7 +125,8 @@ class LastHour:
     seen: tuple[Seen, ...]
     """Of each field."""
     own: Array
-    """(2, 2) m², the navigator's own covariance at the end."""
+    """(2, 2) m², by how much the readings may be displaced at the end where the navigator is
+    right: its own covariance, and the way it makes in the delay that readings may have."""
     lost: LostError
 
     @classmethod
@@ -158,7 +159,7 @@ class LastHour:
                 _unaided_track(history, field, dynamics, unaided),
             )
             made.append(Seen(*tracks, field_map, map_error))
-        return cls(tuple(made), history[-1].batch.prior[:2, :2], lost)
+        return cls(tuple(made), _own(history[-1].batch), lost)
 
     @classmethod
     def of_batch(cls, batch: Batch, field_map: FieldMap, map_error: MapErrorPrior) -> "LastHour":
@@ -173,7 +174,12 @@ class LastHour:
         aided = Track.of([_aided(batch, effects, own, own, slope)])
         unaided = Track.of([(batch, at_rows, in_reading, root)])
         seen = Seen(aided, unaided, field_map, map_error)
-        return cls((seen,), batch.prior[:2, :2], lost)
+        return cls((seen,), _own(batch), lost)
+
+
+def _own(batch: Batch) -> Array:
+    late = batch.delay_sigma * batch.velocity[-1]
+    return np.asarray(batch.prior[:2, :2] + np.outer(late, late))
 
 
 def _aided_track(

@@ -61,7 +61,7 @@ def _simplified(state: State, bias: BiasEstimate | None) -> tuple[BiasEstimate |
     """
     settings, batch = state.settings, state.batch
     told = settings.noise.bias_sigma > 0.0 or batch.bias_walk > 0.0
-    told = told or batch.parameters is not None
+    told = told or batch.delay_sigma > 0.0 or batch.parameters is not None
     if bias is None or told or not settings.adaptive:
         return bias, False
     before = unknown_bias(batch, state.field_map, settings).covariance

@@ -34,7 +34,8 @@ from isogal.matching.pmht.taken import has_taken
 from isogal.matching.pmht.wandering import Walk, Wandering
 from isogal.matching.transitions import unconditioned
 
-_DELAY = "delay"
+_DELAY = "reading_delay"
+"""Not what `error_hypotheses` says of a delay that nobody has told of."""
 _NAMES: tuple[str, ...] = ("bias", "drift")
 
 
@@ -210,7 +211,7 @@ class LinearBias:
         shares = np.stack([np.ones(len(batch)), batch.time - self.time], axis=1)
         moves = np.zeros((len(batch), 2, len(self.mean)))
         if _DELAY in self.names:
-            shares = np.column_stack([shares, -by_delay(batch)])
+            shares = np.column_stack([shares, by_delay(batch)])
             batch = later(batch, float(self.mean[2]))
             moves[:, :, 2] = batch.velocity
         if batch.parameters is not None:
