@@ -60,6 +60,14 @@ def check_command(words: list[str], names_of_plugins: bool) -> None:
         load_scenario(None, changes)
 
 
+def with_its_modules(script: Path) -> str:
+    """Return the text of a script and of what it imports from its own folder."""
+    text = script.read_text(encoding="utf-8")
+    names = re.findall(r"^(?:import|from) (\w+)", text, flags=re.MULTILINE)
+    beside = [path for name in names if (path := script.with_name(f"{name}.py")).exists()]
+    return "".join([text, *(path.read_text(encoding="utf-8") for path in beside)])
+
+
 @pytest.mark.parametrize("page", PAGES, ids=str)
 def test_commands_exist(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, text in named_files(ROOT / page).items():
@@ -71,7 +79,7 @@ def test_commands_exist(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
         elif words[:1] == ["python"] and words[1].endswith(".py"):
             script = ROOT / words[1].removeprefix("$ROOT/")
             script = script if script.exists() else ROOT / page.parent / words[1]
-            text = script.read_text(encoding="utf-8")
+            text = with_its_modules(script)
             assert all(f'"{word}"' in text for word in words if word.startswith("--")), words
 
 
