@@ -6,9 +6,9 @@
 DIR of `--data` holds `se_australia_gravity.nc` and `kalgoorlie_gravity_magnetic.nc`. A row is a
 closed loop of so many runs of 3.6 h with `matcher.stride=5`: `untold` with filter and matcher as
 for the base, `told` with the truth for their settings, `nothing told` as `untold` without what the
-base tells the matcher of map and biases. Ratio is RMS error over the RMS bound of that world, both
-over the time after the first hour. Finished parts are kept in `--out` and not computed again;
-after a change of the library, begin with an empty folder."""
+base tells of the map, of biases and of barometer or log. Ratio is RMS error over the RMS bound of
+that world, both over the time after the first hour. Finished parts are kept in `--out` and not
+computed again; after a change of the library, begin with an empty folder."""
 
 import os
 
@@ -54,7 +54,8 @@ BASE = (
 Kind = Literal["nothing told", "untold", "told"]
 """What filter and matcher know of a row's world."""
 OF_THE_MAP = "matcher.map_", "matcher.bias_"
-"""Keys that are left at their defaults where nothing is told."""
+OF_AIDS = "height.bias", "height.scale", "height.weather_", "velocity.scale", "velocity.current_"
+"""Keys that are left at their defaults where nothing is told; those of aids are what they are."""
 CHUNK = 10
 """Runs to a job."""
 COARSER = 2
@@ -128,9 +129,10 @@ def coarse_map(data: Path, out: Path) -> Maps:
 def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenario:
     """Return the scenario of a row: with its world in the section truth, or told."""
     first = maps.put_in([*BASE, *(base if row.base is None else row.base)])
-    if kind == "nothing told":
-        first = [text for text in first if not text.startswith(OF_THE_MAP)]
     world = maps.put_in(row.world)
+    if kind == "nothing told":
+        world = [*(text for text in first if text.startswith(OF_AIDS)), *world]
+        first = [text for text in first if not text.startswith(OF_THE_MAP + OF_AIDS)]
     truth = [
         f"truth.{text}" if text.split(".")[0].split("=")[0] in SECTIONS else text for text in world
     ]
