@@ -133,6 +133,8 @@ def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenar
     if kind == "nothing told":
         world = [*(text for text in first if text.startswith(OF_AIDS)), *world]
         first = [text for text in first if not text.startswith(OF_THE_MAP + OF_AIDS)]
+        if "gravity.field=map" in world:  # which is what a scenario has where it says nothing
+            first.remove("gravity.field=normal")
     truth = [
         f"truth.{text}" if text.split(".")[0].split("=")[0] in SECTIONS else text for text in world
     ]

@@ -44,6 +44,8 @@ def test_where_nothing_is_told_the_matcher_has_its_defaults(row):
     assert nothing.world.model_dump(exclude={"matcher"}) == untold.world.model_dump(
         exclude={"matcher"}
     )
+    if row.world == ("gravity.field=map",):
+        assert nothing.gravity == Scenario().gravity
     assert nothing.velocity == type(nothing.velocity)(kind=nothing.velocity.kind)
     assert nothing.height == type(nothing.height)(source=nothing.height.source)
 
