@@ -4,6 +4,8 @@ lines          readings along lines, and the maps that they are matched against
 matches        matches of lines: error, 1-sigma, NEES; normalised innovations
 clear_lake     the study at Clear Lake: gravity stations
 scotland       the study over Scotland: aeromagnetic lines
+untold         lines with nothing told, and on maps made of the surveys
+exact          lines with all that kriging knows of its errors
 tables         the tables of docs/real-data.md
 figures        its figures of errors
 map_figures    its figures of maps

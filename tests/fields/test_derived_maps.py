@@ -12,6 +12,7 @@ from isogal.fields import derived_maps as derived
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.source_map import source_map
 from isogal.maps.corridor import corridor_of
+from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.gradients import tensor_maps
 from isogal.maps.load import load_map
@@ -76,7 +77,9 @@ def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkey
 def test_correlation_lengths_of_nodes_come_along(tmp_path):
     uneven = field_map_of(wavy, half=20e3, step=500.0, sigma=1e-5, correlation_length=5000.0)
     lengths = np.linspace(2e3, 8e3, uneven.values.size).reshape(uneven.shape)
-    write_netcdf(replace(uneven, correlation_lengths=lengths), tmp_path / "uneven.nc")
+    ellipses = ellipses_of(lengths, 0.5 * lengths, 1e-4 * lengths)
+    uneven = replace(uneven, correlation_lengths=lengths, error_ellipses=ellipses)
+    write_netcdf(uneven, tmp_path / "uneven.nc")
     it = load_scenario(
         None,
         ["gravimeter.quantity=disturbance", f"map.source={tmp_path / 'uneven.nc'}",
@@ -88,6 +91,8 @@ def test_correlation_lengths_of_nodes_come_along(tmp_path):
     )
     assert here.correlation_lengths is not None
     np.testing.assert_array_equal(there.correlation_lengths, here.correlation_lengths)
+    assert here.error_ellipses is not None
+    np.testing.assert_array_equal(there.error_ellipses, here.error_ellipses)
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,28 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.stats import multivariate_normal
 
+from helpers.batches import make_batch
 from helpers.tracks import field_of, made_track
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
+from isogal.maps.error_ellipses import ellipses_of
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.integrated.continued_map import continued
 from isogal.tracks.integrated.evidence import Surroundings, log_likelihoods
 from isogal.tracks.integrated.jackknife import jackknife_excess
-from isogal.tracks.integrated.noise_models import Told, noise_models
-from isogal.tracks.integrated.search import moments_of
+from isogal.tracks.integrated.matcher import IntegratedMatcher
+from isogal.tracks.integrated.noise_models import (
+    UNKNOWN_LENGTHS,
+    Correlation,
+    Told,
+    noise_models,
+)
+from isogal.tracks.integrated.readings import readings_of
+from isogal.tracks.integrated.search import moments_of, surroundings
 from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
@@ -76,6 +86,58 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     kriged = replace(holed, correlation_lengths=np.full(values.shape, 3e3), sigma=0.1 + 0 * values)
     around = continued(kriged, 5000.0).field
     np.testing.assert_array_equal(around.correlation_lengths, 3e3)
+
+
+_ONE_LENGTH = np.ones((*DISTURBANCE.values.shape, 1)) * np.array([1.0, 0.0, 1.0])
+"""Circles of 1 m at all nodes."""
+
+
+def _kriged(azimuth):
+    """The map with errors that hold together over 6 km in one direction and 1 km across it, the
+    usual length being 2 km."""
+    shape = DISTURBANCE.values.shape
+    ellipse = ellipses_of(np.array(6e3), np.array(1e3), np.array(azimuth))
+    return replace(
+        DISTURBANCE,
+        sigma=np.full(shape, 2e-5),
+        correlation_length=2000.0,
+        error_ellipses=np.tile(ellipse, (*shape, 1)),
+    )
+
+
+def test_rows_are_apart_by_the_lengths_of_the_maps_error_in_their_direction():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    shifts, weight = np.array([[0.0, 0.0], [300.0, -200.0]]), np.array([0.7, 0.3])
+    for azimuth, length in ((0.5 * np.pi, 6e3), (0.0, 1e3)):
+        readings = readings_of(batch, continued(_kriged(azimuth), 5000.0))
+        distance, alike = readings.in_lengths(shifts, weight)
+        np.testing.assert_allclose(
+            distance, readings.distance * 2e3 / length, rtol=2e-3, atol=1e-6
+        )
+        np.testing.assert_allclose(alike, 1.0)
+        around = surroundings(readings, shifts, weight)
+        np.testing.assert_array_equal(around.distance, distance)
+    circles = np.linspace(1e3, 5e3, DISTURBANCE.values.shape[1])[None, :, None] ** 2
+    uneven = replace(_kriged(0.0), error_ellipses=circles * _ONE_LENGTH)
+    around = surroundings(readings_of(batch, continued(uneven, 5000.0)), shifts, weight)
+    assert 0.5 < around.alike[0, -1] < 0.99
+    model, level = Correlation(2000.0), around.shapes["even"][[0, -1]].prod()
+    expected = around.alike[0, -1] * np.exp(-around.distance[0, -1] / 2000.0) * level
+    assert around.map_covariance(model, "even")[0, -1] == pytest.approx(
+        expected, rel=1e-6, abs=0.0
+    )
+    np.testing.assert_array_equal(around.part(7).alike, around.alike[:7, :7])
+    plain = readings_of(batch, continued(DISTURBANCE, 5000.0))
+    assert surroundings(plain, shifts, weight).distance is plain.distance
+
+
+def test_the_maps_usual_length_is_the_middle_of_the_models():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    matcher = IntegratedMatcher.from_settings(Matcher(batch_length=len(batch)))
+    for field_map, lengths in ((_kriged(0.3), {1e3, 2e3, 4e3}), (DISTURBANCE, UNKNOWN_LENGTHS)):
+        _, memory = matcher.match(batch, field_map, None)
+        found = {one.length for one in memory.posterior.models.correlations if not one.smooth}
+        assert found == set(lengths)
 
 
 def _match(run, **told):

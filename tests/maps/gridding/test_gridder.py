@@ -16,9 +16,12 @@ from helpers.surveys import (
     survey_at,
 )
 from isogal.errors import InputError
+from isogal.maps.error_ellipses import axes_of, joint
 from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.gridding.gridder import GridSettings, error_lengths, grid_survey, learn_model
+from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
+from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
 
 __all__ = ["four_places"]
@@ -70,6 +73,7 @@ def test_a_map_says_its_error_at_every_node(tmp_path):
     write_netcdf(field_map, tmp_path / "map.nc")
     again = read_netcdf(tmp_path / "map.nc")
     np.testing.assert_allclose(again.correlation_lengths, field_map.correlation_lengths, rtol=1e-6)
+    np.testing.assert_allclose(again.error_ellipses, field_map.error_ellipses, rtol=1e-4, atol=1e3)
     here = field_map.latitude[10], field_map.longitude[8]
     assert again.correlation_length_at(*here) == pytest.approx(
         float(field_map.correlation_lengths[10, 8])
@@ -130,6 +134,63 @@ def test_error_lengths_of_an_exponential_covariance():
     distance = np.hypot(*(grid[:, None] - grid).T)
     lengths = error_lengths(grid, 4.0 * np.exp(-distance / 800.0))
     np.testing.assert_allclose(lengths, 800.0, rtol=0.01)
+
+
+def test_error_ellipses_of_a_covariance_that_is_longer_in_one_direction():
+    grid = np.stack(np.meshgrid(np.arange(15.0), np.arange(15.0)), axis=-1).reshape(-1, 2) * 250.0
+    east, north = (grid[:, None] - grid).T
+    angle = np.radians(60.0)  # from north to east
+    along = north * np.cos(angle) + east * np.sin(angle)
+    across = east * np.cos(angle) - north * np.sin(angle)
+    covariance = 4.0 * np.exp(-np.hypot(along / 1500.0, across / 600.0))
+    found = error_ellipses(grid, covariance, error_lengths(grid, covariance))
+    longest, shortest, azimuth = axes_of(found)
+    np.testing.assert_allclose(np.median(longest), 1500.0, rtol=0.1)
+    np.testing.assert_allclose(np.median(shortest), 600.0, rtol=0.1)
+    np.testing.assert_allclose(np.degrees(np.median(azimuth)), 60.0, atol=4.0)
+    # where nothing lies around, all directions are alike
+    few = error_ellipses(grid[:2], covariance[:2, :2], np.array([800.0, 800.0]))
+    np.testing.assert_allclose(axes_of(few)[0] / axes_of(few)[1], 1.0, atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("strike", "one_length"), [(0.0, ((0.4, 0.6), (1.1, 1.2))), (90.0, ((1.7, 2.1), (0.6, 0.75)))]
+)
+def test_errors_along_a_line_between_others_hold_together_as_it_says(strike, one_length):
+    """NIS of each error and of the mean of a line's, of 3,000 lines drawn from what kriging says
+    of the errors among them: the expectation of the latter is known to 2.6 %. With one length for
+    all directions they are in `one_length`: errors along lines are longer where the strike of the
+    field runs along them, and shorter where it runs across."""
+    places, _ = flight_lines(9, 3000.0, 300.0, 12e3)
+    covariance = Covariance(
+        "matern", (1e-4, 1e-9), (3e3, 3e3), 2e-6, ratio=3.0, strike=np.radians(strike)
+    )
+    kriging = Kriging(np.pad(places, ((0, 0), (0, 1))), np.zeros(len(places)), covariance)
+    east, north = np.meshgrid(np.arange(-6e3, 6.1e3, 300.0), np.arange(0.0, 3.1e3, 300.0))
+    nodes = np.stack([east.ravel(), north.ravel(), np.zeros(east.size)], axis=1)
+    _, among = kriging.together(nodes)
+    length = error_lengths(nodes, among)
+    line = nodes[:, 1] == 1500.0
+    ellipses = error_ellipses(nodes, among, length)[line]
+    posterior = among[np.ix_(line, line)]
+    random = np.random.default_rng(12)
+    errors = np.linalg.cholesky(posterior) @ random.standard_normal((line.sum(), 3000))
+    sigma = np.sqrt(np.diag(posterior))
+    apart = nodes[line][:, 1::-1] - nodes[line][:, None, 1::-1]
+
+    def nis(told):
+        distance, alike = joint(apart, told)
+        a = 1.24 * np.sqrt(3.0) * distance  # Matern 3/2 that is exp(-1) at one length
+        assumed = alike * (1.0 + a) * np.exp(-a) * np.outer(sigma, sigma)
+        single = np.mean(errors * np.linalg.solve(assumed, errors))
+        return single, np.mean(errors.mean(axis=0) ** 2) / assumed.mean()
+
+    for told, expected in (
+        (ellipses, ((0.6, 1.2), (0.92, 1.1))),
+        (length[line, None] ** 2 * np.array([1.0, 0.0, 1.0]), one_length),
+    ):
+        for found, (low, high) in zip(nis(told), expected, strict=True):
+            assert low < found < high
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import ORIGIN, field_map_of, make_batch, wavy
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.error_ellipses import ellipses_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
@@ -165,3 +166,29 @@ def test_lengths_that_the_map_says_at_each_node_count():
         BatchLikelihood.of(batch, told, even).covariance,
         BatchLikelihood.of(batch, UNEVEN, even).covariance,
     )
+
+
+def test_lengths_that_the_map_says_in_each_direction_count():
+    batch = batch_on_the_plane()
+    shape = PLANE.values.shape
+    north, east = metres_per_radian(batch.latitude[0])
+    way = np.array(
+        [
+            (batch.latitude[-1] - batch.latitude[0]) * north,
+            (batch.longitude[-1] - batch.longitude[0]) * east,
+        ]
+    )
+    azimuth = np.arctan2(way[1], way[0])
+    for turned, length in ((0.0, 6e3), (0.5 * np.pi, 1500.0)):
+        ellipse = ellipses_of(np.array(6e3), np.array(1500.0), np.array(azimuth + turned))
+        told = replace(
+            UNEVEN,
+            correlation_length=2000.0,
+            correlation_lengths=np.full(shape, 2000.0),
+            error_ellipses=np.tile(ellipse, (*shape, 1)),
+        )
+        likelihood = BatchLikelihood.of(batch, told, NOISE)
+        sigma = np.sqrt(np.diag(likelihood.covariance) - batch.sigma**2)
+        found = likelihood.covariance[0, -1] / sigma[0] / sigma[-1]
+        assert found == pytest.approx(np.exp(-np.hypot(*way) / length), rel=0.01)
+        assert np.linalg.eigvalsh(likelihood.covariance)[0] > 0.0

@@ -29,6 +29,7 @@ from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
 _ARRAYS = ("latitude", "longitude", "values", "sigma")
+_BY_NODE = ("correlation_lengths", "error_ellipses")
 _ABOUT = (
     *("unit", "quantity", "correlation_length", "quantisation"),
     *("provenance", "file_unit", "file_factor", "height", "error_stated"),
@@ -100,20 +101,20 @@ def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
                 longitude,
                 part,
                 sigma=_uniform(error),
-                correlation_lengths=np.load(lengths) if lengths.exists() else None,
+                **{name: np.load(path) for name, path in files.items() if path.exists()},
                 **rest,
             )
-            for part, error, lengths, rest in zip(
-                values, sigma, _lengths(folder, len(about)), about, strict=True
+            for part, error, files, rest in zip(
+                values, sigma, _files(folder, len(about)), about, strict=True
             )
         ],
         values,
     )
 
 
-def _lengths(folder: Path, count: int) -> list[Path]:
-    """Return the files of the channels' correlation lengths by node, if they have some."""
-    return [folder / f"lengths-{index}.npy" for index in range(count)]
+def _files(folder: Path, count: int) -> list[dict[str, Path]]:
+    """Return the files of what each channel may say of its error's correlation by node."""
+    return [{name: folder / f"{name}-{index}.npy" for name in _BY_NODE} for index in range(count)]
 
 
 def _uniform(sigma: Array) -> float | Array:
@@ -128,9 +129,10 @@ def _write(folder: Path, maps: ChannelMap) -> list[dict[str, Any]]:
     arrays = first.latitude, first.longitude, maps.values, sigma
     for name, array in zip(_ARRAYS, arrays, strict=True):
         np.save(folder / f"{name}.npy", array)
-    for path, channel in zip(_lengths(folder, len(maps.channels)), maps.channels, strict=True):
-        if channel.correlation_lengths is not None:
-            np.save(path, channel.correlation_lengths)
+    for files, channel in zip(_files(folder, len(maps.channels)), maps.channels, strict=True):
+        for name, path in files.items():
+            if getattr(channel, name) is not None:
+                np.save(path, getattr(channel, name))
     return [{name: getattr(channel, name) for name in _ABOUT} for channel in maps.channels]
 
 

@@ -2,7 +2,7 @@
 about its errors."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,6 +20,7 @@ from isogal.maps.axes import (
     part_within,
     regular_axis,
 )
+from isogal.maps.error_ellipses import impossible
 from isogal.maps.interpolation import (
     Grid,
     Values,
@@ -54,6 +55,9 @@ class FieldMap:
     correlation_lengths : (n, m) or None
         The same at each node, where it differs from place to place; `correlation_length` is then
         the usual one.
+    error_ellipses : (n, m, 3) or None
+        The same where it also differs from direction to direction, m²
+        (`isogal.maps.error_ellipses`); NaN = not known there.
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
         added to an error that nobody has stated; None = where it is above 0.
@@ -90,6 +94,7 @@ class FieldMap:
     height: float | None = None
     correlation_lengths: Array | None = None
     error_stated: bool | None = None
+    error_ellipses: Array | None = None
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -148,6 +153,15 @@ class FieldMap:
                     f"{where}: correlation lengths must be > 0 m and have the shape of the values"
                 )
             object.__setattr__(self, "correlation_lengths", lengths)
+        if self.error_ellipses is not None:
+            ellipses = np.asarray(self.error_ellipses, dtype=np.float64)
+            ellipses = np.ascontiguousarray(ellipses[:, :-1] if drop else ellipses)
+            if ellipses.shape != (*self.values.shape, 3) or impossible(ellipses).any():
+                raise InputError(
+                    f"{where}: correlation lengths of ellipses must be > 0 m and have the shape of"
+                    " the values"
+                )
+            object.__setattr__(self, "error_ellipses", ellipses)
         length = self.correlation_length
         if length is not None and not (math.isfinite(length) and length > 0.0):
             raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
@@ -235,6 +249,16 @@ class FieldMap:
         grid = self.grid._replace(values=self.correlation_lengths)
         return bilinear_at(grid, lat, lon).reshape(shape)[()]
 
+    def error_ellipse_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Return (..., 3) the ellipse of the error's correlation at points (rad), linear between
+        nodes; NaN where the map does not say it."""
+        lat, lon, shape = flat_points(latitude, longitude)
+        if self.error_ellipses is None:
+            return np.full((*shape, 3), math.nan)
+        parts = [np.ascontiguousarray(self.error_ellipses[..., k]) for k in range(3)]
+        each = [bilinear_at(self.grid._replace(values=part), lat, lon) for part in parts]
+        return np.stack(each, axis=-1).reshape(*shape, 3)
+
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
         return np.isfinite(self.value(latitude, longitude))
@@ -270,11 +294,7 @@ class FieldMap:
             self,
             latitude=self.latitude[part.rows],
             longitude=part.longitude(dlon),
-            values=cut(self.values),
-            sigma=self.sigma if isinstance(self.sigma, float) else cut(self.sigma),
-            correlation_lengths=(
-                None if self.correlation_lengths is None else cut(self.correlation_lengths)
-            ),
+            **self.at_nodes(cut),
         )
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
@@ -293,14 +313,15 @@ class FieldMap:
             self,
             latitude=self.latitude[::rows],
             longitude=self.longitude[::columns],
-            values=self.values[::rows, ::columns],
-            sigma=self.sigma if isinstance(self.sigma, float) else self.sigma[::rows, ::columns],
-            correlation_lengths=(
-                None
-                if self.correlation_lengths is None
-                else self.correlation_lengths[::rows, ::columns]
-            ),
+            **self.at_nodes(lambda array: array[::rows, ::columns]),
         )
+
+    def at_nodes(self, change: Callable[[Any], Any]) -> dict[str, Any]:
+        """Return what the map says at its nodes, each array (n, m, ...) changed in the same way,
+        by the attributes' names."""
+        names = ("values", "sigma", "correlation_lengths", "error_ellipses")
+        arrays = {name: getattr(self, name) for name in names}
+        return {name: change(one) for name, one in arrays.items() if np.ndim(one)}
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
         """Return the map around points (see `isogal.maps.tiled_map`): of a map in memory all of

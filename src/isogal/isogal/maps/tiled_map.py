@@ -329,9 +329,5 @@ def _without_margin(part: FieldMap, tile: Window) -> FieldMap:
         part,
         latitude=part.latitude[rows],
         longitude=longitude[columns],
-        values=part.values[rows, columns],
-        sigma=part.sigma if isinstance(part.sigma, float) else part.sigma[rows, columns],
-        correlation_lengths=(
-            None if part.correlation_lengths is None else part.correlation_lengths[rows, columns]
-        ),
+        **part.at_nodes(lambda array: array[rows, columns]),
     )

@@ -101,6 +101,8 @@ def continued(
         values=values,
         sigma=mean_sigma if sigma is None else np.hypot(sigma, beyond),
         correlation_length=length,
+        correlation_lengths=None,
+        error_ellipses=None,
         error_stated=field_map.states_error,
         quantisation=0.0,
         provenance=f"{field_map.provenance or 'map'} continued to {height:g} m",

@@ -62,6 +62,7 @@ def trimmed(field_map: FieldMap) -> FieldMap:
         values=field_map.values[cut],
         sigma=field_map.sigma if isinstance(field_map.sigma, float) else field_map.sigma[cut],
         correlation_lengths=None,
+        error_ellipses=None,
     )
 
 

@@ -77,6 +77,7 @@ def from_terrain(
         sigma=sigma,
         correlation_length=length,
         correlation_lengths=None,
+        error_ellipses=None,
         error_stated=field_map.states_error,
         quantisation=0.0,
         provenance=f"{where} continued from the ground to {height:g} m",

@@ -12,6 +12,7 @@ import numpy as np
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import Window, part_within
+from isogal.maps.error_ellipses import ELLIPSE_NAMES, ellipses_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.format import Format, by_suffix
 from isogal.maps.formats.netcdf_classic import check_classic
@@ -108,6 +109,10 @@ def _read(
     lengths = dataset.variables.get(f"{data.name}_error_length")
     if lengths is not None and set(lengths.dimensions) == set(data.dimensions):
         attributes["correlation_lengths"] = grid.read(lengths, part)
+    axes = [dataset.variables.get(f"{data.name}_{name}") for name in ELLIPSE_NAMES]
+    if all(axis is not None and set(axis.dimensions) == set(data.dimensions) for axis in axes):
+        longest, shortest, azimuth = (grid.read(axis, part) for axis in axes)
+        attributes["error_ellipses"] = ellipses_of(longest, shortest, np.radians(azimuth))
     beside = sigma_variable(dataset, data)
     if beside is not None:
         sigma = grid.read(beside, part)

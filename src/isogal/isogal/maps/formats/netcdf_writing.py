@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.errors import InputError
 from isogal.files import atomic_path
+from isogal.maps.error_ellipses import ELLIPSE_NAMES, axes_of
 from isogal.maps.field_map import FieldMap
 
 _CF_UNITS = {"m/s²": "m s-2", "1/s²": "s-2"}
@@ -78,6 +79,15 @@ def _write(field_map: FieldMap, path: Path, name: str) -> None:
             length.units = "m"
             length.long_name = f"correlation length of the error of {name}"
             length[:] = field_map.correlation_lengths
+        if field_map.error_ellipses is not None:
+            *lengths, azimuth = axes_of(field_map.error_ellipses)
+            for suffix, unit, axis in zip(
+                ELLIPSE_NAMES, ("m", "m", "degrees"), (*lengths, np.degrees(azimuth)), strict=True
+            ):
+                part = dataset.createVariable(f"{name}_{suffix}", "f4", ("lat", "lon"), **kwargs)
+                part.units = unit
+                part.long_name = f"correlation of the error of {name}: {suffix}"
+                part[:] = axis
 
 
 def _describe(data: Any, field_map: FieldMap) -> None:

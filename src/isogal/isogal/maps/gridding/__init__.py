@@ -10,6 +10,7 @@
     misfit          how unlikely readings are under it
     learning        its parameters, from the readings
     kriging         the field and its uncertainty from the nearest readings
+    error_lengths   over which distance errors hold together, and in which direction further
     validation      readings left out and predicted from the others
     amplitude       where errors are larger or smaller than the covariance says
     gridder         all of it, one after the other

@@ -11,6 +11,7 @@ from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude
 from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import GROUP, Kriging, groups
 from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled
@@ -220,18 +221,19 @@ def grid_model(
     grid_lat, grid_lon = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(grid_lat.ravel(), grid_lon.ravel(), settings.height)
     values, variance, length = (np.full(count, np.nan) for _ in range(3))
-    done = 0
+    ellipses, done = np.full((count, 3), np.nan), 0
     for rows in groups(places, GROUP):
         values[rows], covariance = model.kriging.together(places[rows])
         variance[rows] = np.maximum(np.diag(covariance), 0.0)
         length[rows] = error_lengths(places[rows], covariance)
+        ellipses[rows] = error_ellipses(places[rows], covariance, length[rows])
         done += rows.size
         if progress is not None:
             progress(done, count)
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
     values += model.trend.at(places)
     sigma = np.sqrt(variance * model.amplitude.at(places))
-    for one in (values, sigma, length):
+    for one in (values, sigma, length, ellipses):
         one[unknown] = np.nan
     shape, survey = (latitude.size, longitude.size), model.survey
     return FieldMap(
@@ -243,6 +245,7 @@ def grid_model(
         sigma=sigma.reshape(shape),
         correlation_length=float(np.nanmedian(length)),
         correlation_lengths=length.reshape(shape),
+        error_ellipses=ellipses.reshape(*shape, 3),
         provenance=f"{settings.method} of {model.report['readings']} readings of {survey.where}",
         file_unit=survey.file_unit,
         file_factor=survey.file_factor,
@@ -287,28 +290,3 @@ def _level(model: Model, settings: GridSettings) -> float | None:
     if height is not None and float(np.std(height)) < 20.0:
         return float(np.median(height))
     return None
-
-
-def error_lengths(places: Array, covariance: Array) -> Array:
-    """Return (P,) the distance (m) at which the errors at places hold together as exp(-d / L)
-    does, by their covariance (P, P) among each other.
-
-    It is matched where the correlation is next to exp(-1), in the mean of the places around.
-    """
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = np.clip(covariance / np.outer(sigma, sigma), 1e-3, 1.0 - 1e-9)
-    square = (places[:, None, 0] - places[:, 0]) ** 2 + (places[:, None, 1] - places[:, 1]) ** 2
-    distance = np.sqrt(square)
-    np.fill_diagonal(distance, np.inf)
-    decay = -np.log(correlation)
-    weight = np.exp(-((np.log(decay) / 0.5) ** 2))  # next to exp(-1)
-    weight[~np.isfinite(distance)] = 0.0
-    nearest = np.argmin(np.where(np.isfinite(distance), distance, np.inf), axis=1)
-    index = np.arange(len(places))
-    single = distance[index, nearest] / decay[index, nearest]
-    total = weight.sum(axis=1)
-    length = np.where(np.isfinite(distance), distance, 0.0) / decay
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (weight * length).sum(axis=1) / total
-    chosen: Array = np.where(total > 1.0, mean, single).astype(np.float64)
-    return chosen

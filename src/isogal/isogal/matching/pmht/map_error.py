@@ -133,7 +133,7 @@ class MapErrorEstimate:
         return p / p.sum()
 
     def model(self, base: NoiseModel) -> NoiseModel:
-        """Return the noise model with the posterior's mean variance and mean log length.
+        """Return the noise model with the posterior's mean sigma and mean log length.
 
         Before the first batch it is the base itself where that says anything.
         """

@@ -12,12 +12,9 @@ from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
+from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import (
-    displacements,
-    shares,
-    tensor_covariance,
-)
+from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.path import FilterPath
@@ -98,13 +95,19 @@ def residual_covariance(
 
     Map errors and biases of different channels (T,) are independent (but see
     `batch_covariance`); a correlation length (T, 1)
-    is the same for all rows of a channel, one that differs from place to place is (T,). Map errors
-    of readings that are a mean over a path are means over it as well.
+    is the same for all rows of a channel, one that differs from place to place is (T,), one that
+    also differs from direction to direction (T, 3) (`isogal.maps.error_ellipses`). Map errors of
+    readings that are a mean over a path are means over it as well.
     """
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
-        shape = map_correlation(distances(latitude, longitude), correlation_length, filter_path)
+        if np.shape(correlation_length)[1:] == (3,):
+            apart = displacements(latitude, longitude)
+            shape = _directed_correlation(apart, np.asarray(correlation_length), filter_path)
+        else:
+            apart = distances(latitude, longitude)
+            shape = map_correlation(apart, correlation_length, filter_path)
         covariance = covariance + map_sigma[:, None] * map_sigma * shape * together
     return covariance + bias_sigma**2 * together
 
@@ -144,6 +147,14 @@ def _correlation(distance: Array, length: float | Array) -> Array:
     return np.asarray(np.exp(-distance / length))
 
 
+def _directed_correlation(apart: Array, ellipses: Array, path: FilterPath | None) -> Array:
+    """Return (T, T) the correlation of map errors at places (T, T, 2) m apart whose lengths differ
+    from direction to direction, (T, 3); after a filter as if all lengths were as the usual one."""
+    relative, alike = joint(apart, ellipses)
+    usual = float(np.mean((ellipses[:, 0] * ellipses[:, 2] - ellipses[:, 1] ** 2) ** 0.25))
+    return alike * map_correlation(usual * relative, usual, path)
+
+
 def _mean_over(path: FilterPath, distance: Array, length: float | Array) -> Array:
     """Return (T, T) the correlation of the map's error after the instrument's filter, at distances
     (m) between rows: of a Gauss-Markov process after a first-order low-pass filter, whose memory
@@ -169,14 +180,19 @@ def correlation_lengths(
     longitude: Array,
 ) -> float | Array:
     """Return what is assumed. Where the map says of its error that it is larger than that, and
-    over which length it holds together: (T,) that length at places (rad), or (T, 1) that of each
-    channel.
+    over which length it holds together: (T,) that length at places (rad), (T, 3) that in each
+    direction (`isogal.maps.error_ellipses`), or (T, 1) that of each channel.
     """
     if isinstance(field_map, FieldMap):
-        if field_map.correlation_lengths is None or not (
+        directed, lengths = field_map.error_ellipses, field_map.correlation_lengths
+        if (directed is None and lengths is None) or not (
             np.nanmean(field_map.sigma) > noise.map_sigma
         ):
             return noise.correlation_length
+        if directed is not None:
+            ellipses = field_map.error_ellipse_at(latitude, longitude)
+            usual = noise.correlation_length**2 * np.array([1.0, 0.0, 1.0])
+            return np.where(np.isfinite(ellipses), ellipses, usual)
         there = np.asarray(field_map.correlation_length_at(latitude, longitude))
         return np.where(np.isfinite(there), there, noise.correlation_length)
     length = [

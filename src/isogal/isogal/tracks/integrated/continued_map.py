@@ -69,6 +69,9 @@ def continued(field_map: FieldMap, reach: float, floor: float = 0.0) -> Continue
         grid["sigma"] = np.maximum(_padded(field_map.sigma, pad), floor)
     if field_map.correlation_lengths is not None:
         grid["correlation_lengths"] = _padded(field_map.correlation_lengths, pad)
+    if field_map.error_ellipses is not None:
+        parts = np.moveaxis(field_map.error_ellipses, -1, 0)
+        grid["error_ellipses"] = np.stack([_padded(part, pad) for part in parts], axis=-1)
     field = replace(field_map, **grid)
     doubt = np.where(known, 0.0, np.minimum(slope * distance, spread))
     return ContinuedMap(

@@ -19,20 +19,24 @@ class Surroundings:
     """What noise models need to know of a batch's rows."""
 
     distance: Array
-    """(m, m) m."""
+    """(m, m) m; where the map's error holds together over lengths of its own, times the map's
+    usual one over them."""
     known: Array
     """(m, m) W."""
     shapes: dict[str, Array]
     """(m,) 1-sigma of the map's error along the track by each shape, for a scale of 1."""
+    alike: Array | float = 1.0
+    """(m, m) factor of the correlations: below 1 where lengths differ from row to row."""
 
     def part(self, rows: int) -> "Surroundings":
         """Return what they need to know of the first rows alone."""
+        alike = self.alike if isinstance(self.alike, float) else self.alike[:rows, :rows]
         shapes = {name: shape[:rows] for name, shape in self.shapes.items()}
-        return Surroundings(self.distance[:rows, :rows], self.known[:rows, :rows], shapes)
+        return Surroundings(self.distance[:rows, :rows], self.known[:rows, :rows], shapes, alike)
 
     def map_covariance(self, correlation: Correlation, shape: str) -> Array:
         """Return K (m, m)."""
-        return correlation.matrix(self.distance, self.shapes[shape])
+        return self.alike * correlation.matrix(self.distance, self.shapes[shape])
 
     def covariance(
         self, correlation: Correlation, shape: str, scale: float, offset: float

@@ -172,6 +172,8 @@ def _models(told: Told, readings: Readings, memory: Memory, index: int) -> Noise
     scalar = continued_map.field.sigma
     if isinstance(scalar, float) and scalar > (told.sigma or 0.0):
         told = replace(told, sigma=scalar)
+    if readings.own_lengths and told.correlation_length is None:
+        told = replace(told, correlation_length=continued_map.field.correlation_length)
     models = noise_models(told, own, continued_map.spread)
     learnt = memory.log_weight[index] if memory.log_weight else None
     if learnt is not None and learnt.shape == models.log_prior.shape:

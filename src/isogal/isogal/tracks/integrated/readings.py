@@ -1,6 +1,7 @@
 """The readings of a batch, and their residuals at many shifts."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,9 @@ import numpy as np
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
+from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import symmetric
 from isogal.matching.quasi_random import standard_normal
@@ -75,12 +78,41 @@ class Readings:
 
     def mean_square(self, variable: FieldMap, shifts: Array, weight: Array) -> Array:
         """Return (m,) the mean square of a map's sigma at each row over weighted shifts."""
+        return self._mean(lambda *at: variable.sigma_at(*at)[..., None] ** 2, shifts, weight)[:, 0]
+
+    @property
+    def own_lengths(self) -> bool:
+        """Whether the map says over which lengths its error holds together, place by place and in
+        each direction."""
+        field = self.map.field
+        return field.error_ellipses is not None and field.correlation_length is not None
+
+    def in_lengths(self, shifts: Array, weight: Array) -> tuple[Array, Array]:
+        """Return (m, m) distances between rows over the lengths by which the map's error holds
+        together there, times the map's usual one (m), and (m, m) the factor of correlations
+        (`isogal.maps.error_ellipses.joint`); with the mean ellipses over weighted shifts."""
+        usual = self.map.field.correlation_length or 1.0
+        ellipses = self._mean(self.map.field.error_ellipse_at, shifts, weight)
+        ellipses[~(ellipses > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
+        apart = displacements(self.average @ self.latitude, self.average @ self.longitude)
+        metres = np.hypot(apart[..., 0], apart[..., 1])
+        metres[metres == 0.0] = np.inf
+        relative, alike = joint(apart, ellipses)
+        factor = relative / metres
+        # readings of one row lie in the direction of the next row
+        index = np.arange(len(factor))
+        factor[index, index] = factor[index, metres.argmin(axis=1)]
+        return usual * factor * self.distance, alike
+
+    def _mean(self, at: Callable[[Array, Array], Array], shifts: Array, weight: Array) -> Array:
+        """Return (m, k) the mean of k numbers (..., k) that are known of places, at each row over
+        weighted shifts; 0 where nothing is known."""
         likely = np.argsort(-weight, kind="stable")[:_PLACES]
-        share = weight[likely] / weight[likely].sum()
-        sigma = variable.sigma_at(*self._moved(shifts[likely]))
-        known = np.isfinite(sigma) * share[:, None]
-        mean = (np.nan_to_num(sigma) ** 2 * share[:, None]).sum(axis=0)
-        return np.asarray(self.average @ (mean / np.maximum(known.sum(axis=0), 1e-12)))
+        share = weight[likely, None] / weight[likely].sum()
+        values = at(*self._moved(shifts[likely]))
+        known = np.isfinite(values[..., 0]) * share
+        mean = np.einsum("st,stk->tk", known, np.nan_to_num(values))
+        return np.asarray(self.average @ (mean / np.maximum(known.sum(axis=0), 1e-12)[:, None]))
 
     def without(self, rows: Booleans) -> "Readings":
         """Return the readings without some rows (m,)."""

@@ -246,7 +246,10 @@ def surroundings(readings: Readings, shifts: Array, weight: Array) -> Surroundin
     gradient = gradient / max(float(gradient.mean()), 1e-300)
     mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * float(own.mean()) * gradient
     shapes = {"even": np.sqrt(own), "gradient": np.sqrt(mixed)}
-    return Surroundings(readings.distance, known, shapes)
+    if not readings.own_lengths:
+        return Surroundings(readings.distance, known, shapes)
+    distance, alike = readings.in_lengths(shifts, weight)
+    return Surroundings(distance, known, shapes, alike)
 
 
 def _normalised(log_density: Array) -> Array:

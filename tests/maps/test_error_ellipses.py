@@ -1,0 +1,80 @@
+"""Errors that hold together further in one direction than in another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, joint
+from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.formats.netcdf_writing import write_netcdf
+
+LONGEST, SHORTEST = np.array([4e3, 2e3, 900.0]), np.array([1e3, 500.0, 800.0])
+AZIMUTH = np.radians([30.0, 100.0, 170.0])
+
+
+def test_axes_and_matrix_are_the_same_thing():
+    ellipses = ellipses_of(LONGEST, SHORTEST, AZIMUTH)
+    for found, expected in zip(axes_of(ellipses), (LONGEST, SHORTEST, AZIMUTH), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    # to the north-east by 30 deg: a point one length away on the long axis
+    c, s = np.cos(AZIMUTH[0]), np.sin(AZIMUTH[0])
+    matrix = ellipses[0][[0, 1, 1, 2]].reshape(2, 2)
+    there = 4e3 * np.array([c, s])
+    assert there @ np.linalg.solve(matrix, there) == pytest.approx(1.0)
+    assert not impossible(ellipses).any()
+    assert impossible(np.array([[1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]])).all()
+    assert not impossible(np.full(3, np.nan))
+
+
+def test_one_ellipse_everywhere_is_a_metric():
+    random = np.random.default_rng(1)
+    places = random.uniform(0.0, 9e3, (6, 2))
+    apart = places - places[:, None]
+    ellipse = ellipses_of(*(axis[:1] for axis in (LONGEST, SHORTEST, AZIMUTH)))
+    distance, alike = joint(apart, np.repeat(ellipse, 6, axis=0))
+    c, s = np.cos(AZIMUTH[0]), np.sin(AZIMUTH[0])
+    along, across = apart @ [c, s] / 4e3, apart @ [-s, c] / 1e3
+    np.testing.assert_allclose(distance, np.hypot(along, across), atol=1e-9)
+    np.testing.assert_allclose(alike, 1.0)
+
+
+def test_ellipses_that_differ_give_a_correlation():
+    random = np.random.default_rng(2)
+    places = random.uniform(0.0, 6e3, (80, 2))
+    longest = random.uniform(800.0, 5e3, 80)
+    ellipses = ellipses_of(longest, 0.3 * longest, random.uniform(0.0, np.pi, 80))
+    distance, alike = joint(places - places[:, None], ellipses)
+    for correlation in (np.exp(-distance), (1.0 + distance) * np.exp(-distance)):
+        matrix = alike * correlation
+        np.testing.assert_allclose(np.diag(matrix), 1.0)
+        assert np.linalg.eigvalsh(matrix)[0] > -1e-9
+    # circles: L_i L_j / l² exp(-d / l), l² the mean of the squares
+    circles = ellipses_of(longest, longest, 0.0 * longest)
+    distance, alike = joint(places - places[:, None], circles)
+    square = 0.5 * (longest[0] ** 2 + longest[1] ** 2)
+    assert alike[0, 1] == pytest.approx(longest[0] * longest[1] / square)
+    assert distance[0, 1] == pytest.approx(np.hypot(*(places[1] - places[0])) / np.sqrt(square))
+
+
+def test_a_map_keeps_them_in_windows_and_files(small_map, tmp_path):
+    count = small_map.values.size
+    longest = np.linspace(2e3, 6e3, count).reshape(small_map.shape)
+    azimuth = np.linspace(0.1, 3.0, count).reshape(small_map.shape)
+    ellipses = ellipses_of(longest, 0.25 * longest, azimuth)
+    told = replace(small_map, error_ellipses=ellipses, correlation_length=700.0)
+    here = told.latitude[5], told.longitude[7]
+    np.testing.assert_allclose(told.error_ellipse_at(*here), ellipses[5, 7])
+    part = told.window(here[0], here[0], here[1], here[1])
+    assert part.error_ellipses.shape == (*part.shape, 3)
+    np.testing.assert_allclose(part.error_ellipse_at(*here), ellipses[5, 7])
+    thin = told.thinned(2, 3)
+    np.testing.assert_array_equal(thin.error_ellipses, ellipses[::2, ::3])
+    assert np.isnan(small_map.error_ellipse_at(*here)).all()
+    write_netcdf(told, tmp_path / "map.nc")
+    again = read_netcdf(tmp_path / "map.nc", small_map.quantity)
+    np.testing.assert_allclose(again.error_ellipses, ellipses, rtol=1e-5, atol=20.0)
+    for wrong in (ellipses[1:], -ellipses):
+        with pytest.raises(InputError, match="lengths of ellipses must be > 0 m"):
+            replace(small_map, error_ellipses=wrong)
