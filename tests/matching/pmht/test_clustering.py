@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.navigators import random_covariance
-from isogal.matching.pmht.clustering import fit, pieces
+from isogal.matching.pmht.clustering import fit, moments, pieces
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 
@@ -113,3 +113,20 @@ def test_few_samples_are_one_piece():
     weight = np.zeros(200)
     weight[:30] = 1.0
     assert len(pieces(x, weight, SIGMA, 3)) == 1
+
+
+def test_moments_and_pieces_are_those_of_numpy():
+    x, weight = ridge(200, 5)
+    weight[::7] = 0.0
+    mean, covariance = moments(x, weight / weight.sum())
+    np.testing.assert_allclose(mean, np.average(x, axis=0, weights=weight), rtol=1e-9, atol=1e-9)
+    expected = np.cov(x.T, aweights=weight, bias=True)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-9, atol=1e-9 * expected.max())
+    halves = pieces(x, weight, SIGMA, 1)
+    axis = np.linalg.eigh(np.cov((x / SIGMA).T, aweights=weight, bias=True))[1][:, -1]
+    order = np.argsort((x / SIGMA) @ axis, kind="stable")
+    middle = int(np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())) + 1
+    for k, part in enumerate((order[:middle], order[middle:])):
+        assert halves.weight[k] == pytest.approx(weight[part].sum() / weight.sum())
+        centre = np.average(x[part], axis=0, weights=weight[part])
+        np.testing.assert_allclose(halves.mean[k], centre, rtol=1e-9)

@@ -8,6 +8,7 @@ import pytest
 from helpers.batches import make_batch
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.likelihood_kernels import mode, whitened
 from isogal.matching.pmht.noise_model import NoiseModel, distances
 
 XI = np.array([[0.0, 0.0, 0.0, 0.0], [150.0, -80.0, 0.1, 0.2], [-2000.0, 1500.0, -1.0, 0.5]])
@@ -20,20 +21,22 @@ def test_whitened_residuals_are_those_of_the_cholesky_factor(rough_map, new):
     batch = batch if new is None else replace(batch, new=new)
     likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED)
     of_rows = np.stack([likelihood.linearise(xi)[0] for xi in XI], axis=1)
-    expected = np.linalg.solve(likelihood.factor, of_rows)[likelihood.first_new :]
+    factor = np.linalg.cholesky(likelihood.covariance)
+    expected = np.linalg.solve(factor, of_rows)[likelihood.first_new :]
     np.testing.assert_allclose(likelihood.whitened(of_rows), expected, rtol=1e-9, atol=1e-9)
     D = likelihood.whitened(likelihood.nuisance_at(np.zeros(4)))
     explained = np.linalg.solve(np.linalg.cholesky(np.eye(D.shape[1]) + D.T @ D), D.T @ expected)
     log = -0.5 * ((expected**2).sum(axis=0) - (explained**2).sum(axis=0))
     np.testing.assert_allclose(likelihood.log(XI), log, rtol=1e-9)
-    np.testing.assert_allclose((likelihood.reduced_many(XI) ** 2).sum(axis=1), -2.0 * log, 1e-8)
+    reduced = whitened(likelihood.grid, likelihood.readings, likelihood.reduction, XI)
+    np.testing.assert_allclose((reduced**2).sum(axis=0), -2.0 * log, 1e-8)
 
 
 def test_nuisance_parameters_against_numpy(rough_map):
     batch, _ = make_batch(rough_map)
     batch = replace(batch, new=7)
     likelihood = BatchLikelihood.of(batch, rough_map, CORRELATED).with_nuisance_at(XI[1])
-    moved = batch.transition @ XI[1] * likelihood.radian
+    moved = batch.transition @ XI[1] * likelihood.readings.radian
     at = batch.latitude - moved[:, 0], batch.longitude - moved[:, 1]
     slope = np.stack(rough_map.value_and_gradient(*at)[1:], axis=-1)
     G = np.einsum("ti,tij->tj", slope, batch.nuisance_position) - batch.nuisance_reading
@@ -68,11 +71,13 @@ def test_mode_is_that_of_gauss_newton_steps_in_numpy(rough_map):
         slope = slope @ root
         precision = np.eye(4) + slope.T @ slope
         z = np.linalg.solve(precision, slope.T @ (slope @ z - residual))
-    found = likelihood.mode(mean, root, 20, 1e-9)
-    assert found is not None
-    np.testing.assert_allclose(found[0], z, atol=1e-6)
-    np.testing.assert_allclose(found[1], slope, atol=1e-5)
-    np.testing.assert_allclose(found[2], precision, rtol=1e-5)
-    np.testing.assert_allclose(found[3].reduction, there.reduction, rtol=1e-4, atol=1e-2)
-    assert likelihood.mode(mean, root, 1, 1e-9) is None
-    assert likelihood.mode(mean + 1e7, root, 20, 1e-9) is None  # off the map
+    arrays = likelihood.nuisance_position, likelihood.nuisance_reading, likelihood.whitening
+    batch = (likelihood.grid, likelihood.readings, *arrays)
+    found = mode(*batch, mean, root, 20, 1e-9)
+    assert found[0]
+    np.testing.assert_allclose(found[1], z, atol=1e-6)
+    np.testing.assert_allclose(found[2], slope, atol=1e-5)
+    np.testing.assert_allclose(found[3], precision, rtol=1e-5)
+    np.testing.assert_allclose(found[4], there.reduction, rtol=1e-4, atol=1e-2)
+    assert not mode(*batch, mean, root, 1, 1e-9)[0]
+    assert not mode(*batch, mean + 1e7, root, 20, 1e-9)[0]  # off the map

@@ -1,5 +1,6 @@
 """Symmetric matrices: what several places need of them."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,38 @@ def _inverse(matrix):  # type: ignore[no-untyped-def]
                 for k in range(c, n):
                     left[r, k] -= factor * left[c, k]
     return right
+
+
+@kernel
+def lower(matrix):  # type: ignore[no-untyped-def]
+    """Return the lower Cholesky factor (n, n) of a small matrix; its last element is NaN where
+    the matrix is not positive definite."""
+    n = matrix.shape[0]
+    factor = np.zeros((n, n))
+    for a in range(n):
+        for b in range(a + 1):
+            value = matrix[a, b]
+            for c in range(b):
+                value -= factor[a, c] * factor[b, c]
+            if a > b:
+                factor[a, b] = value / factor[b, b]
+            elif value > 0.0:
+                factor[a, a] = math.sqrt(value)
+            else:
+                factor[n - 1, n - 1] = np.nan
+                return factor
+    return factor
+
+
+@kernel
+def inverse_of_lower(factor):  # type: ignore[no-untyped-def]
+    """Return the inverse of a lower triangle (n, n)."""
+    n = factor.shape[0]
+    out = np.zeros((n, n))
+    for a in range(n):
+        for b in range(a + 1):
+            value = 1.0 if a == b else 0.0
+            for c in range(b, a):
+                value -= factor[a, c] * out[c, b]
+            out[a, b] = value / factor[a, a]
+    return out

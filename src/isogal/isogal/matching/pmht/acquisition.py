@@ -39,7 +39,9 @@ def acquire(
         np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T, dtype=np.float64
     )
     precision = np.linalg.inv(covariance[:2, :2])
-    span = float(np.abs(likelihood.transition[:, 0, 2]).max())  # s, age of the oldest scan
+    span = float(
+        np.abs(likelihood.readings.transition[:, 0, 2]).max()
+    )  # s, age of the oldest scan
     rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
     bend = span * math.sqrt(max(float(np.linalg.eigvalsh(rest)[-1]), 0.0)) / math.sqrt(12.0)
     slope = _typical_slope(likelihood, mean + _with_velocity(cells * size, follow))

@@ -32,17 +32,11 @@ def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, Inte
     labels = _split(x, weight, most)
     means, covariances, weights = [], [], []
     for group in range(labels.max() + 1):
-        member = labels == group
-        total = float(weight[member].sum())
-        w = weight[member] / total
-        mean = w @ x[member]
-        apart = x[member] - mean
-        effective = 1.0 / float(w @ w)
+        total, mean, covariance, effective = _moments(x, weight, np.flatnonzero(labels == group))
         # unbiased, and on the safe side where samples are few
         few = 1.0 + 1.0 / effective + 100.0 / effective**2
-        covariance = (apart * w[:, None]).T @ apart * few + np.diag(floor**2)
         means.append(mean)
-        covariances.append(covariance)
+        covariances.append(covariance * few + np.diag(floor**2))
         weights.append(total)
     order = np.argsort(-np.array(weights), kind="stable")
     rank = np.empty_like(order)
@@ -66,31 +60,71 @@ def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
     cuts : int
         Times; a piece whose samples would be too few is not cut.
     """
-    parts = [np.flatnonzero(weight > 0.0)]
+    parts, unit = [np.flatnonzero(weight > 0.0)], x / scale
     for _ in range(cuts):
-        parts = [half for part in parts for half in _halves(x[part] / scale, weight[part], part)]
-    total = np.array([weight[part].sum() for part in parts])
-    mean, covariance = (
-        np.empty((len(parts), x.shape[1])),
-        np.empty((len(parts), x.shape[1], x.shape[1])),
-    )
-    for k, part in enumerate(parts):
-        w = weight[part] / total[k]
-        mean[k] = w @ x[part]
-        apart = x[part] - mean[k]
-        covariance[k] = (apart * w[:, None]).T @ apart + np.diag((1e-3 * scale) ** 2)
-    return Mixture(total / total.sum(), mean, covariance)
+        parts = [half for part in parts for half in _halves(unit, weight, part)]
+    every = [_moments(x, weight, part) for part in parts]
+    total, mean, covariance = (np.array([one[k] for one in every]) for k in range(3))
+    return Mixture(total / total.sum(), mean, covariance + np.diag((1e-3 * scale) ** 2))
 
 
 def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
-    w = weight / weight.sum()
-    if 1.0 / float((w**2).sum()) < CONSTANTS.cut_effective_samples:
+    _, mean, covariance, effective = _moments(x, weight, part)
+    if effective < CONSTANTS.cut_effective_samples:
         return [part]
-    apart = x - w @ x
-    along = apart @ np.linalg.eigh((apart * w[:, None]).T @ apart)[1][:, -1]
-    order = np.argsort(along, kind="stable")
-    middle = int(np.searchsorted(np.cumsum(w[order]), 0.5)) + 1
-    return [part[order[:middle]], part[order[middle:]]] if middle < len(order) else [part]
+    ordered, middle = _cut(x, weight, part, mean, np.linalg.eigh(covariance)[1][:, -1].copy())
+    return [ordered[:middle], ordered[middle:]] if middle < len(part) else [part]
+
+
+def moments(x: Array, weight: Array) -> tuple[Array, Array]:
+    """Return mean (n,) and covariance (n, n) of weighted samples (S, n), (S,)."""
+    _, mean, covariance, _ = _moments(x, weight, np.arange(len(x)))
+    return mean, covariance
+
+
+@kernel
+def _moments(x, weight, part):  # type: ignore[no-untyped-def]
+    """Return total weight, mean (n,), covariance (n, n) and effective number of some samples."""
+    n = x.shape[1]
+    total = square = 0.0
+    mean, covariance = np.zeros(n), np.zeros((n, n))
+    for s in part:
+        total += weight[s]
+        square += weight[s] * weight[s]
+        for i in range(n):
+            mean[i] += weight[s] * x[s, i]
+    for i in range(n):
+        mean[i] /= total
+    for s in part:
+        for i in range(n):
+            off = weight[s] * (x[s, i] - mean[i])
+            for j in range(i + 1):
+                covariance[i, j] += off * (x[s, j] - mean[j])
+    for i in range(n):
+        for j in range(i + 1):
+            covariance[i, j] /= total
+            covariance[j, i] = covariance[i, j]
+    return total, mean, covariance, total * total / square
+
+
+@kernel
+def _cut(x, weight, part, mean, axis):  # type: ignore[no-untyped-def]
+    """Return some samples in their order along an axis (n,), and how many of them have half of
+    the weight."""
+    along = np.empty(part.shape[0])
+    total = 0.0
+    for k in range(part.shape[0]):
+        total += weight[part[k]]
+        along[k] = 0.0
+        for i in range(axis.shape[0]):
+            along[k] += (x[part[k], i] - mean[i]) * axis[i]
+    ordered = part[np.argsort(along, kind="mergesort")]  # stable
+    below = 0.0
+    for k in range(ordered.shape[0]):
+        below += weight[ordered[k]]
+        if below >= 0.5 * total:
+            return ordered, k + 1
+    return ordered, ordered.shape[0]
 
 
 @kernel

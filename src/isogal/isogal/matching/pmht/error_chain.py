@@ -17,12 +17,10 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.filtered import path_nodes
-from isogal.matching.pmht.likelihood_kernels import Readings, linearise, nuisance
+from isogal.matching.pmht.likelihood_kernels import Readings, linearise, nuisance, rows_of
 
 STATES = 3
 """Map error, bias, drift per second."""
@@ -51,26 +49,14 @@ class NewReadings:
     @classmethod
     def of(cls, batch: Batch, rows: Integers, field_map: FieldMap, mean: Array) -> "NewReadings":
         """Return the readings of some rows (n,), linearised at the error mean (4,)."""
-        latitude, longitude = batch.latitude[rows], batch.longitude[rows]
-        north, east = metres_per_radian(latitude)
-        readings = Readings(
-            np.zeros(len(rows), dtype=np.int64),
-            latitude,
-            longitude,
-            np.stack([1.0 / north, 1.0 / east], axis=-1),
-            batch.reading[rows] - batch.offset[rows],
-            np.ascontiguousarray(batch.transition[rows]),
-            np.ascontiguousarray(batch.reading_jacobian[rows]),
-            path_nodes(batch, rows),
-        )
+        readings = Readings.of(batch, rows, np.zeros(len(rows), dtype=np.int64))
         residual, slope = linearise(field_map.grid, readings, mean)
-        by_position = np.ascontiguousarray(batch.nuisance_position[rows])
-        by_reading = np.ascontiguousarray(batch.nuisance_reading[rows])
-        drift = nuisance(field_map.grid, readings, by_position, by_reading, mean)
+        drifts = rows_of(batch.nuisance_position, rows), rows_of(batch.nuisance_reading, rows)
+        drift = nuisance(field_map.grid, readings, *drifts, mean)
         return cls(
             batch.time[rows],
-            latitude,
-            longitude,
+            readings.latitude,
+            readings.longitude,
             residual - slope @ mean,
             np.concatenate([slope @ np.linalg.cholesky(batch.prior), drift], axis=1),
             batch.sigma[rows] ** 2 + field_map.quantisation**2 / 12.0,

@@ -23,7 +23,9 @@ def path_nodes(batch: Batch, rows: Integers) -> Array:
     itself, where the instrument has no filter."""
     path = batch.filter_path
     if path is None:
-        return np.tile([0.0, 0.0, 1.0], (len(rows), 1, 1))
+        place = np.zeros((len(rows), 1, 3))
+        place[..., 2] = 1.0
+        return place
     counts = path.weight > _LEAST_WEIGHT
     north, east = metres_per_radian(batch.latitude[rows])
     away = path.away[rows][:, counts]

@@ -138,34 +138,38 @@ class Mixture:
 @kernel
 def _log_density(x, log_weight, mean, factor):  # type: ignore[no-untyped-def]
     samples, n, parts = x.shape[0], x.shape[1], mean.shape[0]
-    constant = np.empty(parts)
+    term, largest = np.empty((parts, samples)), np.full(samples, -np.inf)
+    z = np.empty((n, samples))
     for k in range(parts):
-        total = log_weight[k] - 0.5 * n * math.log(2.0 * math.pi)
+        constant = log_weight[k] - 0.5 * n * math.log(2.0 * math.pi)
         for i in range(n):
-            total -= math.log(factor[k, i, i])
-        constant[k] = total
-    out = np.empty(samples)
-    z = np.empty(n)
-    term = np.empty(parts)
+            constant -= math.log(factor[k, i, i])
+        total = term[k]
+        for s in range(samples):
+            total[s] = constant
+        for i in range(n):
+            row, centre = z[i], mean[k, i]
+            for s in range(samples):
+                row[s] = x[s, i] - centre
+            for j in range(i):
+                weight, other = factor[k, i, j], z[j]
+                for s in range(samples):
+                    row[s] -= weight * other[s]
+            scale = 1.0 / factor[k, i, i]
+            for s in range(samples):
+                row[s] *= scale
+                total[s] -= 0.5 * row[s] * row[s]
+        for s in range(samples):
+            largest[s] = max(largest[s], total[s])
+    if parts == 1:
+        return largest
+    out = np.zeros(samples)
+    for k in range(parts):
+        total = term[k]
+        for s in range(samples):
+            out[s] += math.exp(total[s] - largest[s])
     for s in range(samples):
-        largest = -np.inf
-        for k in range(parts):
-            total = 0.0
-            for i in range(n):
-                r = x[s, i] - mean[k, i]
-                for j in range(i):
-                    r -= factor[k, i, j] * z[j]
-                z[i] = r / factor[k, i, i]
-                total += z[i] * z[i]
-            term[k] = constant[k] - 0.5 * total
-            largest = max(largest, term[k])
-        if parts == 1 or largest == -np.inf:
-            out[s] = largest
-            continue
-        total = 0.0
-        for k in range(parts):
-            total += math.exp(term[k] - largest)
-        out[s] = largest + math.log(total)
+        out[s] = largest[s] + math.log(out[s]) if largest[s] > -np.inf else -np.inf
     return out
 
 

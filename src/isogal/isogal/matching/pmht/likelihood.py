@@ -29,40 +29,28 @@ docs/mathematics.md, section 5.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import Batch
 from isogal.matching.matrices import inverse
-from isogal.matching.pmht.filtered import path_nodes
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
     last_rows,
     linearise,
     log_likelihood,
-    mode,
     nuisance,
     reducing,
-    whitened,
+    rows_of,
 )
 from isogal.matching.pmht.noise_model import (
     NoiseModel,
     batch_covariance,
 )
-
-_PER_ROW = (
-    *Readings._fields,
-    "nuisance_position",
-    "nuisance_reading",
-    "rows",
-)
-"""Arrays of a likelihood that have a row for each reading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,28 +58,13 @@ class BatchLikelihood:
     """A batch and a map as arrays for the kernels. T rows that have a reading."""
 
     grid: Grid
-    latitude: Array
-    """(T,) rad."""
-    longitude: Array
-    """(T,) rad."""
-    radian: Array
-    """(T, 2) radians of latitude and longitude per metre north and east."""
-    level: Array
-    """(T,) reading - offset."""
-    transition: Array
-    """(T, 2, 4)."""
-    jacobian: Array
-    """(T, 4)."""
-    nodes: Array
-    """(T, K, 3) what a reading is a mean over (`filtered.path_nodes`)."""
+    readings: Readings
     nuisance_position: Array
     """(T, 2, M)."""
     nuisance_reading: Array
     """(T, M)."""
     covariance: Array
     """(T, T) R: covariance of sensor, map and bias."""
-    factor: Array
-    """(T, T) lower Cholesky factor L of it."""
     whitening: Array
     """(T, n) transpose of the last n rows of L⁻¹, which make the n new readings' whitened
     residuals of residuals."""
@@ -101,8 +74,6 @@ class BatchLikelihood:
     """Row of the first reading that no earlier batch has used."""
     rows: Integers
     """(T,) index of each row in the batch."""
-    channel: Integers
-    """(T,) index of each row's map."""
 
     @classmethod
     def of(
@@ -121,56 +92,29 @@ class BatchLikelihood:
             averaged; default: the batch's prior.
         """
         rows = np.flatnonzero(np.isfinite(batch.reading))
-        latitude, longitude = batch.latitude[rows], batch.longitude[rows]
         channel = (
             np.zeros(len(rows), dtype=np.int64) if batch.channel is None else batch.channel[rows]
         )
         covariance = batch_covariance(
             batch, rows, channel, field_map, noise, place or (np.zeros(4), batch.prior)
         )
-        north, east = metres_per_radian(latitude)
-        readings = Readings(
-            channel,
-            latitude,
-            longitude,
-            np.stack([1.0 / north, 1.0 / east], axis=-1),
-            batch.reading[rows] - batch.offset[rows],
-            np.ascontiguousarray(batch.transition[rows]),
-            np.ascontiguousarray(batch.reading_jacobian[rows]),
-            path_nodes(batch, rows),
+        readings = Readings.of(batch, rows, channel)
+        position, reading = (
+            rows_of(array, rows) for array in (batch.nuisance_position, batch.nuisance_reading)
         )
-        position = np.ascontiguousarray(batch.nuisance_position[rows])
-        reading = np.ascontiguousarray(batch.nuisance_reading[rows])
         first_new = int(np.searchsorted(rows, len(batch) - batch.new))
-        factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-        whitening = last_rows(factor, first_new)
-        grid = field_map.grid
-        effect = nuisance(grid, readings, position, reading, np.zeros(4))
+        whitening = last_rows(np.linalg.cholesky(covariance), first_new)
+        effect = nuisance(field_map.grid, readings, position, reading, np.zeros(4))
         return cls(
-            grid=grid,
-            **readings._asdict(),
+            grid=field_map.grid,
+            readings=readings,
             nuisance_position=position,
             nuisance_reading=reading,
             covariance=covariance,
-            factor=factor,
             whitening=whitening,
             reduction=reducing(whitening, effect),
             first_new=first_new,
             rows=rows,
-        )
-
-    @property
-    def _readings(self) -> Readings:
-        """What kernels take."""
-        return Readings(
-            self.channel,
-            self.latitude,
-            self.longitude,
-            self.radian,
-            self.level,
-            self.transition,
-            self.jacobian,
-            self.nodes,
         )
 
     def log(self, xi: Array) -> Array:
@@ -179,14 +123,14 @@ class BatchLikelihood:
         """
         return log_likelihood(
             self.grid,
-            self._readings,
+            self.readings,
             self.reduction,
             np.ascontiguousarray(xi),
         )
 
     def linearise(self, xi: Array) -> tuple[Array, Array]:
         """Return residuals (T,) and their derivative by xi (T, 4) at one error xi (4,)."""
-        return linearise(self.grid, self._readings, xi)
+        return linearise(self.grid, self.readings, xi)
 
     def reduced(self, xi: Array) -> tuple[Array, Array]:
         """Return the new readings' residuals (n,), whitened and without what the nuisance
@@ -197,34 +141,17 @@ class BatchLikelihood:
             return residual, slope
         return self.reduction.T @ residual, self.reduction.T @ slope
 
-    def reduced_many(self, xi: Array) -> Array:
-        """Return the residuals (S, n) of `reduced` at errors xi (S, 4)."""
-        xi = np.ascontiguousarray(xi)
-        return np.asarray(whitened(self.grid, self._readings, self.reduction, xi).T)
-
     def whitened(self, of_rows: Array) -> Array:
         """Return (n, ...) the new readings' part of what is known of all rows (T, ...), given that
         of the older ones and in units of its 1-sigma."""
         return np.asarray(self.whitening.T @ of_rows)
-
-    def mode(
-        self, mean: Array, root: Array, steps: int, tolerance: float
-    ) -> tuple[Array, Array, Array, "BatchLikelihood"] | None:
-        """Return the mode of the posterior, the reduced residuals' slope and the precision, as
-        `likelihood_kernels.mode` has them, and the likelihood linearised there; None where it is
-        not found."""
-        arrays = self.nuisance_position, self.nuisance_reading, self.whitening
-        found, z, slope, precision, reduction = mode(
-            self.grid, self._readings, *arrays, mean, root, steps, tolerance
-        )
-        return (z, slope, precision, replace(self, reduction=reduction)) if found else None
 
     def nuisance_at(self, xi: Array) -> Array:
         """Return G (T, M), what each nuisance parameter takes off the residuals at the error xi
         (4,); zero where the map has no gradient.
         """
         return nuisance(
-            self.grid, self._readings, self.nuisance_position, self.nuisance_reading, xi
+            self.grid, self.readings, self.nuisance_position, self.nuisance_reading, xi
         )
 
     def with_nuisance_at(self, xi: Array) -> "BatchLikelihood":
@@ -235,8 +162,8 @@ class BatchLikelihood:
         """Return the likelihood with the nuisance parameters of another batch of these scans."""
         likelihood = replace(
             self,
-            nuisance_position=np.ascontiguousarray(batch.nuisance_position[self.rows]),
-            nuisance_reading=np.ascontiguousarray(batch.nuisance_reading[self.rows]),
+            nuisance_position=rows_of(batch.nuisance_position, self.rows),
+            nuisance_reading=rows_of(batch.nuisance_reading, self.rows),
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 
@@ -255,12 +182,10 @@ class BatchLikelihood:
 
     def scaled(self, variance: float) -> "BatchLikelihood":
         """Return the likelihood with R times a factor."""
-        sigma = math.sqrt(variance)
         likelihood = replace(
             self,
             covariance=self.covariance * variance,
-            factor=self.factor * sigma,
-            whitening=self.whitening / sigma,
+            whitening=self.whitening / math.sqrt(variance),
         )
         return likelihood.with_nuisance_at(np.zeros(4))
 
@@ -269,21 +194,19 @@ class BatchLikelihood:
         if not bad.any():
             return self
         good = ~bad
-        covariance = self.covariance[np.ix_(good, good)]
-        kept: dict[str, Any] = {
-            name: np.ascontiguousarray(getattr(self, name)[good]) for name in _PER_ROW
-        }
-        likelihood = replace(self, **kept, first_new=int(good[: self.first_new].sum()))
-        return likelihood._with_covariance(covariance)
-
-    def _with_covariance(self, covariance: Array) -> "BatchLikelihood":
-        factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         likelihood = replace(
             self,
-            covariance=covariance,
-            factor=factor,
-            whitening=last_rows(factor, self.first_new),
+            readings=self.readings.part(good),
+            nuisance_position=rows_of(self.nuisance_position, good),
+            nuisance_reading=rows_of(self.nuisance_reading, good),
+            rows=self.rows[good],
+            first_new=int(good[: self.first_new].sum()),
         )
+        return likelihood._with_covariance(self.covariance[np.ix_(good, good)])
+
+    def _with_covariance(self, covariance: Array) -> "BatchLikelihood":
+        whitening = last_rows(np.linalg.cholesky(covariance), self.first_new)
+        likelihood = replace(self, covariance=covariance, whitening=whitening)
         return likelihood.with_nuisance_at(np.zeros(4))
 
     def blurred(self, sigma: float, velocity: Array) -> "BatchLikelihood":
@@ -297,10 +220,10 @@ class BatchLikelihood:
         velocity : (2, 2) array
             Covariance of the velocity error, m²/s²; it enters by the reduction of the readings.
         """
-        reduction = self.jacobian[:, 2:]
+        reduction = self.readings.jacobian[:, 2:]
         covariance = (
             self.covariance
-            + sigma**2 * np.eye(len(self.level))
+            + sigma**2 * np.eye(len(self.rows))
             + reduction @ velocity @ reduction.T
         )
         return self._with_covariance(covariance)
@@ -312,7 +235,7 @@ class BatchLikelihood:
     @property
     def new_count(self) -> int:
         """How many new readings there are."""
-        return len(self.level) - self.first_new
+        return len(self.rows) - self.first_new
 
     @property
     def log_normaliser(self) -> float:

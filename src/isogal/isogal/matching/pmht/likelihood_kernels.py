@@ -1,13 +1,17 @@
 """The compiled loops of the batch likelihood (`likelihood`)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.earth.ellipsoid import curvature
 from isogal.maps.interpolation import look_up, value_and_gradient
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.filtered import path_nodes
 
 
 class Readings(NamedTuple):
@@ -29,6 +33,41 @@ class Readings(NamedTuple):
     """(T, 4) d(reading)/d(xi) by the reduction."""
     nodes: Array
     """(T, K, 3) what the reading is a mean over (`filtered.path_nodes`)."""
+
+    @classmethod
+    def of(cls, batch: Batch, rows: Integers, channel: Integers) -> "Readings":
+        """Return those of some rows (T,) of a batch."""
+        latitude = batch.latitude[rows]
+        return cls(
+            channel,
+            latitude,
+            batch.longitude[rows],
+            radians_per_metre(latitude),
+            batch.reading[rows] - batch.offset[rows],
+            rows_of(batch.transition, rows),
+            rows_of(batch.reading_jacobian, rows),
+            path_nodes(batch, rows),
+        )
+
+    def part(self, rows: Integers | Booleans) -> "Readings":
+        """Return some of them."""
+        return Readings._make(rows_of(array, rows) for array in self)
+
+
+def rows_of(array: NDArray[Any], rows: Integers | Booleans) -> NDArray[Any]:
+    """Return some rows of an array in the one memory layout that kernels are compiled for."""
+    return np.ascontiguousarray(array[rows])
+
+
+@kernel
+def radians_per_metre(latitude):  # type: ignore[no-untyped-def]
+    """Return (T, 2) radians of latitude and longitude per metre north and east at latitudes (T,)
+    in rad."""
+    out = np.empty((latitude.shape[0], 2))
+    for t in range(latitude.shape[0]):
+        north, east = curvature(math.sin(latitude[t]))
+        out[t, 0], out[t, 1] = 1.0 / north, 1.0 / (east * math.cos(latitude[t]))
+    return out
 
 
 @kernel

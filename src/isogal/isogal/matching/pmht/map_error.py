@@ -181,7 +181,7 @@ class MapErrorEstimate:
         first = max(likelihood.first_new - CONSTANTS.conditioning_readings * len(maps), 0)
         rows = likelihood.rows[first:]
         slope = slope[first:]
-        channel = likelihood.channel[first:]
+        channel = likelihood.readings.channel[first:]
         rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
         noise = np.diag(batch.sigma[rows] ** 2 + rounding)
         if batch.reading_covariance is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.ellipsoid import curvature, metres_per_radian
 from isogal.maps.channels import ChannelMap, by_channel, channels_of
 from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
@@ -118,10 +118,25 @@ def tensor_sigmas(components: Sequence[str], channel: Integers, told: float, own
     return np.maximum(told, own / np.sqrt(shares(components))[channel])
 
 
-def distances(latitude: Array, longitude: Array) -> Array:
-    """Return (T, T) m between places (rad): means of what they are with the radii at the one and
-    at the other."""
-    return np.asarray(_distances(latitude, longitude, *metres_per_radian(latitude)))
+@kernel
+def distances(latitude, longitude):  # type: ignore[no-untyped-def]
+    """Return (T, T) m between places (T,) in rad: means of what they are with the radii at the
+    one and at the other."""
+    count = latitude.shape[0]
+    north, east = np.empty(count), np.empty(count)
+    for i in range(count):
+        north[i], east[i] = curvature(math.sin(latitude[i]))
+        east[i] *= math.cos(latitude[i])
+    out = np.zeros((count, count))
+    for i in range(count):
+        for j in range(i):
+            d_lat, d_lon = latitude[i] - latitude[j], longitude[i] - longitude[j]
+            d_lon -= 2.0 * math.pi * math.floor(d_lon / (2.0 * math.pi) + 0.5)
+            total = 0.0
+            for k in (i, j):
+                total += math.sqrt((d_lat * north[k]) ** 2 + (d_lon * east[k]) ** 2)
+            out[i, j] = out[j, i] = 0.5 * total
+    return out
 
 
 def map_correlation(
@@ -238,19 +253,3 @@ def map_sigmas(
     ).reshape(len(xi), -1)
     known = np.isfinite(there)
     return np.sqrt((np.nan_to_num(there) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-
-
-@kernel
-def _distances(latitude, longitude, north, east):  # type: ignore[no-untyped-def]
-    """Return `distances` of places with north and east (T,) metres to a radian."""
-    count = latitude.shape[0]
-    out = np.zeros((count, count))
-    for i in range(count):
-        for j in range(i):
-            d_lat, d_lon = latitude[i] - latitude[j], longitude[i] - longitude[j]
-            d_lon -= 2.0 * math.pi * math.floor(d_lon / (2.0 * math.pi) + 0.5)
-            total = 0.0
-            for k in (i, j):
-                total += math.sqrt((d_lat * north[k]) ** 2 + (d_lon * east[k]) ** 2)
-            out[i, j] = out[j, i] = 0.5 * total
-    return out

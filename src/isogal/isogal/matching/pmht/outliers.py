@@ -28,17 +28,18 @@ def reject_outliers(state: State) -> State:
     innovation, slope = likelihood.linearise(mean)
     if not np.isfinite(innovation).all():
         return state
-    reach = slope @ covariance @ slope.T
+    expected = residual_covariance(likelihood, mean, slope, covariance)
+    reach = (slope @ covariance * slope).sum(axis=1)
     smooth = smooth_covariance(
-        likelihood.latitude,
-        likelihood.longitude,
-        math.sqrt(float(np.diag(reach).mean())),
+        likelihood.readings.latitude,
+        likelihood.readings.longitude,
+        math.sqrt(float(reach.mean())),
         CONSTANTS.wrong_place_length_m,
     )
-    if likelihood.channel.any():
-        smooth *= likelihood.channel[:, None] == likelihood.channel
-    nuisance = likelihood.nuisance_at(mean)
-    expected = likelihood.covariance + nuisance @ nuisance.T + reach + smooth
+    channel = likelihood.readings.channel
+    if channel.any():
+        smooth *= channel[:, None] == channel
+    expected += smooth
     gate = state.settings.options.outlier_gate + CONSTANTS.innovation_gate_excess_sigma
     found = outliers(innovation, expected, gate)
     return replace(state, outlier=found) if found.any() else state
@@ -50,9 +51,17 @@ def residual_outliers(likelihood: BatchLikelihood, posterior: Mixture, gate: flo
     residual, slope = likelihood.linearise(mean)
     if not np.isfinite(residual).all():
         return np.zeros(len(residual), dtype=np.bool_)
-    nuisance = likelihood.nuisance_at(mean)
-    expected = likelihood.covariance + nuisance @ nuisance.T + slope @ covariance @ slope.T
+    expected = residual_covariance(likelihood, mean, slope, covariance)
     return outliers(residual, expected, gate)
+
+
+def residual_covariance(
+    likelihood: BatchLikelihood, mean: Array, slope: Array, covariance: Array
+) -> Array:
+    """Return (T, T) the covariance of residuals linearised at a place: `slope` (T, 4), and mean
+    (4,) and covariance (4, 4) of the navigator's error."""
+    nuisance = likelihood.nuisance_at(mean)
+    return likelihood.covariance + nuisance @ nuisance.T + slope @ covariance @ slope.T
 
 
 def leave_one_out(residual: Array, covariance: Array) -> Array:
@@ -61,11 +70,7 @@ def leave_one_out(residual: Array, covariance: Array) -> Array:
     For r ~ N(0, S): (S⁻¹ r)_i / sqrt((S⁻¹)_ii) (Rasmussen & Williams 2006, eqs. 5.10-5.12). 0 for
     all where S is singular to rounding: then none can be told from the others.
     """
-    try:
-        factor = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
-        return np.zeros(len(residual))
-    return np.asarray(_left_out(factor, residual))
+    return np.asarray(_left_out(np.ascontiguousarray(covariance), residual))
 
 
 def outliers(
@@ -100,28 +105,45 @@ def outliers(
     return np.zeros(len(residual), dtype=np.bool_)
 
 
-def smooth_covariance(latitude: Array, longitude: Array, sigma: float, length: float) -> Array:
-    """Return (T, T) sigma² exp(-d² / 2 length²) between places (rad), length in m.
+@kernel
+def smooth_covariance(latitude, longitude, sigma, length):  # type: ignore[no-untyped-def]
+    """Return (T, T) sigma² exp(-d² / 2 length²) between places (T,) in rad, length in m.
 
     It stands for the map's values at a wrong place: smooth over the map's features.
     """
-    return sigma**2 * np.exp(-0.5 * (distances(latitude, longitude) / length) ** 2)
+    out = distances(latitude, longitude)
+    for i in range(out.shape[0]):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = sigma**2 * math.exp(-0.5 * (out[i, j] / length) ** 2)
+    return out
 
 
 @kernel(error_model="numpy")
-def _left_out(factor, residual):  # type: ignore[no-untyped-def]
-    """Return `leave_one_out` by a Cholesky factor (T, T) of the covariance."""
+def _left_out(covariance, residual):  # type: ignore[no-untyped-def]
+    """Return `leave_one_out`."""
     count = residual.shape[0]
+    upper = covariance.copy()  # becomes the Cholesky factor, transposed
+    for a in range(count):
+        row = upper[a]
+        if not row[a] > 0.0:
+            return np.zeros(count)
+        scale = 1.0 / math.sqrt(row[a])
+        for i in range(a, count):
+            row[i] *= scale
+        for b in range(a + 1, count):
+            weight, other = row[b], upper[b]
+            for i in range(b, count):
+                other[i] -= weight * row[i]
     inverse = np.zeros((count, count))  # of the factor
     solved, diagonal = np.zeros(count), np.zeros(count)
     for a in range(count):
         row, white = inverse[a], 0.0
         row[a] = 1.0
         for b in range(a):
-            weight, other = factor[a, b], inverse[b]
+            weight, other = upper[b, a], inverse[b]
             for i in range(b + 1):
                 row[i] -= weight * other[i]
-        scale = 1.0 / factor[a, a]
+        scale = 1.0 / upper[a, a]
         for i in range(a + 1):
             row[i] *= scale
             white += row[i] * residual[i]
