@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from helpers.navigators import random_covariance
-from isogal.matching.matrices import inverse, inverse_of_lower, lower
+from isogal.matching.matrices import (
+    cholesky,
+    eigen,
+    inverse,
+    inverse_of_lower,
+    lower,
+    positive_part,
+    square_root,
+)
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
 
@@ -36,3 +44,45 @@ def test_cholesky_factor_and_its_inverse_are_those_of_numpy(seed):
     np.testing.assert_allclose(inverse_of_lower(factor) @ factor, np.eye(7), atol=1e-9)
     covariance[3, 3] *= -1.0
     assert np.isnan(lower(covariance)[-1, -1])
+    with pytest.raises(np.linalg.LinAlgError):
+        cholesky(covariance)
+
+
+def symmetric_ones():
+    """Matrices that are full, singular, indefinite, diagonal, of equal eigenvalues or graded."""
+    random = np.random.default_rng(3)
+    for n in (1, 2, 3, 4, 7):
+        full = random.standard_normal((n, n))
+        column, scale = random.standard_normal((n, 1)), 10.0 ** random.uniform(-6, 3, n)
+        yield from (full + full.T, column @ column.T, np.diag(column[:, 0]), np.eye(n))
+        yield from (np.zeros((n, n)), np.ones((n, n)), full @ full.T * scale * scale[:, None])
+
+
+@pytest.mark.parametrize("matrix", list(symmetric_ones()))
+def test_eigenvalues_and_vectors_are_those_of_numpy(matrix):
+    values, vectors = eigen(matrix)
+    expected = np.linalg.eigvalsh(matrix)
+    size = max(np.abs(expected).max(), 1e-300)
+    np.testing.assert_allclose(values / size, expected / size, atol=1e-14)
+    np.testing.assert_allclose(vectors * values @ vectors.T / size, matrix / size, atol=1e-14)
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(len(matrix)), atol=1e-14)
+    values, vectors = np.linalg.eigh(matrix)
+    positive = vectors * np.maximum(values, 0.0) @ vectors.T
+    np.testing.assert_allclose(positive_part(matrix) / size, positive / size, atol=1e-14)
+    half = square_root(matrix)
+    np.testing.assert_allclose(half @ half.T / size, positive / size, atol=1e-14)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_what_is_not_finite_comes_to_an_end(value):
+    matrix = np.eye(4)
+    matrix[1, 2] = matrix[2, 1] = value
+    assert len(eigen(matrix)[0]) == 4
+
+
+def test_positive_part_in_units():
+    covariance = random_covariance(SIGMA, 1) - random_covariance(SIGMA, 2)
+    unit = SIGMA[:, None] * SIGMA
+    values, vectors = np.linalg.eigh(covariance / unit)
+    expected = vectors * np.maximum(values, 0.0) @ vectors.T
+    np.testing.assert_allclose(positive_part(covariance, SIGMA) / unit, expected, atol=1e-12)

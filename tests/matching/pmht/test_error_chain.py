@@ -8,9 +8,10 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import ORIGIN, make_batch
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal.matching.channels import channel_batch
 from isogal.matching.interfaces import FilterPath
-from isogal.matching.pmht.error_chain import ErrorChain, NewReadings, is_chain
+from isogal.matching.pmht.error_chain import ErrorChain, NewReadings, _steps, is_chain
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.noise_model import NoiseModel
@@ -121,3 +122,17 @@ def test_what_is_no_chain_is_not_taken_for_one(rough_map):
     assert not is_chain(replace(batch, reading_covariance=together))
     assert not is_chain(replace(batch, delay_sigma=1.0))
     assert not is_chain(replace(batch, filter_path=path))
+
+
+def test_steps_along_a_track_across_180_degrees():
+    random = np.random.default_rng(2)
+    latitude = ORIGIN[0] + random.uniform(-1e-4, 1e-4, 7)
+    longitude = np.pi + random.uniform(-1e-4, 1e-4, 7)
+    longitude = np.where(longitude > np.pi, longitude - 2.0 * np.pi, longitude)
+    time = np.cumsum(random.uniform(5.0, 15.0, 7))
+    elapsed, travelled = _steps(
+        time[0], latitude[0], longitude[0], time[1:], latitude[1:], longitude[1:]
+    )
+    apart = horizontal_difference(latitude[1:], longitude[1:], latitude[:-1], longitude[:-1])
+    np.testing.assert_allclose(elapsed, np.diff(time))
+    np.testing.assert_allclose(travelled, np.hypot(*apart.T), rtol=1e-8)

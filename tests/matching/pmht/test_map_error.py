@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import make_batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.map_error import MapErrorEstimate, differs, roughness
+from isogal.matching.pmht.map_error import MapErrorEstimate, _means, differs, roughness
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 
@@ -216,3 +216,21 @@ def test_between_points_of_the_grid_sigma_is_found(rough_map):
         evidence = -300.0 * (np.log(start.sigma**2) + (truth / start.sigma) ** 2)
         found = replace(start, log_weight=start.prior + evidence[:, None], batches=1)
         assert found.model(BASE).map_sigma == pytest.approx(truth, rel=0.02)
+
+
+def test_means_over_a_finer_grid_by_parabolas():
+    sigma, length = np.geomspace(1e-5, 1e-4, 9), np.geomspace(500.0, 8000.0, 4)
+    # parabolas in log sigma: of these the finer grid knows what lies between
+    of_sigma = np.log(sigma / 3.1e-5)[:, None]
+    log_weight = -8.0 * of_sigma**2 + 0.3 * of_sigma - 0.5 * np.arange(4)
+    step = np.log(sigma[1] / sigma[0])
+    fine = np.log(sigma)[:, None] + step * np.arange(-0.5, 0.5, 0.25)
+    there = fine.ravel()[:, None] - np.log(3.1e-5)
+    p = np.exp(-8.0 * there**2 + 0.3 * there - 0.5 * np.arange(4))
+    p /= p.sum()
+    got = _means(sigma, length, log_weight)
+    assert got[0] == pytest.approx((p.sum(axis=1) * np.exp(fine.ravel())).sum(), rel=1e-9)
+    assert got[1] == pytest.approx(np.exp(p.sum(axis=0) @ np.log(length)), rel=1e-9)
+    few = _means(sigma[:2], length, log_weight[:2])
+    p = np.exp(log_weight[:2]) / np.exp(log_weight[:2]).sum()
+    assert few[0] == pytest.approx((p.sum(axis=1) * sigma[:2]).sum(), rel=1e-9)

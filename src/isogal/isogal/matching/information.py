@@ -15,7 +15,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, Information
-from isogal.matching.matrices import inverse, symmetric
+from isogal.matching.matrices import cholesky, eigen, inverse, inverse_of_lower, symmetric
 
 _UNINFORMED_RATIO = 1.0 - 1e-4
 """Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
@@ -149,6 +149,6 @@ def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
     posterior covariance in prior units.
     """
-    whitening = inverse(np.linalg.cholesky(prior))
-    values, vectors = np.linalg.eigh(symmetric(whitening @ covariance @ whitening.T))
-    return whitening, np.maximum(values, 1e-12), np.asarray(vectors, dtype=np.float64)
+    whitening = inverse_of_lower(cholesky(prior))
+    values, vectors = eigen(whitening @ covariance @ whitening.T)
+    return whitening, np.maximum(values, 1e-12), vectors

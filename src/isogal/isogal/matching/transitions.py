@@ -2,14 +2,15 @@
 dynamics, what of it the unknown explains, and times without inertial data (docs/mathematics.md,
 sections 4.2 to 4.4 and 4.8)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import radii
-from isogal.earth.gravity import normal_gravity
+from isogal.earth.ellipsoid import curvature
+from isogal.earth.gravity import normal_gravity_at
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import Batch
@@ -19,14 +20,7 @@ from isogal.matching.matrices import inverse, square_root, symmetric
 def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     """Return (T, 7, 7): the error at each scan per unit of error at time `end`, by the navigator's
     linear error dynamics; without IMU noise, 0.3 m in 300 s for the precision grade."""
-    meridian, normal = radii(latitude)
-    force = np.empty((len(times), 3))
-    force[:, :2] = rates(velocity, times)
-    force[:, 2] = -normal_gravity(latitude)
-    geometry = np.stack(
-        [latitude, velocity[:, 0], velocity[:, 1], 1.0 / meridian, 1.0 / normal], axis=1
-    )
-    return _chain(geometry, force, np.diff(np.append(times, end)))
+    return np.asarray(_chain(latitude, np.ascontiguousarray(velocity), times, end))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,15 +78,23 @@ def across(
     return every, rest
 
 
-def rates(values: Array, times: Array) -> Array:
+@kernel
+def rates(values, times):  # type: ignore[no-untyped-def]
     """Return (T, n) how fast values (T, n) change at times (T,), to second order in between
     (Fornberg 1988, Math. Comp. 51:699); zero of a single one."""
-    if len(times) < 2:
-        return np.zeros_like(values)
-    step = np.diff(times)[:, None]
-    slope = np.diff(values, axis=0) / step
-    inner = (slope[:-1] * step[1:] + slope[1:] * step[:-1]) / (step[1:] + step[:-1])
-    return np.concatenate([slope[:1], inner, slope[-1:]])
+    count = times.shape[0]
+    out = np.zeros(values.shape)
+    for t in range(count if count > 1 else 0):
+        first, last = max(t - 1, 0), min(t + 1, count - 1)
+        before, after = times[t] - times[first], times[last] - times[t]
+        for i in range(values.shape[1]):
+            if t in (first, last):
+                out[t, i] = (values[last, i] - values[first, i]) / (before + after)
+            else:
+                left = (values[t, i] - values[first, i]) / before
+                right = (values[last, i] - values[t, i]) / after
+                out[t, i] = (left * after + right * before) / (before + after)
+    return out
 
 
 def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
@@ -100,20 +102,29 @@ def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None
     its Jacobian (T, 4) at the scans."""
     if len(times) < 2:
         return None
+    velocity = np.ascontiguousarray(velocity)
     moving = np.concatenate([velocity, rates(velocity, times)], axis=1)
     return np.asarray((jacobian * moving).sum(axis=1))
 
 
 @kernel
-def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
+def _chain(latitude, velocity, times, end):  # type: ignore[no-untyped-def]
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
-    count, n = step.shape[0], BATCH_STATES
+    count, n = times.shape[0], BATCH_STATES
+    change = rates(velocity, times)
+    geometry, force = np.empty(5), np.empty(3)
     result = np.empty((count, n, n))
     following, term, more = np.eye(n), np.empty((n, n)), np.empty((n, n))
     dynamics = np.zeros((STATES, STATES))
     no_rotation = np.eye(3)  # biases are not among the seven states
     for i in range(count - 1, -1, -1):
-        fill_dynamics(dynamics, geometry[i], force[i], no_rotation)
+        sine, step = math.sin(latitude[i]), (times[i + 1] if i + 1 < count else end) - times[i]
+        meridian, normal = curvature(sine)
+        geometry[0], geometry[1], geometry[2] = latitude[i], velocity[i, 0], velocity[i, 1]
+        geometry[3], geometry[4] = 1.0 / meridian, 1.0 / normal
+        force[0], force[1] = change[i, 0], change[i, 1]
+        force[2] = -normal_gravity_at(sine, 0.0)
+        fill_dynamics(dynamics, geometry, force, no_rotation)
         for a in range(n):
             for b in range(n):
                 term[a, b] = following[a, b]
@@ -122,7 +133,7 @@ def _chain(geometry, force, step):  # type: ignore[no-untyped-def]
                 for b in range(n):
                     more[a, b] = 0.0
                 for c in range(n):
-                    factor = -step[i] * dynamics[a, c] / order
+                    factor = -step * dynamics[a, c] / order
                     if factor != 0.0:  # two thirds are
                         for b in range(n):
                             more[a, b] += factor * term[c, b]

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 
+from isogal.compiled import kernel
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import lower
 
 _FINITE = (
     "latitude",
@@ -29,16 +31,12 @@ def unusable(batch: Batch) -> str | None:
     ).all():  # rows of several channels or beams share a stamp
         return "the stamps of the scans do not increase"
     for name in _FINITE:
-        if not math.isfinite(float(np.add.reduce(getattr(batch, name), axis=None))):
+        if not all_finite(getattr(batch, name).reshape(-1)):
             return f"{name} of the navigator is not finite"
     sigma = batch.sigma[np.isfinite(batch.reading)]
     if not (np.isfinite(sigma) & (sigma > 0.0)).all():
         return "sigma of a reading is not positive"
-    deviation = np.sqrt(np.maximum(np.diag(batch.prior), 0.0))
-    if (
-        not deviation.all()
-        or not np.linalg.eigvalsh(batch.prior / deviation / deviation[:, None])[0] > 0.0
-    ):
+    if np.isnan(lower(np.ascontiguousarray(batch.prior))[-1, -1]):
         return "the navigator's covariance is not positive definite"
     return None
 
@@ -51,3 +49,12 @@ def too_few(batch: Batch, usable: int, minimum: int) -> str | None:
     if read < minimum:
         return f"only {read} of {len(batch)} scans have a reading ({minimum} needed)"
     return f"only {usable} of {read} readings have the map around them ({minimum} needed)"
+
+
+@kernel
+def all_finite(values):  # type: ignore[no-untyped-def]
+    """Whether all of (n,) are finite."""
+    finite = True
+    for value in values:
+        finite = finite and math.isfinite(value)
+    return finite

@@ -26,7 +26,7 @@ from isogal.matching.interfaces import (
     Matcher,
     declined,
 )
-from isogal.matching.matrices import inverse, positive_part
+from isogal.matching.matrices import cholesky, inverse, positive_part
 from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
@@ -132,7 +132,7 @@ def _carried(batch: Batch, trial: Trial) -> tuple[ErrorHypotheses, Array | None,
         return None
     prior = joint_prior(batch)
     try:
-        np.linalg.cholesky(prior)
+        cholesky(prior)
         if trial.hypotheses is None or trial.posterior is None:
             return ErrorHypotheses.before(prior), None, trial.aided
         forward, growth, aided = _since(batch, trial.posterior, prior)

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import symmetric
 from isogal.matching.pmht.likelihood import BatchLikelihood
 
 
@@ -32,7 +32,7 @@ def with_attitude(
     full = np.concatenate([mean, by_xi @ mean + root @ drift])
     return (
         full,
-        _joint(covariance, follow, root @ spread[:, :count] @ root.T),
+        _joint(np.ascontiguousarray(covariance), follow, root @ spread[:, :count] @ root.T),
         joint_prior(batch),
     )
 
@@ -45,16 +45,28 @@ def joint_prior(batch: Batch) -> Array:
     if batch.attitude is None:
         return batch.prior
     by_xi, root = batch.attitude
-    return _joint(batch.prior, by_xi, root @ root.T)
+    prior = np.ascontiguousarray(batch.prior)
+    return np.asarray(_joint(prior, np.ascontiguousarray(by_xi), root @ root.T))
 
 
-def _joint(covariance: Array, gain: Array, rest: Array) -> Array:
+@kernel
+def _joint(covariance, gain, rest):  # type: ignore[no-untyped-def]
     """Return the covariance of (x, gain x + e), e ~ N(0, rest)."""
-    n = len(covariance)
-    whole = np.empty((n + len(rest), n + len(rest)))
-    whole[:n, :n], whole[n:, :n] = covariance, gain @ covariance
-    whole[:n, n:] = whole[n:, :n].T
-    whole[n:, n:] = whole[n:, :n] @ gain.T + rest
-    whole = symmetric(whole)
-    whole.flat[:: len(whole) + 1] *= 1.0 + 1e-14
+    n, m = covariance.shape[0], rest.shape[0]
+    whole = np.zeros((n + m, n + m))
+    for i in range(n):
+        for j in range(n):
+            whole[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+            for k in range(m):
+                whole[n + k, i] += gain[k, j] * covariance[j, i]
+    for k in range(m):
+        for i in range(n):
+            whole[i, n + k] = whole[n + k, i]
+        for other in range(k + 1):
+            value = 0.5 * (rest[k, other] + rest[other, k])
+            for i in range(n):
+                value += whole[n + k, i] * gain[other, i]
+            whole[n + k, n + other] = whole[n + other, n + k] = value
+    for i in range(n + m):
+        whole[i, i] *= 1.0 + 1e-14
     return whole

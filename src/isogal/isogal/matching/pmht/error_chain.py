@@ -17,7 +17,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.earth.frames import horizontal_difference
+from isogal.earth.ellipsoid import curvature
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.likelihood_kernels import Readings, linearise, nuisance, rows_of
@@ -98,22 +98,20 @@ class ErrorChain:
     def after(self, sigma: Array, length: Array, new: NewReadings) -> tuple["ErrorChain", Array]:
         """Return the filters after new readings, and (S, L) the log densities of these given the
         ones before, without the constant."""
-        latitude = np.append(self.place[0], new.latitude)
-        longitude = np.append(self.place[1], new.longitude)
-        apart = horizontal_difference(latitude[1:], longitude[1:], latitude[:-1], longitude[:-1])
+        elapsed, travelled = _steps(self.time, *self.place, new.time, new.latitude, new.longitude)
         mean, covariance, evidence = _filtered(
             self.mean,
             self.covariance,
             sigma**2,
             length,
-            np.diff(np.append(self.time, new.time)),
-            np.hypot(apart[:, 0], apart[:, 1]),
+            elapsed,
+            travelled,
             new.residual,
             np.ascontiguousarray(new.unknown),
             new.variance,
             new.bias_walk**2,
         )
-        end = float(latitude[-1]), float(longitude[-1])
+        end = float(new.latitude[-1]), float(new.longitude[-1])
         return ErrorChain(mean, covariance, float(new.time[-1]), end, self.biased), evidence
 
 
@@ -125,6 +123,24 @@ def is_chain(batch: Batch) -> bool:
     covariance = batch.reading_covariance
     white = covariance is None or not (covariance - np.diag(np.diag(covariance))).any()
     return white and batch.rows_per_scan == 1
+
+
+@kernel
+def _steps(  # type: ignore[no-untyped-def]
+    time, latitude, longitude, times, latitudes, longitudes
+):
+    """Return (n,) the seconds and metres from each place (rad) to the next, from a first one on
+    to n others."""
+    elapsed, travelled = np.empty(times.shape[0]), np.empty(times.shape[0])
+    for t in range(times.shape[0]):
+        north, east = curvature(math.sin(latitude))
+        d_lon = longitudes[t] - longitude
+        d_lon -= 2.0 * math.pi * math.floor(d_lon / (2.0 * math.pi) + 0.5)
+        east *= math.cos(latitude)
+        travelled[t] = math.hypot((latitudes[t] - latitude) * north, d_lon * east)
+        elapsed[t] = times[t] - time
+        time, latitude, longitude = times[t], latitudes[t], longitudes[t]
+    return elapsed, travelled
 
 
 @kernel

@@ -16,7 +16,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import LOST_COVARIANCE, Information
-from isogal.matching.matrices import symmetric
+from isogal.matching.matrices import cholesky, eigen, inverse_of_lower, symmetric
 from isogal.matching.pmht.constants import CONSTANTS
 
 _LEAST_INFORMATION = 1e-6
@@ -147,13 +147,13 @@ def _as_measurement(information: Information, prior: Array) -> tuple[Array, Arra
     positive, and in how many, the first, it tells so much that it may be judged.
     """
     scale = np.sqrt(np.diag(prior))
-    root = scale[:, None] * np.linalg.cholesky(prior / scale / scale[:, None])
-    values, vectors = np.linalg.eigh(symmetric(root.T @ information.matrix @ root))
+    root = scale[:, None] * cholesky(prior / scale / scale[:, None])
+    values, vectors = eigen(root.T @ information.matrix @ root)
     values, vectors = values[::-1], vectors[:, ::-1]
     kept = int((values > _LEAST_INFORMATION).sum())
     size, turned = np.sqrt(values[:kept]), vectors[:, :kept]
     z = (turned.T @ (root.T @ information.vector)) / size
-    H = (np.linalg.solve(root.T, turned) * size).T
+    H = (turned * size).T @ inverse_of_lower(root)
     return z, H, int((values > CONSTANTS.telling_information).sum())
 
 

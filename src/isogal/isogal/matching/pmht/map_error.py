@@ -145,7 +145,8 @@ class MapErrorEstimate:
     @cached_property
     def _model(self) -> tuple[float, float]:
         """Sigma and length of `model`."""
-        return _means(self)
+        sigma, length = _means(self.sigma, self.length, self.log_weight)
+        return float(sigma), float(length)
 
     def follow(self, new: NewReadings, bias_sigma: Array | None) -> "MapErrorEstimate":
         """Add the evidence of new readings given all before, which are a chain
@@ -206,31 +207,34 @@ class MapErrorEstimate:
         return {"map_sigma": model.map_sigma, "map_correlation_length_m": model.correlation_length}
 
 
-def _means(estimate: MapErrorEstimate) -> tuple[float, float]:
-    """Return mean sigma and the exponential of the mean log length."""
-    sigma, log_weight = _refined(estimate.sigma, estimate.log_weight)
-    p = np.exp(log_weight - log_weight.max())
-    p /= p.sum()
-    return (
-        float((p.sum(axis=1) * sigma).sum()),
-        float(np.exp((p.sum(axis=0) * np.log(estimate.length)).sum())),
-    )
+@kernel
+def _means(sigma, length, log_weight):  # type: ignore[no-untyped-def]
+    """Return mean sigma and the exponential of the mean log length of a posterior's log weights
+    (S, L).
 
-
-def _refined(sigma: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Return a grid of sigmas four times as fine, (4 S,), and the log weights there (4 S, L), by
-    parabolas through three neighbours: many good readings know sigma better than the grid."""
-    if len(sigma) < 3:
-        return sigma, log_weight
-    middle = np.clip(np.arange(len(sigma)), 1, len(sigma) - 2)
-    slope = 0.5 * (log_weight[middle + 1] - log_weight[middle - 1])
-    bend = log_weight[middle + 1] - 2.0 * log_weight[middle] + log_weight[middle - 1]
-    away = (np.arange(len(sigma)) - middle)[:, None] + np.arange(-0.5, 0.5, 0.25)
-    step = np.log(sigma[middle + 1] / sigma[middle])
-    fine = sigma[middle, None] * np.exp(step[:, None] * away)
-    log = log_weight[middle, None] + slope[:, None] * away[..., None]
-    log = log + 0.5 * bend[:, None] * away[..., None] ** 2
-    return fine.ravel(), log.reshape(fine.size, -1)
+    Over sigmas four times as dense, by parabolas through three neighbours: many good readings
+    know sigma better than the grid."""
+    count, top = sigma.shape[0], log_weight.max()
+    fine = 4 if count > 2 else 1
+    total = of_sigma = of_length = 0.0
+    for i in range(count):
+        m = min(max(i, 1), count - 2) if fine > 1 else i  # the middle one of three
+        for part in range(fine):
+            away, there = 0.0, sigma[i]
+            if fine > 1:
+                away = i - m + 0.25 * (part - 2)
+                there = sigma[m] * (sigma[m + 1] / sigma[m]) ** away
+            for j in range(length.shape[0]):
+                log = log_weight[m, j]
+                if fine > 1:
+                    below, above = log_weight[m - 1, j], log_weight[m + 1, j]
+                    bend = above - 2.0 * log + below
+                    log += 0.5 * (above - below) * away + 0.5 * bend * away * away
+                weight = math.exp(log - top)
+                total += weight
+                of_sigma += weight * there
+                of_length += weight * math.log(length[j])
+    return of_sigma / total, math.exp(of_length / total)
 
 
 def _doubt(estimate: MapErrorEstimate) -> float:
