@@ -1,5 +1,5 @@
-"""The held-out flight lines of Scotland with all that kriging knows: not a map, but at each shift
-its mean and the whole covariance of its errors among the readings."""
+"""The held-out lines of Scotland and how errors hold together: as maps say it, and with all that
+kriging knows, its mean and the whole covariance of its errors among readings, at each shift."""
 
 import math
 from pathlib import Path
@@ -9,36 +9,80 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.gridding.gridder import GridSettings, Model, learn_model
+from isogal.maps.error_ellipses import ellipses_of, joint
+from isogal.maps.field_map import FieldMap
+from isogal.maps.gridding.gridder import GridSettings, Model, grid_survey
 from isogal.maps.gridding.reading import read_survey
+from isogal.maps.tensor_error import displacements
+from isogal.tracks.integrated.noise_models import Correlation
 from measured_data.lines import Line, scotland
 from measured_data.matches import AWAY
+from measured_data.untold import MAGNETIC_SIGMA
 
 ROWS = 170
 """Readings of a line, every so many-th."""
 STEP, REACH = 500.0, 4500.0
 """m, of the grid of shifts."""
+SCALES = np.geomspace(0.4, 2.5, 9)
+"""Factors on the map's sigma, the likeliest of which counts."""
 
 
 def study_exact(data: Path) -> dict[str, Any]:
-    """Return of each flight line the likeliest place (m north, east of the true one), how much
-    more likely it is, and what share of the places are more likely than the true one."""
+    """Return what each line shows at its true place (`shapes`), and of each flight line the
+    likeliest place (m north, east of the true one), how much more likely it is, and what share of
+    the places are more likely than the true one."""
     survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
-    model = learn_model(survey, GridSettings())
+    field_map, model = grid_survey(survey, GridSettings())
     axis = np.arange(-REACH, REACH + 1.0, STEP)
     shifts = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    result = {}
-    for line in scotland(data)[1]:
+    _, flights, ties = scotland(data)
+    result = {line.name: shapes(field_map, model, line) for line in (*flights, *ties)}
+    for line in flights:
         found = np.array([log_likelihood(model, line, shift) for shift in shifts])
         found -= 0.5 * (shifts**2).sum(axis=1) / AWAY**2
         true = found[np.flatnonzero(~shifts.any(axis=1))[0]]
         best = int(np.argmax(found))
-        result[line.name] = {
+        result[line.name] |= {
             "best_m": shifts[best].tolist(),
             "more_likely": float(found[best] - true),
             "places_above": float((found > true).mean()),
         }
     return result
+
+
+def shapes(field_map: FieldMap, model: Model, line: Line) -> dict[str, float]:
+    """Return the log-likelihoods of the map's errors along a line by several correlations, less
+    that by exp(-d / L) with the map's L there (median)."""
+    error = line.value - field_map.value(line.latitude, line.longitude)
+    known = np.flatnonzero(np.isfinite(error))
+    known = known[:: math.ceil(known.size / ROWS)]
+    at = line.latitude[known], line.longitude[known]
+    length, sigma = field_map.correlation_length_at(*at), field_map.sigma_at(*at)
+    apart = displacements(*at)
+    usual, metres = float(np.median(length)), np.hypot(apart[..., 0], apart[..., 1])
+    _, posterior = model.kriging.together(model.places(*at))
+    deviation = np.sqrt(np.diag(posterior))
+    ones = np.ones(known.size)
+    smooth = Correlation(1.0 / math.sqrt(2.0), smooth=True)
+    directed, alike = joint(apart, field_map.error_ellipse_at(*at))
+    round_ones = ellipses_of(length, length, np.zeros(known.size))
+    alone, alike_alone = joint(apart, round_ones)
+    kinds = {f"exp, {f:g} L": np.exp(-metres / usual / f) for f in (0.5, 1.0, 2.0, 4.0, 8.0)}
+    kinds |= {
+        "smooth, L": alike_alone * smooth.matrix(alone, ones),
+        "smooth, ellipses": alike * smooth.matrix(directed, ones),
+        "smooth, half of the ellipses": alike * smooth.matrix(2.0 * directed, ones),
+        "kriging": posterior / np.outer(deviation, deviation),
+    }
+    white = MAGNETIC_SIGMA**2 * np.eye(known.size)
+    found = {
+        kind: max(
+            _log_density(error[known], np.outer(s * sigma, s * sigma) * shape + white)
+            for s in SCALES
+        )
+        for kind, shape in kinds.items()
+    }
+    return {kind: one - found["exp, 1 L"] for kind, one in found.items()}
 
 
 def log_likelihood(model: Model, line: Line, shift: Array) -> float:
@@ -52,6 +96,11 @@ def log_likelihood(model: Model, line: Line, shift: Array) -> float:
     level = np.sqrt(model.amplitude.at(places))
     covariance = covariance * np.outer(level, level) + model.covariance.line**2
     covariance[np.diag_indices(len(places))] += model.covariance.noise**2
+    return _log_density(line.value[rows] - mean - model.trend.at(places), covariance)
+
+
+def _log_density(error: Array, covariance: Array) -> float:
+    """Return the log density of errors, without its constant."""
     factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, line.value[rows] - mean - model.trend.at(places))
+    white = np.linalg.solve(factor, error)
     return float(-0.5 * white @ white - np.log(np.diag(factor)).sum())
