@@ -78,11 +78,12 @@ def study_left_out(data: Path) -> dict[str, Any]:
         field_map, _ = grid_survey(survey.part(~out), GridSettings())
         lines = []
         for number in np.unique(survey.line[out]):
-            one = survey.part(survey.line == number)
-            one = one.part(np.argsort(one.longitude, kind="stable"))
-            on_map = np.isfinite(field_map.sigma_at(one.latitude, one.longitude)).mean()
-            if len(one) >= FEWEST and on_map > 0.9:
-                lines.append(Line(f"line {number}", one.latitude, one.longitude, one.value))
+            row = np.flatnonzero(survey.line == number)
+            row = row[np.argsort(survey.longitude[row], kind="stable")]
+            where = survey.latitude[row], survey.longitude[row]
+            on_map = np.isfinite(field_map.value(*where)).mean()
+            if row.size >= FEWEST and on_map > 0.9:
+                lines.append(Line(f"line {number}", *where, survey.value[row]))
         found = _matched(field_map, lines, MAGNETIC_SIGMA, 2, WHOLE)
         rows += found["rows"]
         results[f"lines {first}, {first + 8}, ..."] = found
