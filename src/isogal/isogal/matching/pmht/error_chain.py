@@ -151,59 +151,75 @@ def _filtered(  # type: ignore[no-untyped-def]
     (n,), each `elapsed` s and `travelled` m (n,) after the one before.
 
     The navigator's error, unit-variance components (q,) that are the same for all residuals and
-    known by none before, joins the states for as long as that.
+    known by none before, joins the states for as long as that. All models go side by side.
     """
     n, q = unknown.shape
-    size = 3 + q
-    out_mean, out_covariance = np.empty_like(mean), np.empty_like(covariance)
-    evidence = np.empty(mean.shape[:2])
-    x, P = np.empty(size), np.empty((size, size))
-    H, PH = np.empty(size), np.empty(size)
-    for i in range(variances.shape[0]):
-        for j in range(lengths.shape[0]):
-            P[:] = 0.0
-            x[:] = 0.0
-            for a in range(3):
-                x[a] = mean[i, j, a]
-                for b in range(3):
-                    P[a, b] = covariance[i, j, a, b]
-            for a in range(3, size):
-                P[a, a] = 1.0
-            total = 0.0
-            for t in range(n):
-                kept = math.exp(-travelled[t] / lengths[j])
-                x[0] *= kept
-                x[1] += elapsed[t] * x[2]
-                for b in range(size):
-                    P[0, b] *= kept
-                    P[1, b] += elapsed[t] * P[2, b]
-                for b in range(size):
-                    P[b, 0] *= kept
-                    P[b, 1] += elapsed[t] * P[b, 2]
-                P[0, 0] += variances[i] * (1.0 - kept * kept)
-                P[1, 1] += walk * elapsed[t]
-                H[0], H[1], H[2] = 1.0, 1.0, 0.0
-                for a in range(q):
-                    H[3 + a] = unknown[t, a]
-                spread, innovation = noise[t], residual[t]
-                for a in range(size):  # P is symmetric: its rows are its columns
-                    PH[a] = 0.0
-                for b in range(size):
-                    for a in range(size):
-                        PH[a] += P[b, a] * H[b]
-                for a in range(size):
-                    spread += H[a] * PH[a]
-                    innovation -= H[a] * x[a]
-                inverse = 1.0 / spread
-                for a in range(size):
-                    gain = PH[a] * inverse
-                    x[a] += gain * innovation
-                    for b in range(size):
-                        P[a, b] -= gain * PH[b]
-                total += 0.5 * (math.log(spread) + innovation * innovation / spread)
-            evidence[i, j] = -total
-            for a in range(3):
-                out_mean[i, j, a] = x[a]
-                for b in range(3):
-                    out_covariance[i, j, a, b] = P[a, b]
-    return out_mean, out_covariance, evidence
+    size, models, count = 3 + q, mean.shape[0] * mean.shape[1], lengths.shape[0]
+    x, P = np.zeros((size, models)), np.zeros((size, size, models))  # of P the lower triangle
+    PH, kept, spread = np.empty((size, models)), np.empty(models), np.empty(models)
+    innovation, evidence = np.empty(models), np.zeros(models)
+    for m in range(models):
+        for a in range(3):
+            x[a, m] = mean[m // count, m % count, a]
+            for b in range(a + 1):
+                P[a, b, m] = covariance[m // count, m % count, a, b]
+        for a in range(3, size):
+            P[a, a, m] = 1.0
+    for t in range(n):
+        _carry(x, P, np.exp(-travelled[t] / lengths), variances, elapsed[t], walk, kept)
+        for a in range(size):
+            row, first, second = PH[a], P[a, 0], P[max(a, 1), min(a, 1)]
+            for m in range(models):
+                row[m] = first[m] + second[m]
+            for b in range(3, size):
+                weight, other = unknown[t, b - 3], P[max(a, b), min(a, b)]
+                for m in range(models):
+                    row[m] += weight * other[m]
+        for m in range(models):
+            spread[m] = noise[t] + PH[0, m] + PH[1, m]
+            innovation[m] = residual[t] - x[0, m] - x[1, m]
+        for a in range(3, size):
+            weight = unknown[t, a - 3]
+            for m in range(models):
+                spread[m] += weight * PH[a, m]
+                innovation[m] -= weight * x[a, m]
+        for m in range(models):
+            kept[m] = 1.0 / spread[m]
+            evidence[m] -= 0.5 * (math.log(spread[m]) + innovation[m] ** 2 * kept[m])
+        for a in range(size):
+            for m in range(models):
+                x[a, m] += PH[a, m] * kept[m] * innovation[m]
+            for b in range(a + 1):
+                row, left, right = P[a, b], PH[a], PH[b]
+                for m in range(models):
+                    row[m] -= left[m] * kept[m] * right[m]
+    out_mean, out = np.empty_like(mean), np.empty_like(covariance)
+    for m in range(models):
+        for a in range(3):
+            out_mean[m // count, m % count, a] = x[a, m]
+            for b in range(3):
+                out[m // count, m % count, a, b] = P[max(a, b), min(a, b), m]
+    return out_mean, out, evidence.reshape(mean.shape[:2])
+
+
+@kernel
+def _carry(x, P, by_length, variances, step, walk, kept):  # type: ignore[no-untyped-def]
+    """Carry states (n, S L) and the lower triangles of their covariances (n, n, S L) to the next
+    reading, `step` s later, in place; of the map's error `by_length` (L,) is kept. Write what of
+    it each model keeps (S L,)."""
+    size, models = x.shape
+    count = by_length.shape[0]
+    for m in range(models):
+        c = by_length[m % count]
+        kept[m] = c
+        x[0, m] *= c
+        x[1, m] += step * x[2, m]
+        P[0, 0, m] = c * c * P[0, 0, m] + variances[m // count] * (1.0 - c * c)
+        P[1, 0, m] = c * (P[1, 0, m] + step * P[2, 0, m])
+        P[1, 1, m] += step * (2.0 * P[2, 1, m] + step * P[2, 2, m] + walk)
+        P[2, 0, m] *= c
+        P[2, 1, m] += step * P[2, 2, m]
+    for a in range(3, size):
+        for m in range(models):
+            P[a, 0, m] *= kept[m]
+            P[a, 1, m] += step * P[a, 2, m]
