@@ -153,8 +153,7 @@ def eigen(matrix):  # type: ignore[no-untyped-def]
             vectors[i, j] = 0.5 * (matrix[i, j] + matrix[j, i])
             total += vectors[i, j]
     if not math.isfinite(total):
-        d[:] = np.nan
-        return d, vectors
+        return np.full(n, np.nan), vectors
     _tridiagonal(vectors, d, e)
     for k in range(n):
         size = 0.0

@@ -69,10 +69,12 @@ def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
 
 
 def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
-    _, mean, covariance, effective = _moments(x, weight, part)
+    total, mean, covariance, effective = _moments(x, weight, part)
     if effective < CONSTANTS.cut_effective_samples:
         return [part]
-    ordered, middle = _cut(x, weight, part, mean, np.linalg.eigh(covariance)[1][:, -1].copy())
+    along = (x[part] - mean) @ np.linalg.eigh(covariance)[1][:, -1]
+    ordered = part[np.argsort(along, kind="stable")]  # in a kernel it takes seconds to compile
+    middle = int(np.searchsorted(np.cumsum(weight[ordered]), 0.5 * total)) + 1
     return [ordered[:middle], ordered[middle:]] if middle < len(part) else [part]
 
 
@@ -105,26 +107,6 @@ def _moments(x, weight, part):  # type: ignore[no-untyped-def]
             covariance[i, j] /= total
             covariance[j, i] = covariance[i, j]
     return total, mean, covariance, total * total / square
-
-
-@kernel
-def _cut(x, weight, part, mean, axis):  # type: ignore[no-untyped-def]
-    """Return some samples in their order along an axis (n,), and how many of them have half of
-    the weight."""
-    along = np.empty(part.shape[0])
-    total = 0.0
-    for k in range(part.shape[0]):
-        total += weight[part[k]]
-        along[k] = 0.0
-        for i in range(axis.shape[0]):
-            along[k] += (x[part[k], i] - mean[i]) * axis[i]
-    ordered = part[np.argsort(along, kind="mergesort")]  # stable
-    below = 0.0
-    for k in range(ordered.shape[0]):
-        below += weight[ordered[k]]
-        if below >= 0.5 * total:
-            return ordered, k + 1
-    return ordered, ordered.shape[0]
 
 
 @kernel
