@@ -96,8 +96,8 @@ def _inverse(matrix):  # type: ignore[no-untyped-def]
 
 @kernel
 def lower(matrix):  # type: ignore[no-untyped-def]
-    """Return the lower Cholesky factor (n, n) of a small matrix; its last element is NaN where
-    the matrix is not positive definite."""
+    """Return the lower Cholesky factor (n, n) of a small matrix; NaN where the matrix is not
+    positive definite."""
     n = matrix.shape[0]
     factor = np.zeros((n, n))
     for a in range(n):
@@ -110,8 +110,7 @@ def lower(matrix):  # type: ignore[no-untyped-def]
             elif value > 0.0:
                 factor[a, a] = math.sqrt(value)
             else:
-                factor[n - 1, n - 1] = np.nan
-                return factor
+                return np.full((n, n), np.nan)
     return factor
 
 

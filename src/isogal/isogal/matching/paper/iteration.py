@@ -12,11 +12,11 @@ from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.interfaces import Batch
 from isogal.matching.local_plane import LocalPlane
+from isogal.matching.matrices import product
 from isogal.matching.paper.kalman import (
     backward_smoother,
     constant_velocity,
     forward_filter,
-    multiply,
     multiply_transposed,
 )
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window
@@ -123,7 +123,7 @@ def find_candidates(
         if np.isnan(reading) or np.isnan(here):
             continue
         transition = scans.transition[t]
-        uncertainty = multiply_transposed(multiply(transition, prior), transition)
+        uncertainty = multiply_transposed(product(transition, prior), transition)
         window = search_window(uncertainty, search.gamma, search.minimum, search.rectangle)
         # the velocity error expected at a candidate is the navigator's: zero
         slope = (scans.jacobian[t, 0], scans.jacobian[t, 1])

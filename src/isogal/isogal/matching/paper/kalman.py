@@ -9,21 +9,11 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
+from isogal.matching.matrices import lower, product
 
 
 # Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the
 # time.
-@kernel
-def multiply(a: Array, b: Array) -> Array:
-    """Return a b."""
-    out = np.zeros((a.shape[0], b.shape[1]))
-    for i in range(a.shape[0]):
-        for k in range(a.shape[1]):
-            for j in range(b.shape[1]):
-                out[i, j] += a[i, k] * b[k, j]
-    return out
-
-
 @kernel
 def multiply_transposed(a: Array, b: Array) -> Array:
     """Return a b'."""
@@ -40,16 +30,7 @@ def solve_positive(a: Array, b: Array) -> Array:
     """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n), by its Cholesky
     factor; NaN where it is not definite."""
     n = a.shape[0]
-    factor = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = a[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i == j:
-                factor[i, i] = np.sqrt(total) if total > 0.0 else np.nan
-            else:
-                factor[i, j] = total / factor[j, j]
+    factor = lower(a)
     x = b.copy()
     for c in range(b.shape[1]):
         for i in range(n):
@@ -140,7 +121,7 @@ def forward_filter(
     _store(filtered_mean, filtered_covariance, 0, mean, covariance)
     _store(predicted_mean, predicted_covariance, 0, mean, covariance)
     for t in range(1, scans):
-        P = multiply_transposed(multiply(F[t - 1], filtered_covariance[t - 1]), F[t - 1])
+        P = multiply_transposed(product(F[t - 1], filtered_covariance[t - 1]), F[t - 1])
         x = np.zeros(states)
         for i in range(states):
             for j in range(states):
@@ -153,7 +134,7 @@ def forward_filter(
             missing = missing or np.isnan(z[t, i])
         if missing:
             continue
-        HP = multiply(H, P)
+        HP = product(H, P)
         S = multiply_transposed(HP, H)
         for i in range(S.shape[0]):
             for j in range(S.shape[0]):
@@ -200,10 +181,8 @@ def backward_smoother(
     covariance = filtered_covariance.copy()
     states = mean.shape[1]
     for t in range(filtered_mean.shape[0] - 2, -1, -1):
-        gain_t = solve_positive(
-            predicted_covariance[t + 1], multiply(F[t], filtered_covariance[t])
-        )
-        change = multiply(covariance[t + 1] - predicted_covariance[t + 1], gain_t)
+        gain_t = solve_positive(predicted_covariance[t + 1], product(F[t], filtered_covariance[t]))
+        change = product(covariance[t + 1] - predicted_covariance[t + 1], gain_t)
         for i in range(states):
             for k in range(states):
                 mean[t, i] += gain_t[k, i] * (mean[t + 1, k] - predicted_mean[t + 1, k])

@@ -172,32 +172,11 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
         for i in range(members.shape[0]):
             along[i] = (x[members[i], 0] - mean[0]) * cx + (x[members[i], 1] - mean[1]) * cy
         order = np.argsort(along)
-        all_square = 0.0
-        for i in range(members.shape[0]):
-            all_square += weight[members[i]] * along[i] * along[i]
-        w1 = s1 = q1 = 0.0
-        between, at = -1.0, -1
-        separation = 0.0
-        for i in range(order.shape[0] - 1):
-            s = members[order[i]]
-            value = along[order[i]]
-            w1 += weight[s]
-            s1 += weight[s] * value
-            q1 += weight[s] * value * value
-            w2 = total - w1
-            if w1 < 1e-4 * total or w2 < 1e-4 * total:
-                continue
-            m1, m2 = s1 / w1, -s1 / w2
-            spread = w1 * w2 * (m1 - m2) ** 2
-            if spread > between:
-                between, at = spread, i
-                v1 = max(q1 / w1 - m1 * m1, 0.0)
-                v2 = max((all_square - q1) / w2 - m2 * m2, 0.0)
-                separation = math.sqrt(2.0) * abs(m1 - m2) / math.sqrt(v1 + v2 + 1e-12)
-        if at >= 0 and separation > best:
+        separation, count = _otsu(along[order], weight[members[order]], total)
+        if separation > best:
             best = separation
             side[:] = False
-            for i in range(at + 1):
+            for i in range(count):
                 side[members[order[i]]] = True
     if best <= SEPARATION:
         for axis in range(2):
@@ -213,6 +192,32 @@ def _best_cut(x, weight, labels, group):  # type: ignore[no-untyped-def]
                 for s in members:
                     side[s] = x[s, 0] * cx + x[s, 1] * cy < threshold
     return best, side
+
+
+@kernel
+def _otsu(along, weight, total):  # type: ignore[no-untyped-def]
+    """Return the separation of the best cut of sorted numbers (m,) with the mean 0, and how many
+    lie before it; 0, 0 where there is none. `total` of the weights (m,)."""
+    all_square = 0.0
+    for i in range(along.shape[0]):
+        all_square += weight[i] * along[i] * along[i]
+    w1 = s1 = q1 = 0.0
+    between, count, separation = -1.0, 0, 0.0
+    for i in range(along.shape[0] - 1):
+        w1 += weight[i]
+        s1 += weight[i] * along[i]
+        q1 += weight[i] * along[i] * along[i]
+        w2 = total - w1
+        if w1 < 1e-4 * total or w2 < 1e-4 * total:
+            continue
+        m1, m2 = s1 / w1, -s1 / w2
+        spread = w1 * w2 * (m1 - m2) ** 2
+        if spread > between:
+            between, count = spread, i + 1
+            v1 = max(q1 / w1 - m1 * m1, 0.0)
+            v2 = max((all_square - q1) / w2 - m2 * m2, 0.0)
+            separation = math.sqrt(2.0) * abs(m1 - m2) / math.sqrt(v1 + v2 + 1e-12)
+    return separation, count
 
 
 @kernel

@@ -11,6 +11,7 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.maps.interpolation import look_up, value_and_gradient
 from isogal.matching.interfaces import Batch
+from isogal.matching.matrices import lower
 from isogal.matching.pmht.filtered import path_nodes
 
 
@@ -137,15 +138,12 @@ def reducing(whitening, effect):  # type: ignore[no-untyped-def]
         for k in range(max(t - rows + new, 0), new):
             for m in range(count):
                 white[k, m] += whitening[t, k] * effect[t, m]
-    root = np.zeros((new, new))
+    inner = np.eye(new)
     for a in range(new):
         for b in range(a + 1):
-            value = 1.0 if a == b else 0.0
             for m in range(count):
-                value += white[a, m] * white[b, m]
-            for c in range(b):
-                value -= root[a, c] * root[b, c]
-            root[a, b] = math.sqrt(value) if a == b else value / root[b, b]
+                inner[a, b] += white[a, m] * white[b, m]
+    root = lower(inner)
     out = np.zeros((rows, new))
     for t in range(rows):
         first = max(t - rows + new, 0)  # W is zero before it, as the inverse of a triangle
@@ -275,7 +273,7 @@ def mode(  # type: ignore[no-untyped-def]
     """
     new = whitening.shape[1]
     z, step, x = np.zeros(4), np.empty(4), np.empty(4)
-    slope, precision, factor = np.empty((new, 4)), np.empty((4, 4)), np.empty((4, 4))
+    slope, precision = np.empty((new, 4)), np.empty((4, 4))
     reduction = whitening
     for _ in range(steps):
         for i in range(4):
@@ -306,7 +304,7 @@ def mode(  # type: ignore[no-untyped-def]
                     precision[i, j] += slope[k, i] * slope[k, j]
         if not math.isfinite(right.sum()):
             return False, z, slope, precision, reduction
-        length = _solve(precision, right, factor, z, step)
+        length = _solve(precision, right, z, step)
         for i in range(4):
             z[i] += step[i]
         if length < tolerance * tolerance:
@@ -315,16 +313,11 @@ def mode(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _solve(matrix, right, factor, start, step):  # type: ignore[no-untyped-def]
+def _solve(matrix, right, start, step):  # type: ignore[no-untyped-def]
     """Write what leads from `start` to the solution of matrix x = right, the matrix positive
-    definite; return step' matrix step. `factor` is work space."""
+    definite; return step' matrix step."""
     n = right.shape[0]
-    for a in range(n):
-        for b in range(a + 1):
-            value = matrix[a, b]
-            for c in range(b):
-                value -= factor[a, c] * factor[b, c]
-            factor[a, b] = math.sqrt(value) if a == b else value / factor[b, b]
+    factor = lower(matrix)
     for a in range(n):
         value = right[a]
         for b in range(a):
