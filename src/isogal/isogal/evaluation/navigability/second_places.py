@@ -155,20 +155,11 @@ def _of_node(  # type: ignore[no-untyped-def]
             for k in range(count):
                 d_n, d_e = north - found[k, 0], east - found[k, 1]
                 spread = _spread(found[k, 3:], d_n, d_e) + _spread(hessian, d_n, d_e)
-                separate = 2.0 * (d_n**2 + d_e**2) > apart * spread
-                if separate:
-                    least = 0.5 * (value + found[k, 2]) + 0.25 * apart
-                    separate = False
-                    for part in _BETWEEN:
-                        _white(
-                            values, i, j, offset, cell, by_place, north - part * d_n,
-                            east - part * d_e, correlation, gain, weight, w,
-                        )  # fmt: skip
-                        between = _misfit(
-                            w, own, north - part * d_n, east - part * d_e, constants[2]
-                        )
-                        separate = separate or between > least
-                if not separate:
+                least = 0.5 * (value + found[k, 2]) + 0.25 * apart
+                if not (2.0 * (d_n**2 + d_e**2) > apart * spread and _worse_between(
+                    values, i, j, offset, cell, by_place, correlation, gain, weight, w, own,
+                    north, east, d_n, d_e, constants[2], least,
+                )):  # fmt: skip
                     place = k
                     break
             if place < count and (place == 0 or value >= found[place, 2]):
@@ -180,6 +171,21 @@ def _of_node(  # type: ignore[no-untyped-def]
             found[place, 0], found[place, 1], found[place, 2] = north, east, value
             found[place, 3:] = hessian
     return _probability(found[:count])
+
+
+@kernel(error_model="numpy")
+def _worse_between(  # type: ignore[no-untyped-def]
+    values, i, j, offset, cell, by_place, correlation, gain, weight, w, own,
+    north, east, d_n, d_e, prior, least,
+):  # fmt: skip
+    """Whether the chi-square is above `least` somewhere between a place and that (d_n, d_e) before
+    it; `w` is work space."""
+    for part in _BETWEEN:
+        n, e = north - part * d_n, east - part * d_e
+        _white(values, i, j, offset, cell, by_place, n, e, correlation, gain, weight, w)
+        if _misfit(w, own, n, e, prior) > least:
+            return True
+    return False
 
 
 @kernel(error_model="numpy")
