@@ -240,3 +240,15 @@ def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
     transformed = felt_gravity(world, trajectory, [0])[0, :, :2]
     measured = felt_gravity(scenario, trajectory, [0])[0, :, :2]
     np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())
+
+
+def test_what_is_left_follows_the_map_error_that_readings_have_shown(world):
+    trajectory = build_trajectory(world)
+    known = known_gravity(world, trajectory).with_map_error(6e-5, 9e3)
+    assert known.residual_sigma == pytest.approx(np.hypot(6e-5 / np.sqrt(2.0), 1e-6))
+    assert known.residual_length == pytest.approx(9e3)
+    told = changed(world, gravity={"residual_sigma": 7e-5, "residual_correlation_length": 5e3})
+    known = known_gravity(told, trajectory).with_map_error(6e-5, 9e3)
+    assert (known.residual_sigma, known.residual_length) == (7e-5, 5e3)
+    normal = known_gravity(changed(world, gravity={"field": "normal"}), trajectory)
+    assert normal.with_map_error(6e-5, 9e3).residual_sigma == 0.0

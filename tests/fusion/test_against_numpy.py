@@ -80,6 +80,7 @@ def filter_start(random: np.random.Generator, runs: int, sigma: np.ndarray) -> F
         np.zeros((runs, 0)),
         covariance,
         np.zeros(runs),
+        np.zeros((runs, 2)),
     )
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from helpers.navigators import error_between, fly, random_covariance
+from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate, update_linear
+from isogal.fusion.navigator import assume_map_error, propagate, update_linear
 from isogal.fusion.state import FilterState
 
 CORE = (300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8)
@@ -138,3 +139,45 @@ def test_a_measurement_that_is_not_finite_changes_nothing():
             update_linear(state, 0, H, np.array([innovation]), np.array([[R]]))
     for array, old in zip(state.arrays(), before.arrays(), strict=True):
         np.testing.assert_array_equal(array, old)
+
+
+@pytest.mark.parametrize("filter_name", ["compiled", "reference"])
+def test_gravity_states_go_by_what_has_been_learnt(filter_name):
+    """A run whose residual gravity was learnt propagates as under a model that knows it; one of
+    which nothing was learnt, beside it, as under its own."""
+    told = (AuxiliaryState("gravity_north", "gravity", 0, 2e-5, length=4e3), SPARE)
+    true = (AuxiliaryState("gravity_north", "gravity", 0, 2e-4, length=9e3), SPARE)
+    flight, steps = fly(), 20
+    ends = []
+    for states, residual in ((told, [[2e-4, 9e3], [0.0, 0.0]]), (true, None), (told, None)):
+        model = with_states(states, filter_name)
+        one = start(with_states(told))
+        runs = 1 if residual is None else 2
+        state = FilterState(*(np.repeat(array, runs, axis=0) for array in one.arrays()))
+        if residual is not None:
+            state.residual_gravity[:] = residual
+        force, rate = (
+            np.repeat(array[:, :steps], runs, axis=0)
+            for array in (flight.imu.specific_force, flight.imu.angular_rate)
+        )
+        propagate(state, model, force, rate, flight.trajectory.height[1 : 1 + steps])
+        ends.append(state)
+    assert ends[1].covariance[0, 15, 15] > 1.5 * ends[2].covariance[0, 15, 15]
+    for row, expected in enumerate(ends[1:]):
+        np.testing.assert_array_equal(ends[0].covariance[row], expected.covariance[0])
+        np.testing.assert_array_equal(ends[0].position[row], expected.position[0])
+
+
+def test_a_map_error_is_the_navigators_residual_gravity():
+    model = with_states((AuxiliaryState("gravity_north", "gravity", 0, 2e-5, length=4e3), SPARE))
+    state = start(model)
+    assume_map_error(state, model, 0, 8e-5, 5e3)  # has no map to take off
+    assert not state.residual_gravity.any()
+    model = dataclasses.replace(model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
+    assume_map_error(state, model, 0, 8e-5, 5e3)
+    sigma, length = state.residual_gravity[0]
+    assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 5e3))
+    for wrong in ((0.0, 5e3), (np.nan, 5e3), (1e-5, np.inf)):
+        with pytest.raises(ValueError, match="map error"):
+            assume_map_error(state, model, 0, *wrong)
+    assert tuple(state.residual_gravity[0]) == (sigma, length)

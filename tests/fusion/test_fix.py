@@ -26,6 +26,10 @@ class Recording:
 
     calls: list[str] = field(default_factory=list)
 
+    def assume_map_error(self, sigma, length):
+        assert (sigma, length) == (8e-5, 3000.0)
+        self.calls.append("map error")
+
     def widen(self, covariance):
         assert covariance is LOST_COVARIANCE
         self.calls.append("widen")
@@ -51,6 +55,8 @@ class Recording:
         (a_fix(reset=True, information=INFORMATION), ["widen", "information"], "by information"),
         (a_fix(reset=True, reason="lost"), ["widen"], None),
         (a_fix(reason="nothing", information=INFORMATION), [], None),
+        (a_fix(map_error=(8e-5, 3000.0), reason="nothing"), ["map error"], None),
+        (a_fix(map_error=(8e-5, 3000.0)), ["map error", "position"], "by position"),
     ],
 )
 def test_order(fix, calls, result):

@@ -67,6 +67,7 @@ def test_prediction_equals_the_linear_error_model_for_small_errors():
         np.zeros((1, 0)),
         np.diag(sigma**2)[None],
         np.zeros(1),
+        np.zeros((1, 2)),
     )
     keep = np.array([0, 1, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14])
     P = state.covariance[0][np.ix_(keep, keep)]
@@ -127,7 +128,7 @@ def test_errors_agree_with_their_covariance():
         np.tile([trajectory.latitude[-1], trajectory.longitude[-1], 100.0], (runs, 1)),
         np.tile(trajectory.velocity[-1], (runs, 1)), np.tile(trajectory.attitude[-1], (runs, 1)),
         bias[:, :3], bias[:, 3:], np.zeros((runs, 0)), state.covariance,
-        np.zeros(runs),
+        np.zeros(runs), np.zeros((runs, 2)),
     )  # fmt: skip
     errors = np.array([error_between(state, truth, run)[keep] for run in range(runs)])
     covariances = state.covariance[:, keep[:, None], keep]

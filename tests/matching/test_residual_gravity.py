@@ -1,11 +1,17 @@
 """Horizontal gravity that nothing takes off, within a batch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.matching.batching import BatchBuilder
+from isogal.matching.interfaces import Fix
+from isogal.matching.joint_batches import JointBatches
 from isogal.matching.pmht.past_batches import seen_from
 from isogal.matching.residual_gravity import ResidualGravity
+from isogal.matching.scans import Collected
 from isogal.scenario import Matcher
 from isogal.sensors.gravimeter import GravityReduction
 
@@ -78,3 +84,25 @@ def test_another_navigator_sees_it_as_well() -> None:
     assert other.attitude is not None
     np.testing.assert_array_equal(other.back_nuisance[:, 3:], batch.back_nuisance[:, 3:])
     assert not other.attitude[1][:, 3:].any()
+
+
+def test_batches_go_by_the_map_error_that_a_fix_tells() -> None:
+    def fresh() -> JointBatches:
+        builder = BatchBuilder(Matcher(batch_length=20, stride=10), GravityReduction())
+        return JointBatches([builder], gravity=known)
+
+    known = KnownGravity(residual=Residual(0.0, 1.0), map_sigma=2e-5)
+    batches = fresh()
+    first = batches.builders[0].gravity
+    assert first == ResidualGravity.of(known)
+    fix = Fix(0.0, 0.0, 0.0, np.eye(2))
+    batches.learn(fix)
+    assert batches.builders[0].gravity == first
+    batches.learn(replace(fix, map_error=(8e-5, 3e3)))
+    learnt = batches.builders[0].gravity
+    assert learnt == ResidualGravity(pytest.approx(np.hypot(8e-5 / np.sqrt(2.0), 1e-6)), 3e3)
+    again = fresh()
+    again.restore(batches.collected)  # a checkpoint keeps it
+    assert again.builders[0].gravity == learnt
+    again.restore([Collected((), 0, 0)])  # a new beginning forgets it
+    assert again.builders[0].gravity == first

@@ -248,3 +248,14 @@ def test_batches_end_with_those_of_the_field_with_the_shortest_rhythm():
     assert rhythm == Rhythm(1, (100.0, 40.0))
     assert rhythm.marks(1, scenario.each_field[1]) == 0
     assert rhythm.marks(0, scenario.each_field[0]) == 16
+
+
+def test_the_map_error_is_that_of_the_field_that_knows_one():
+    first, second = both()
+    silent = Says(lambda batch: declined(batch, "says nothing"))
+    knows = Says(lambda batch: replace(declined(batch, "nothing new"), map_error=(8e-5, 3e3)))
+    for matchers in ((silent, knows), (knows, silent), (Says(place), knows)):
+        fix, _ = joint(*matchers).match(beside(first, second), FIRST, None)
+        assert fix.map_error == (8e-5, 3e3)
+    fix, _ = joint(silent, Says(place)).match(beside(first, second), FIRST, None)
+    assert fix.map_error is None

@@ -14,6 +14,7 @@ from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
+from isogal.matching.joint_batches import JointBatches
 from isogal.montecarlo.engine import simulate, simulate_unaided
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
@@ -306,3 +307,43 @@ def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
     off = {name: np.linalg.norm(error - errors["normal"]) for name, error in errors.items()}
     assert off["felt"] > 1.0
     assert off["compensated"] < 0.1 * off["felt"]
+
+
+def test_the_navigator_takes_horizontal_gravity_for_as_wrong_as_the_matcher_finds_the_map():
+    """What is left of it is half of the disturbance's variance; the second run's matcher says
+    nothing, and its navigator goes on as it was."""
+    it = scenario(map_sigma="auto").model_copy(update={"gravity": Gravity(field="map")})
+    spread = {}
+    for sigma in (None, 2e-5, 3e-4):
+        error = None if sigma is None else (sigma, 4e3)
+        fixes = iter(range(99))
+
+        def answer(batch, error=error, fixes=fixes):
+            fix = declined(batch, "nothing")
+            return fix if next(fixes) % 2 else replace(fix, map_error=error)
+
+        spread[sigma] = simulate(it, [0, 1], MAP, Scripted(answer)).covariance[:, -1, 0, 0]
+    assert spread[2e-5] == pytest.approx(spread[None], rel=1e-3)  # what is assumed untold
+    assert spread[3e-4][1] == spread[None][1]
+    # position, velocity, gravity of one component, until the end and from the first batch end on
+    speed = float(np.hypot(*build_trajectory(it).velocity[0, :2]))
+    kept = np.exp(-speed / 4e3)
+    step, P = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, kept]]), np.zeros((3, 3))
+    for _ in range(450):
+        P = step @ P @ step.T
+        P[2, 2] += 0.5 * ((3e-4) ** 2 - (2e-5) ** 2) * (1.0 - kept**2)
+    more = spread[3e-4][0] - spread[None][0]
+    assert np.sqrt(more) == pytest.approx(np.sqrt(P[0, 0]), rel=0.1)
+
+
+def test_batches_learn_of_each_fix_of_their_own_run(monkeypatch):
+    seen = {}
+    monkeypatch.setattr(
+        JointBatches, "learn", lambda self, fix: seen.setdefault(self, []).append(fix)
+    )
+    runs = simulate(
+        scenario(), [0, 1], MAP, Scripted(lambda batch: declined(batch, str(batch.reading[0])))
+    )
+    told = [tuple(fix.reason for fix in fixes) for fixes in seen.values()]
+    assert told == list(runs.fix_reason)
+    assert len(set(told)) == 2

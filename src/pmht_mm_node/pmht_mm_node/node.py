@@ -125,16 +125,16 @@ class PmhtMmNode(GraphNode):
             self._batches.restore(collected)  # the next batch is to use its readings
         else:
             fix = self._fix_of(batch)
-        seconds = time.perf_counter() - begun
-        self._report.say(nav.ns, fix, seconds)
+        self._report.say(nav.ns, fix, time.perf_counter() - begun)
         self.outputs.publish(nav.ns, batch, fix, nav)
 
     def _fix_of(self, batch: Batch) -> Fix:
         if not self._batches.whole:
             return declined(batch, f"the first batch is not whole: it has {len(batch)} scans")
         try:
-            field_map = self._near(self._lead, batch)
-            fix, self._memory = self._matcher.match(batch, field_map, self._memory)
+            near = self._near(self._lead, batch)
+            fix, self._memory = self._matcher.match(batch, near, self._memory)
+            self._batches.learn(fix)
         except Exception as error:
             reason = f"the matcher failed: {type(error).__name__}: {error}"
             self.get_logger().error(reason)

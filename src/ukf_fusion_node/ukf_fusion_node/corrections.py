@@ -55,7 +55,8 @@ class Corrections:
         fix = whole.fix
         if fix.reset:
             self._unfit()
-        if not fix.published and fix.widening is None:
+        corrects = fix.published or fix.widening is not None
+        if not corrects and (fix.map_error is None or navigator is None):
             return
         if navigator is None:
             raise BadMessageError("came before the first IMU sample")

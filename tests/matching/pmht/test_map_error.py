@@ -10,8 +10,10 @@ from scipy.stats import multivariate_normal
 from helpers.batches import make_batch
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.map_error import MapErrorEstimate, _means, differs, roughness
+from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.matching.pmht.sensor_bias import BiasEstimate
+from isogal.scenario import Matcher as MatcherSettings
 
 BASE = NoiseModel(bias_sigma=0.0)
 BATCHES = 12
@@ -234,3 +236,22 @@ def test_means_over_a_finer_grid_by_parabolas():
     few = _means(sigma[:2], length, log_weight[:2])
     p = np.exp(log_weight[:2]) / np.exp(log_weight[:2]).sum()
     assert few[0] == pytest.approx((p.sum(axis=1) * sigma[:2]).sum(), rel=1e-9)
+
+
+def pmht(**keys) -> Pmht:
+    return Pmht.from_settings(MatcherSettings(**({"map_sigma": 0.0} | keys)))
+
+
+def test_a_fix_says_how_wrong_a_map_of_gravity_is(rough_map):
+    batch, _ = make_batch(rough_map, (250.0, -300.0, 0.03, 0.02))
+    fix, memory = pmht(map_sigma="auto").match(batch, rough_map, None)
+    figures = fix.diagnostics
+    assert fix.map_error == (figures["map_sigma"], figures["map_correlation_length_m"])
+    told, _ = pmht().match(batch, rough_map, None)
+    magnetic = replace(rough_map, quantity="magnetic_anomaly")
+    other, _ = pmht(map_sigma="auto").match(batch, magnetic, None)
+    assert (told.map_error, other.map_error) == (None, None)
+    assert "map_sigma" in other.diagnostics
+    silent = replace(batch, reading=np.full(len(batch), np.nan))
+    assert pmht(map_sigma="auto").match(silent, rough_map, memory)[0].map_error == fix.map_error
+    assert pmht(map_sigma="auto").match(silent, rough_map, None)[0].map_error is None

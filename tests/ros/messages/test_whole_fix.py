@@ -124,3 +124,17 @@ def test_another_frame_or_layout() -> None:
     good.header.frame_id = "map"
     with pytest.raises(BadMessageError, match="frame_id"):
         read_whole_fix(good)
+
+
+@pytest.mark.parametrize("reason", [None, "nothing"])
+def test_how_wrong_the_map_is(reason) -> None:
+    sent = Fix(12.5, -0.6, 2.5, COVARIANCE, reason, map_error=(8e-5, 3000.0))
+    message = message_of(WholeFix(sent, ESTIMATE))
+    assert read_whole_fix(message).fix.map_error == (8e-5, 3000.0)
+    values = dict(read_point(message))
+    values["map_error"] = np.array([8e-5, 0.0])
+    wrong = PointCloud2()
+    wrong.header.frame_id = message.header.frame_id
+    fill_point(wrong, 12_500_000_000, values)
+    with pytest.raises(BadMessageError, match="map_error must be positive"):
+        read_whole_fix(wrong)

@@ -1,6 +1,7 @@
 """Which fixes are used: each stamp once, whole if it comes whole, in any order of arrival."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from helpers.navigators import ROUTE, error_between, fly
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -185,3 +187,18 @@ def test_delays_orders_and_repetitions_change_nothing(data) -> None:
     scale = np.sqrt(np.diag(END.covariance[0]))
     unlike = (it.state.covariance[0] - END.covariance[0]) / scale / scale[:, None]
     assert np.abs(unlike).max() < 1e-6
+
+
+def test_the_map_error_of_a_batch_without_a_fix_counts_and_waits_for_no_navigator() -> None:
+    health = Health("x", Silent(), 10**9)
+    corrections, it = Corrections(health), filter_of()
+    known = KnownGravity(residual=Residual(0.0, 1.0))
+    it.model = replace(it.model, gravity=known)
+    for _ in range(20):
+        advance(it)
+    none = Fix(15.0, 0.0, 0.0, np.full((2, 2), np.nan), "nothing new", map_error=(8e-5, 3e3))
+    corrections.apply(None, WholeFix(none))
+    corrections.apply(it, WholeFix(none))
+    sigma, length = it.state.residual_gravity[0]
+    assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 3e3))
+    assert "fixes accepted" not in health.figures

@@ -1,6 +1,7 @@
 """What a navigator knows of horizontal gravity: a map to take off at its own position, and how
 much it believes to be left (docs/mathematics.md, section 3.9)."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,15 +20,64 @@ RESOLUTION_SIGMA = 1e-6
 """m/s², 1-sigma of what is left of horizontal gravity for the cells of a map."""
 
 
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """How much of horizontal gravity no compensation takes off, for a map as wrong as it may be
+    (docs/mathematics.md, section 3.9)."""
+
+    uncompensated: float
+    """(m/s²)², variance of what is not taken off of the map's own, of each component."""
+    uncompensated_length: float
+    """m, its correlation length along the route."""
+    sigma: float | None = None
+    """m/s², of each component in all, where it is told."""
+    length: float | None = None
+    """m, correlation length, where it is told."""
+
+    def given(self, map_sigma: float, map_length: float) -> tuple[float, float]:
+        """Return 1-sigma of each component (m/s²) and correlation length (m) where the map's
+        disturbance is wrong by a 1-sigma (m/s²) over a correlation length (m)."""
+        wrong = 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2
+        total = self.uncompensated + wrong
+        share = self.uncompensated / total
+        length = self.uncompensated_length**share * map_length ** (1.0 - share)
+        return (
+            math.sqrt(total) if self.sigma is None else self.sigma,
+            length if self.length is None else self.length,
+        )
+
+
 @dataclass(frozen=True)
 class KnownGravity:
     """A map to take off, and what is believed to be left."""
 
     compensation: Compensation = field(default_factory=no_compensation)
-    residual_sigma: float = 0.0
-    """m/s², of each component; 0 = nothing is left."""
-    residual_length: float = 10_000.0
-    """m, its correlation length along the track."""
+    residual: Residual | None = None
+    """None = nothing is left."""
+    map_sigma: float = 0.0
+    """m/s², what is taken for the 1-sigma of the map's disturbance."""
+    map_length: float = 4000.0
+    """m, what is taken for its correlation length."""
+
+    @property
+    def residual_sigma(self) -> float:
+        """1-sigma of what is left, m/s², of each component; 0 = nothing."""
+        return 0.0 if self.residual is None else self._left[0]
+
+    @property
+    def residual_length(self) -> float:
+        """Its correlation length along the track, m."""
+        return self.map_length if self.residual is None else self._left[1]
+
+    @property
+    def _left(self) -> tuple[float, float]:
+        assert self.residual is not None
+        return self.residual.given(self.map_sigma, self.map_length)
+
+    def with_map_error(self, sigma: float, length: float) -> "KnownGravity":
+        """Return the same where the map's disturbance is taken to be wrong by a 1-sigma (m/s²)
+        over a correlation length (m)."""
+        return replace(self, map_sigma=sigma, map_length=length)
 
 
 def known_gravity(
@@ -66,20 +116,20 @@ def residual_gravity(
     if map_sigma is None:
         map_sigma = told_map_sigma(scenario, vector.disturbance)
     share = _share(scenario)
-    wrong = 0.5 * map_sigma**2 + RESOLUTION_SIGMA**2
     left, of_map = 0.0, 1.0
     if share < 1.0:
         along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
         left = (1.0 - share) ** 2 * float(np.nanmean(along**2))
         of_map = _correlation_length(trajectory, along)
     sigma, length = settings.residual_sigma, settings.residual_correlation_length
-    if sigma == "auto":
-        sigma = float(np.sqrt(left + wrong))
-    if length == "auto":
-        of_error = scenario.matcher.map_correlation_length
-        weight = left / (left + wrong)
-        length = float(np.exp(weight * np.log(of_map) + (1.0 - weight) * np.log(of_error)))
-    return KnownGravity(residual_sigma=float(sigma), residual_length=float(length))
+    residual = Residual(
+        left,
+        of_map,
+        None if sigma == "auto" else float(sigma),
+        None if length == "auto" else float(length),
+    )
+    of_error = scenario.matcher.map_correlation_length
+    return KnownGravity(residual=residual, map_sigma=map_sigma, map_length=of_error)
 
 
 def _share(scenario: Scenario) -> float:

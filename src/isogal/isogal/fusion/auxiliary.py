@@ -95,6 +95,21 @@ def auxiliary_of(states: Sequence[AuxiliaryState]) -> Auxiliary:
 
 
 @kernel(**INLINE)
+def of_gravity(auxiliary, residual):  # type: ignore[no-untyped-def]
+    """Return the states where those of gravity have a 1-sigma (m/s²) and a correlation length (m):
+    `residual` (2,); zeros = their own."""
+    variance, per_metre = auxiliary.variance.copy(), auxiliary.per_metre.copy()
+    for j in range(len(auxiliary.enters)):
+        if auxiliary.enters[j] == GRAVITY and residual[1] > 0.0:
+            variance[j] = residual[0] * residual[0]
+            per_metre[j] = 1.0 / residual[1]
+    return Auxiliary(
+        auxiliary.enters, auxiliary.axis, auxiliary.source, variance, auxiliary.per_second,
+        per_metre, auxiliary.walk,
+    )  # fmt: skip
+
+
+@kernel(**INLINE)
 def add_input(auxiliary, j, value, force, rate, total):  # type: ignore[no-untyped-def]
     """Add what a value of state j does in an interval to `total` (9,): gravity (NED, m/s²),
     reading of the accelerometers (body, m/s²), of the gyroscopes (body, rad/s).

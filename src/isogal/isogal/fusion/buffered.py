@@ -14,7 +14,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.belief import Belief, InformationUpdate, Update
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import FilterDivergenceError, propagate, update_position, widen
+from isogal.fusion.navigator import FilterDivergenceError, NavigatorRun, propagate
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
@@ -192,9 +192,10 @@ class BufferedNavigator:
             place = np.array([latitude, longitude, state.position[0, 2]])
             if ahead > 0.0 and np.isfinite(place).all():
                 place = dead_reckoned(place, state.velocity[0], ahead)
-            return update_position(state, self.model, 0, place[0], place[1], covariance)
+            run = NavigatorRun(state, self.model, 0)
+            return run.update_position(place[0], place[1], covariance)
 
-        return self._update(time, apply)
+        return self.update(time, apply)
 
     def update_information(
         self, time: float, vector: Array, matrix: Array, relative_to: Estimate | None = None
@@ -214,7 +215,7 @@ class BufferedNavigator:
         if relative_to is not None and (ahead := self._ahead(time)) > 0.0:
             place = dead_reckoned(relative_to.position, relative_to.velocity, ahead)
             relative_to = relative_to._replace(position=place)
-        return self._update(
+        return self.update(
             time, InformationUpdate(np.array(vector), np.array(matrix), relative_to)
         )
 
@@ -223,15 +224,10 @@ class BufferedNavigator:
         navigator was found lost."""
 
         def apply(state: FilterState) -> tuple[Array, float]:
-            widen(state, 0, covariance)
+            NavigatorRun(state, self.model, 0).widen(covariance)
             return np.zeros(2), 0.0
 
-        return self._update(time, apply)
-
-    def update(self, time: float, update: Update) -> UpdateResult:
-        """Apply an update of the state at a stamp within the horizon; a stamp between two IMU
-        samples counts as in `update_position`."""
-        return self._update(time, update)
+        return self.update(time, apply)
 
     def _ahead(self, time: float) -> float:
         """Return by how much (s) the sample that a stamp counts at is later, 0 where that is less
@@ -241,7 +237,9 @@ class BufferedNavigator:
         later = times[index] - time if index < len(times) else 0.0
         return later if later > 0.5 * self.model.dt + 1e-6 else 0.0
 
-    def _update(self, time: float, update: Update) -> UpdateResult:
+    def update(self, time: float, update: Update) -> UpdateResult:
+        """Apply an update of the state at a stamp within the horizon; a stamp between two IMU
+        samples counts as in `update_position`."""
         times = [step.time for step in self._steps]
         late = self.time - time
         if not np.isfinite(time) or time < times[0] - 0.5 * self.model.dt:
@@ -326,6 +324,15 @@ class NavigatorAt:
     """s."""
     relative_to: Estimate | None = None
     """The estimate that information is relative to; None = the navigator's as it is now."""
+
+    def assume_map_error(self, sigma: float, length: float) -> UpdateResult:
+        """See `isogal.fusion.navigator.assume_map_error`."""
+
+        def apply(state: FilterState) -> tuple[Array, float]:
+            NavigatorRun(state, self.navigator.model, 0).assume_map_error(sigma, length)
+            return np.zeros(2), 0.0
+
+        return self.navigator.update(self.time, apply)
 
     def widen(self, covariance: Array) -> UpdateResult:
         """See `BufferedNavigator.widen`."""

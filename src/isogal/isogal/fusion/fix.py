@@ -30,6 +30,12 @@ class Fix(Protocol):
     """What there is to apply."""
 
     @property
+    def map_error(self) -> tuple[float, float] | None:
+        """1-sigma (m/s²) and correlation length (m) of the gravity map's error, fix or no fix;
+        None = nothing is known."""
+        ...
+
+    @property
     def widening(self) -> Array | None:
         """(7, 7) covariance to be added to the navigator's, fix or no fix; None = nothing."""
         ...
@@ -63,6 +69,10 @@ class Fix(Protocol):
 class FixTarget(Protocol[Result_co]):
     """What a fix can be applied to; an update returns what became of it."""
 
+    def assume_map_error(self, sigma: float, length: float) -> object:
+        """Take the gravity map for wrong by a 1-sigma (m/s²) over a correlation length (m)."""
+        ...
+
     def widen(self, covariance: Array) -> object:
         """Add (7, 7) to the covariance of a batch's states."""
         ...
@@ -77,9 +87,12 @@ class FixTarget(Protocol[Result_co]):
 
 
 def apply_fix(fix: Fix, target: FixTarget[Result_co]) -> Result_co | None:
-    """Apply a fix: first what makes the navigator less certain, because the measurements were
-    matched with that as prior; then the information if there is any, else the position. Return
-    what the update returned; None where there was none."""
+    """Apply a fix: first what it says of gravity, which counts from its stamp on, and what makes
+    the navigator less certain, because the measurements were matched with that as prior; then the
+    information if there is any, else the position. Return what the update returned; None where
+    there was none."""
+    if fix.map_error is not None:
+        target.assume_map_error(*fix.map_error)
     if fix.widening is not None:
         target.widen(fix.widening)
     if not fix.published:

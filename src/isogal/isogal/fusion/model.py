@@ -13,7 +13,6 @@ from isogal.fusion.height_states import HeightReading
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
-from isogal.inertial.gravity import Compensation, no_compensation
 from isogal.inertial.strapdown import MEANS, ROTATIONS
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma, noise_density
@@ -49,8 +48,8 @@ class FilterModel:
     """Who filters: `isogal.fusion.ukf` or `isogal.fusion.reference`."""
     auxiliary: tuple[AuxiliaryState, ...] = ()
     """The states beside the fifteen, in their order."""
-    compensation: Compensation = field(default_factory=no_compensation, repr=False, compare=False)
-    """Horizontal gravity that the strapdown takes off."""
+    gravity: KnownGravity = field(default_factory=KnownGravity, repr=False, compare=False)
+    """What is known of horizontal gravity: what the strapdown takes off and what is left."""
     preintegrated: bool = False
     """Whether inertial data are pre-integrated samples rather than means over an interval."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
@@ -65,7 +64,7 @@ class FilterModel:
             merwe_weights(*scaling, self.states),
             scaling,
             auxiliary_of(self.auxiliary),
-            self.compensation,
+            self.gravity.compensation,
             self.height_reading,
             ROTATIONS if self.preintegrated else MEANS,
         )
@@ -121,6 +120,6 @@ class FilterModel:
                 *height_states.states(height),
                 *velocity_states.states(scenario.velocity),
             ),
-            compensation=gravity.compensation,
+            gravity=gravity,
             preintegrated=scenario.samples_per_step > 1,
         )

@@ -59,7 +59,10 @@ def propagate(
     # In one memory layout, whatever came: the filter is compiled anew for each, for ten seconds.
     height = np.array(np.broadcast_to(height, specific_force.shape[:2]), dtype=float, order="C")
     force, rate = np.ascontiguousarray(specific_force), np.ascontiguousarray(angular_rate)
-    done = advance(state.nominal, state.covariance, force, rate, height, model.assumptions)
+    samples = force, rate, height
+    done = advance(
+        state.nominal, state.covariance, state.residual_gravity, *samples, model.assumptions
+    )
     steps = specific_force.shape[1]
     failed = [run for run, reached in enumerate(done.tolist()) if reached < steps]
     if failed:
@@ -232,6 +235,24 @@ def widen(state: FilterState, run: int, covariance: Array) -> None:
     state.covariance[run][np.ix_(BATCH, BATCH)] += covariance
 
 
+def assume_map_error(
+    state: FilterState, model: FilterModel, run: int, sigma: float, length: float
+) -> None:
+    """Let one run take the gravity map for wrong by a 1-sigma (m/s²) over a correlation length
+    (m), in place: so much of horizontal gravity is not taken off.
+
+    Raises
+    ------
+    ValueError
+        One of them is not positive and finite; the state is as it was.
+    """
+    if not (0.0 < sigma < math.inf and 0.0 < length < math.inf):
+        raise ValueError("map error is not positive and finite")
+    known = model.gravity.with_map_error(sigma, length)
+    if known.residual is not None:
+        state.residual_gravity[run] = known.residual_sigma, known.residual_length
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigatorRun:
     """One of the runs of a state (a `isogal.fusion.fix.FixTarget`)."""
@@ -239,6 +260,10 @@ class NavigatorRun:
     state: FilterState
     model: FilterModel
     run: int
+
+    def assume_map_error(self, sigma: float, length: float) -> None:
+        """See `assume_map_error`."""
+        assume_map_error(self.state, self.model, self.run, sigma, length)
 
     def widen(self, covariance: Array) -> None:
         """See `widen`."""

@@ -12,7 +12,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.fusion.auxiliary import Auxiliary, add_input
+from isogal.fusion.auxiliary import Auxiliary, add_input, of_gravity
 from isogal.fusion.nominal import Nominal, move, of_run
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
@@ -24,6 +24,7 @@ from isogal.inertial.strapdown import step
 def advance(
     nominal: Nominal,
     covariance: Array,
+    residual_gravity: Array,
     force: Array,
     rate: Array,
     height: Array,
@@ -32,8 +33,10 @@ def advance(
     """Run prediction and the known-height update over S intervals for R runs, in place; return
     (R,) steps done before a failure, as `ukf.advance` does."""
     done = np.full(len(covariance), force.shape[1])
+    every = assumptions
     for run, P in enumerate(covariance):
         state = of_run(nominal, run)
+        assumptions = every._replace(auxiliary=of_gravity(every.auxiliary, residual_gravity[run]))
         unscented = _unscented(P, assumptions)
         for k, known in enumerate(height[run]):
             try:

@@ -36,6 +36,9 @@ class FilterState:
     contradicted: Array
     """(R,) 1 = fixes have contradicted the navigator, whose velocity aid is no longer used; 0 =
     they have not."""
+    residual_gravity: Array
+    """(R, 2) 1-sigma (m/s²) and correlation length (m) of the horizontal gravity that no
+    compensation takes off, since the map's error has been learnt; 0 = as the model has it."""
 
     def __len__(self) -> int:
         return self.position.shape[0]
@@ -55,6 +58,7 @@ class FilterState:
             np.zeros((runs, len(auxiliary))),
             covariance,
             np.zeros(runs),
+            np.zeros((runs, 2)),
         )
 
     def copy(self) -> "FilterState":
@@ -81,7 +85,7 @@ class FilterState:
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""
-        return (*self.nominal, self.covariance, self.contradicted)
+        return (*self.nominal, self.covariance, self.contradicted, self.residual_gravity)
 
     def nominal_of(self, run: int) -> Nominal:
         """Return the mean of one run; it shares the arrays."""

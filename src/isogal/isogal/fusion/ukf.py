@@ -14,7 +14,14 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
-from isogal.fusion.auxiliary import Auxiliary, add_input, age, spread_input, tail_points
+from isogal.fusion.auxiliary import (
+    Auxiliary,
+    add_input,
+    age,
+    of_gravity,
+    spread_input,
+    tail_points,
+)
 from isogal.fusion.height_states import HeightReading
 from isogal.fusion.nominal import move, of_run
 from isogal.fusion.sigma_points import (
@@ -142,15 +149,18 @@ def update_position(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def advance(nominal, covariance, force, rate, height, assumptions):  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+    nominal, covariance, residual_gravity, force, rate, height, assumptions
+):
     """Run prediction and the known-height update over S intervals for R runs, in place; return
     (R,) steps done before a failure.
 
     `force`, `rate` (R, S, 3) are the means over each interval in body axes, `height` (R, S) m the
-    known or measured height after each, NaN where there is none. A run whose covariance is no
+    known or measured height after each, NaN where there is none, `residual_gravity` (R, 2) as
+    `FilterState` has it. A run whose covariance is no
     longer positive definite stops at that step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights, _, auxiliary, compensation, reading, coning = assumptions
+    dt, noise, height_sigma, weights, _, every, compensation, reading, coning = assumptions
     n = covariance.shape[1]
     width = columns(n)
     done = np.empty(runs, np.int64)
@@ -165,7 +175,7 @@ def advance(nominal, covariance, force, rate, height, assumptions):  # type: ign
     gain = np.zeros(width)
     total = np.zeros(9)
     for r in range(runs):
-        state = of_run(nominal, r)
+        state, auxiliary = of_run(nominal, r), of_gravity(every, residual_gravity[r])
         x, v, q = state.position, state.velocity, state.attitude
         for i in range(n):
             for j in range(n):

@@ -88,6 +88,8 @@ _FIELD = (
     1.0e-2,
     1.0e-7,
 )  # m/s²: anomalies on land and sea stay within 1000 mGal; 0.01 mGal is below any noise
+GRAVITY = ("gravity", "disturbance")
+"""Quantities whose errors are those of gravity itself."""
 QUANTITIES: dict[str, Quantity] = {
     "gravity": Quantity(
         "m/s²",

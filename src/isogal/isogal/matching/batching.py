@@ -126,7 +126,8 @@ class BatchBuilder:
     @property
     def collected(self) -> Collected:
         """What has been collected; scans are shared."""
-        return Collected(tuple(self._scans), self._count, self._unused, self._bridge)
+        scans = tuple(self._scans)
+        return Collected(scans, self._count, self._unused, self._bridge, self.gravity)
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
@@ -134,6 +135,7 @@ class BatchBuilder:
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
         self._bridge = collected.bridge
+        self.gravity = collected.gravity or self.gravity
 
     def begin(self, earlier: int) -> None:
         """Note, before the first scan, how many there have been before: batches then end where

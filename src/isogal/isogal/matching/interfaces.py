@@ -248,6 +248,9 @@ class Fix:
     or no fix."""
     widened: Array | None = None
     """(7, 7) what the navigator's covariance must grow by beside that; None = nothing."""
+    map_error: tuple[float, float] | None = None
+    """1-sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have shown
+    them; None = they have not, or the map is not one of gravity."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last
     scan."""
@@ -291,6 +294,7 @@ class Fix:
             longitude=float(positions[index, 1]),
             covariance=covariances[index],
             information=None if self.scan_information is None else self.scan_information[index],
+            map_error=self.map_error if index == len(positions) - 1 else None,
         )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity, residual_gravity
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.interfaces import Batch, Beside, Fix, Matcher
 from isogal.matching.registry import contexts_of
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
@@ -32,10 +32,19 @@ class JointBatches:
         Of each field.
     lead : int
         See `isogal.matching.several.Rhythm`.
+    gravity : KnownGravity, optional
+        What the navigator knows of horizontal gravity; default: that it is normal gravity's.
     """
 
-    def __init__(self, builders: Sequence[BatchBuilder], lead: int = 0) -> None:
+    def __init__(
+        self,
+        builders: Sequence[BatchBuilder],
+        lead: int = 0,
+        gravity: KnownGravity | None = None,
+    ) -> None:
         self.builders, self._lead = tuple(builders), lead
+        self._gravity = gravity or KnownGravity()
+        self._assume(self._gravity)
 
     @classmethod
     def of(
@@ -61,9 +70,7 @@ class JointBatches:
             BatchBuilder.of(one, contexts[field], rhythm.marks(field, one))
             for field, one in enumerate(each)
         ]
-        for builder in builders:
-            builder.gravity = ResidualGravity.of(gravity)
-        return cls(builders, rhythm.lead)
+        return cls(builders, rhythm.lead, gravity)
 
     @property
     def ready(self) -> bool:
@@ -85,8 +92,18 @@ class JointBatches:
         for builder in self.builders:
             builder.bridge(begin, before, end, after)
 
+    def learn(self, fix: Fix) -> None:
+        """Note what the fix of a batch says of the gravity map's error."""
+        if fix.map_error is not None:
+            self._assume(self._gravity.with_map_error(*fix.map_error))
+
+    def _assume(self, gravity: KnownGravity) -> None:
+        for builder in self.builders:
+            builder.gravity = ResidualGravity.of(gravity)
+
     def restore(self, collected: Sequence[Collected]) -> None:
         """Go on from what was collected earlier."""
+        self._assume(self._gravity)
         for builder, one in zip(self.builders, collected, strict=True):
             builder.restore(one)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.transitions import Bridge
 
 
@@ -33,6 +34,8 @@ class Collected:
     count: int
     unused: int
     bridge: Bridge | None = None
+    gravity: ResidualGravity | None = None
+    """None = what the builder assumes anyway."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

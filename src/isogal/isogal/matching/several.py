@@ -96,12 +96,11 @@ class JointMatcher:
         self, batch: Batch, field_map: AnyMap, memory: JointMemory | None
     ) -> tuple[Fix, JointMemory]:
         """Match one batch; see `interfaces.Matcher`."""
-        memory = memory or JointMemory((None,) * len(self.matchers))
-        step = _Step(self, batch, memory)
+        step = _Step(self, batch, memory or JointMemory((None,) * len(self.matchers)))
         step.take_first(field_map)
         for beside in batch.beside:
             step.take(beside)
-        return step.fix(), step.remembered()
+        return replace(step.fix(), map_error=step.map_error), step.remembered()
 
     # What monitors ask (`monitoring.Monitored`): of the first field, but what the readings say of
     # all of them.
@@ -173,6 +172,7 @@ class _Step:
         """By field: the mean error (n,) by all fixes up to its own."""
         self._mean, self._covariance = np.zeros(size), self._prior
         self._fixes: dict[int, Fix] = {}
+        self.map_error: tuple[float, float] | None = None
 
     def take_first(self, field_map: AnyMap) -> None:
         """Match the batch of the first field."""
@@ -210,6 +210,7 @@ class _Step:
     def _note(self, index: int, fix: Fix, before: Any, after: Any) -> None:
         """Take what a matcher has said, as the navigator will."""
         self._fixes[index], self._memories[index] = fix, after
+        self.map_error = self.map_error or fix.map_error
         if isinstance(self._joint.matchers[index], Sharing) and after is not before:
             self._hypotheses = after.hypotheses
         if fix.widening is not None:
@@ -249,11 +250,10 @@ class _Step:
         return JointMemory(tuple(self._memories), self._hypotheses)
 
     def fix(self) -> Fix:
-        """Return what all of them say."""
+        """Return what all of them say, but for the map's error."""
         published = [index for index, one in self._fixes.items() if one.published]
         reset = any(one.reset for one in self._fixes.values())
-        figures = self._figures()
-        first = self._fixes[self._joint.lead]
+        figures, first = self._figures(), self._fixes[self._joint.lead]
         if len(self._fixes) == 1:
             return first
         if not published:

@@ -210,6 +210,7 @@ class _ClosedLoop:
         near = self._near(self.lead, task)
         fix, self.memories[run] = self.matcher.match(task, near, self.memories[run])
         self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
+        self.batches[run].learn(fix)
         return fix
 
     def _near(self, field: int, batch: Batch) -> Any:

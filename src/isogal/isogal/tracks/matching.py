@@ -257,6 +257,9 @@ class _TrackError:
     covariance: Array
     """(4, 4)."""
 
+    def assume_map_error(self, sigma: float, length: float) -> None:
+        """Nothing of a recorded track's error follows from the map's."""
+
     def widen(self, covariance: Array) -> None:
         self.covariance = self.covariance + covariance[:4, :4]
 

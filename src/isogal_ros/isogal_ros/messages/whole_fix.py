@@ -2,7 +2,9 @@
 
 Fields, all float64: `published` (1, or 0 where the batch gives no fix); `lost` (1 where the
 matcher found the navigator lost); where the navigator believes itself better than it is,
-`widening` (7 x 7), which its covariance is to grow by before anything else; `latitude`,
+`widening` (7 x 7), which its covariance is to grow by before anything else; where readings have
+shown how wrong a map of gravity is, `map_error` (1-sigma, m/s², and correlation length, m):
+horizontal gravity by that map is as wrong; `latitude`,
 `longitude` (deg) and `covariance` (2 x 2, north, east, m²) of the fix; where there is information
 in `vector` (n) and `matrix` (n x n), n = 4 or 7, and the navigator's estimate that they are
 relative to: `from_position` (latitude deg, longitude deg, height m), `from_velocity` (north, east,
@@ -45,6 +47,8 @@ def fill_whole_fix(message: Any, ns: int, whole: WholeFix) -> None:
     }
     if fix.widened is not None:
         values["widening"] = fix.widened.ravel()
+    if fix.map_error is not None:
+        values["map_error"] = np.array(fix.map_error)
     if fix.information is not None:
         values |= {
             "vector": fix.information.vector,
@@ -94,6 +98,7 @@ def read_whole_fix(message: Any) -> WholeFix:
         information=information,
         reset=lost,
         widened=_widening(values),
+        map_error=_map_error(values),
     )
     return WholeFix(fix, _estimate(values) if "from_position" in values else None)
 
@@ -124,6 +129,16 @@ def _information(values: Mapping[str, Array]) -> Information | None:
         raise BadMessageError(f"field vector must have 4 or 7 numbers, has {size}")
     matrix = _numbers(values, "matrix", size * size).reshape(size, size)
     return Information(_numbers(values, "vector", size), matrix)
+
+
+def _map_error(values: Mapping[str, Array]) -> tuple[float, float] | None:
+    """Return the field map_error, if there is one."""
+    if "map_error" not in values:
+        return None
+    sigma, length = _numbers(values, "map_error", 2).tolist()
+    if not (sigma > 0.0 and length > 0.0):
+        raise BadMessageError("field map_error must be positive")
+    return sigma, length
 
 
 def _widening(values: Mapping[str, Array]) -> Array | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
 from isogal.matching.information import likelihood_information, measurement_only, shares
@@ -29,6 +30,23 @@ from isogal.matching.pmht.state import State
 
 def publish(state: State) -> tuple[Fix, Memory]:
     """Return the fix that the verdict allows, or why there is none, and the memory after it."""
+    fix, memory = _published(state)
+    error = _gravity_error(state, memory)
+    return (fix if error is None else replace(fix, map_error=error)), memory
+
+
+def _gravity_error(state: State, memory: Memory) -> tuple[float, float] | None:
+    """Return sigma (m/s²) and correlation length (m) of the map's error, where readings have shown
+    them and it is a map of gravity."""
+    learnt = memory.map_error
+    if learnt is None or not learnt.batches or state.field_map.quantity not in GRAVITY:
+        return None
+    noise = learnt.model(state.settings.noise)
+    return noise.map_sigma, noise.correlation_length
+
+
+def _published(state: State) -> tuple[Fix, Memory]:
+    """Return fix and memory of `publish`, the fix without what it says of gravity."""
     verdict = state.verdict
     assert verdict is not None
     if state.posterior is None:
