@@ -15,9 +15,11 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
 from isogal.matching.channels import channel_batch, first_channel
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.pmht.prepare import prepare
 from isogal.scenario import Matcher
 
 EOTVOS = 1e-9
@@ -221,3 +223,25 @@ def test_a_channel_that_says_its_error_is_taken_at_its_word():
     larger = NoiseModel(8.0 * EOTVOS, 4000.0)
     expected = BatchLikelihood.of(batch, TENSOR, larger).covariance
     np.testing.assert_allclose(BatchLikelihood.of(batch, told, larger).covariance, expected)
+
+
+def test_noise_worse_than_told_does_not_send_the_navigator_away():
+    """Many noisy readings fit somewhere else by chance."""
+    matcher = Pmht.from_settings(Matcher(map_sigma=1e-9))
+    for seed in range(4):
+        batch, *_ = tensor_batch(seed=seed, covariance=COVARIANCE, prior_sigma=(50.0, 0.02))
+        noise = batch.reading - tensor_batch(seed=seed, covariance=1e-12 * COVARIANCE)[0].reading
+        noisy = replace(batch, reading=batch.reading + 2.0 * noise)
+        fix, _ = matcher.match(noisy, TENSOR, None)
+        assert not fix.reset, fix.reason
+
+
+def test_an_older_scan_is_not_asked_where_the_place_is_searched_for():
+    """But the last ones, which tell the map's error."""
+    batch, *_ = tensor_batch(prior_sigma=(5000.0, 0.02))
+    batch = replace(batch, new=5 * C)
+    settings = Pmht.from_settings(Matcher(map_sigma=1e-9)).settings
+    rows = len(prepare(batch, TENSOR, None, settings).batch)
+    assert rows == (5 + CONSTANTS.conditioning_readings) * C < len(batch)
+    known = replace(batch, prior=1e-3 * batch.prior)
+    assert len(prepare(known, TENSOR, None, settings).batch) == len(batch)

@@ -1,12 +1,16 @@
 """The search over tens of kilometres: the true place is among the tiles, evidence and moments are
 right, nothing off the map."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
+from isogal.matching.pmht import acquisition
 from isogal.matching.pmht.acquisition import acquire
+from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.importance_sampling import Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
@@ -22,7 +26,7 @@ OFFSET = np.array([500.0, -500.0, 0.0, 0.0])
 def test_the_true_place_is_among_the_tiles(rough_map, error):
     batch, _ = make_batch(rough_map, error, scans=60, prior_sigma=(10e3, 0.1))
     found = acquire(BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 64)
-    tiles, _, misfit = found
+    tiles, _, misfit, _ = found
     assert 0.0 < misfit < 2.0 * 60
     assert 1 <= len(tiles) <= 64
     assert tiles.weight.sum() == pytest.approx(1.0)
@@ -38,7 +42,7 @@ def test_the_true_place_is_among_the_tiles(rough_map, error):
 def test_around_another_mean(rough_map):
     error = np.array([8000.0, -6000.0, 0.0, 0.0])
     batch, _ = make_batch(rough_map, error, scans=60, prior_sigma=(3e3, 0.1))
-    tiles, _, _ = acquire(
+    tiles, *_ = acquire(
         BatchLikelihood.of(batch, rough_map, NOISE), error + OFFSET, batch.prior, 16
     )
     assert np.linalg.norm(tiles.mean[0, :2] - error[:2]) < 300.0
@@ -51,7 +55,7 @@ def test_evidence_is_the_samplers(rough_map, sigma, error):
     cells are widened, never too high."""
     batch, _ = make_batch(rough_map, error, prior_sigma=(800.0, 0.01), sigma=sigma)
     likelihood = BatchLikelihood.of(batch, rough_map, NOISE)
-    _, evidence, _ = acquire(likelihood, np.zeros(4), batch.prior, 64)
+    _, evidence, *_ = acquire(likelihood, np.zeros(4), batch.prior, 64)
     posterior, _ = sample(
         likelihood, Mixture.gaussian(np.zeros(4), batch.prior), Sampling(samples=8192)
     )
@@ -66,7 +70,7 @@ def test_a_ridge_on_a_plane_is_tiled():
     slope = 5e-8
     plane = field_map_of(lambda north, east: slope * north + 0.0 * east, half=60e3, step=2000.0)
     batch, _ = make_batch(plane, (1000.0, 0.0, 0.0, 0.0), prior_sigma=(3000.0, 1e-4), sigma=1e-4)
-    tiles, evidence, _ = acquire(
+    tiles, evidence, *_ = acquire(
         BatchLikelihood.of(batch, plane, NOISE), np.zeros(4), batch.prior, 400
     )
     mean, covariance = tiles.moments()
@@ -91,8 +95,19 @@ def test_nothing_off_the_map(rough_map):
 
 def test_partly_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, start=(30e3, 0.0), prior_sigma=(8000.0, 0.1))
-    tiles, _, _ = acquire(
-        BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 16
-    )
+    tiles, *_ = acquire(BatchLikelihood.of(batch, rough_map, NOISE), np.zeros(4), batch.prior, 16)
     assert np.isfinite(tiles.mean).all()
     assert np.linalg.norm(tiles.mean[:, :2], axis=1).min() < 300.0
+
+
+def test_too_many_cells_that_may_be_right_are_not_divided(rough_map, monkeypatch):
+    """Readings that say little leave most cells possible: to go on with some of them would be to
+    know more than they say."""
+    batch, _ = make_batch(rough_map, scans=8, prior_sigma=(8000.0, 0.1), sigma=3e-4)
+    likelihood = BatchLikelihood.of(batch, rough_map, NOISE)
+    divided, *_ = acquire(likelihood, np.zeros(4), batch.prior, 4096)
+    few = replace(CONSTANTS, coarse_cells=1500, fine_cells=9 * 30, fine_enough_sigma=0.01)
+    monkeypatch.setattr(acquisition, "CONSTANTS", few)
+    coarse, *_ = acquire(likelihood, np.zeros(4), batch.prior, 4096)
+    of_all, of_few = (np.sqrt(np.diag(one.moments()[1])[:2]) for one in (divided, coarse))
+    np.testing.assert_allclose(of_few, of_all, rtol=0.05)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import multivariate_normal
 
 from helpers.navigators import random_covariance
-from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.gaussian_mixture import Mixture, overlapping
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 
@@ -108,3 +109,40 @@ def test_pruning_keeps_weights_a_distribution(seed):
     pruned = mixture(6, seed % 10**6).pruned(1e-3, 4)
     assert pruned.weight.sum() == pytest.approx(1.0)
     assert (np.diff(pruned.weight) <= 0.0).all()
+
+
+def test_pruning_is_that_of_numpy():
+    """Each is joined to the heaviest one within whose 1-sigma it lies, one after the other."""
+    it = mixture(60, seed=4)
+    order = np.argsort(-it.weight, kind="stable")
+    parts = []
+    while order.size and len(parts) < 12:
+        apart = it.mean[order, :2] - it.mean[order[0], :2]
+        inverse = np.linalg.inv(it.covariance[order[0], :2, :2])
+        near = np.einsum("ki,ij,kj->k", apart, inverse, apart) < 1.0
+        same, order = order[near], order[~near]
+        part = it.part(same)
+        weight = part.weight.sum()
+        moments = Mixture(part.weight / weight, part.mean, part.covariance).moments()
+        parts.append((weight, *moments))
+    parts.sort(key=lambda part: -part[0])
+    weight, mean, covariance = (np.array(one) for one in zip(*parts, strict=True))
+    assert len(it) - len(order) > len(parts)  # some are joined
+    pruned = it.pruned(0.0, 12)
+    np.testing.assert_allclose(pruned.weight, weight / weight.sum(), rtol=1e-12)
+    np.testing.assert_allclose(pruned.mean, mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(pruned.covariance, covariance, rtol=1e-9, atol=1e-9)
+
+
+def test_groups_are_those_of_a_graph():
+    """Connected components of the graph of all pairs that overlap."""
+    it, limit = mixture(60, seed=5), 4.0
+    apart = it.mean[:, None, :2] - it.mean[:, :2]
+    along = apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
+    both = it.covariance[:, None, :2, :2] + it.covariance[:, :2, :2]
+    sigma = np.sqrt(np.einsum("kli,klij,klj->kl", along, both, along))
+    linked = np.sqrt(2.0) * np.linalg.norm(apart, axis=2) <= limit * sigma
+    _, expected = connected_components(linked | np.eye(60, dtype=bool))
+    group = overlapping(it.mean, it.covariance, limit)
+    assert 1 < group.max() + 1 < 60
+    np.testing.assert_array_equal(group, expected)

@@ -1,10 +1,13 @@
 """Several hypotheses and one batch: weights go by evidence, dead ones are dropped, equal ones
 joined."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
+from isogal.matching.pmht import hypotheses
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.hypotheses import update
@@ -228,3 +231,28 @@ def test_a_light_place_far_away_survives_the_search():
     ratio = np.exp(-0.5 * (8800.0**2 - 3200.0**2) / prior[0, 0])
     assert np.linalg.norm(mixture.mean[0, :2] - error[:2]) < 100.0
     assert mixture.weight[there].sum() == pytest.approx(ratio / (1.0 + ratio), rel=0.4)
+
+
+def test_what_is_too_much_for_one_update_is_left_to_the_next(rough_map, monkeypatch):
+    """A right place of little weight is not reached at first, but is not lost either."""
+    likelihood, prior = likelihood_of(rough_map)
+    wrong = [[4000.0 * k, 4000.0, 0.0, 0.0] for k in range(-3, 4)]
+    many = places(prior, [*wrong, ERROR], [*[0.141] * 7, 0.013])
+    asked = []
+
+    def counted(likelihood, *values):
+        asked.append(values)
+        return update_one(likelihood, *values)
+
+    update_one = hypotheses._update_one
+    monkeypatch.setattr(hypotheses, "_update_one", counted)
+    every = update(likelihood, many, SAMPLING, 16)
+    assert len(asked) > 4
+    asked.clear()
+    monkeypatch.setattr(hypotheses, "CONSTANTS", replace(CONSTANTS, update_look_ups=1))
+    some = update(likelihood, many, SAMPLING, 16)
+    assert len(asked) == 1
+    assert np.linalg.norm(some.mixture.mean[0, :2] - ERROR[:2]) < 200.0
+    assert some.log_evidence == pytest.approx(every.log_evidence, abs=1.5)
+    # as vague as the few points that were asked
+    assert some.mixture.covariance[0, 0, 0] > 4.0 * every.mixture.covariance[0, 0, 0]

@@ -20,9 +20,9 @@ from isogal.matching.pmht.likelihood import BatchLikelihood
 
 def acquire(
     likelihood: BatchLikelihood, mean: Array, covariance: Array, most: int
-) -> tuple[Mixture, float, float] | None:
-    """Return the posterior as a mixture of tiles, the log evidence and the best cell's misfit, or
-    None where no cell lies on the map.
+) -> tuple[Mixture, float, float, int] | None:
+    """Return the posterior as a mixture of tiles, the log evidence, the best cell's misfit and how
+    many cells were asked, or None where no cell lies on the map.
 
     Parameters
     ----------
@@ -32,7 +32,9 @@ def acquire(
     most : int
         Tiles at most, the heaviest.
     """
-    cells, size = _coarse_cells(covariance)
+    share = min(1.0, CONSTANTS.search_batch_readings / len(likelihood.rows))
+    cells, size = _coarse_cells(covariance, share)
+    finer = int(share * CONSTANTS.fine_cells) // 9
     # velocity is not searched: it goes with position as the prior has it; what is left of it bends
     # the track and offsets the reduction
     follow = np.asarray(
@@ -50,7 +52,9 @@ def acquire(
         1.001 * CONSTANTS.finest_cell_m,
         math.sqrt(12.0) * CONSTANTS.fine_enough_sigma * sigma / max(slope, 1e-300),
     )
+    asked = 0
     while True:
+        asked += len(cells)
         place = cells * size
         blurred = likelihood.blurred(slope * math.hypot(size / math.sqrt(12.0), bend), rest)
         fitting = blurred.log(mean + _with_velocity(place, follow))
@@ -59,12 +63,12 @@ def acquire(
         if not math.isfinite(top):
             return None
         keep = value > top - CONSTANTS.search_depth_log
-        if size <= finest:
+        heaviest = np.argsort(-value[keep], kind="stable")
+        given_up = np.exp(value[keep][heaviest[finer:]] - top).sum()
+        # the navigator may be in a cell that there are too many of to divide
+        if size <= finest or given_up > CONSTANTS.given_up_share * np.exp(value[keep] - top).sum():
             break
-        kept = cells[keep][np.argsort(-value[keep], kind="stable")[: CONSTANTS.fine_cells // 9]]
-        fan = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
-        cells = (3 * kept[:, None] + fan).reshape(-1, 2)
-        size /= 3.0
+        cells, size = _divided(cells[keep][heaviest[:finer]]), size / 3.0
     weight = np.exp(value[keep] - top)
     normaliser = math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance[:2, :2])[1])
     evidence = top + math.log(float(weight.sum())) + 2.0 * math.log(size) - normaliser
@@ -72,16 +76,23 @@ def acquire(
     # compared by
     evidence += blurred.log_normaliser - likelihood.log_normaliser
     misfit = -2.0 * float(fitting[int(np.argmax(value))])
-    return _tiles(cells[keep], weight, size, mean, covariance, follow, most), evidence, misfit
+    tiles = _tiles(cells[keep], weight, size, mean, covariance, follow, most)
+    return tiles, evidence, misfit, asked
 
 
-def _coarse_cells(covariance: Array) -> tuple[Array, float]:
+def _divided(cells: Array) -> Array:
+    """Return the nine cells (9 K, 2) of the next finer grid in each of some cells (K, 2)."""
+    fan = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.asarray((3 * cells[:, None] + fan).reshape(-1, 2))
+
+
+def _coarse_cells(covariance: Array, share: float) -> tuple[Array, float]:
     """Return the row and column (K, 2) of the cells of the coarsest grid, counted from its middle,
-    and their size, m: the finest size times a power of three."""
+    and their size, m: the finest size times a power of three. Of the cells that there may be they
+    are a share."""
     reach = CONSTANTS.search_reach_sigma * np.sqrt(np.diag(covariance)[:2])
-    size = max(
-        CONSTANTS.finest_cell_m, math.sqrt(4.0 * reach[0] * reach[1] / CONSTANTS.coarse_cells)
-    )
+    most = share * CONSTANTS.coarse_cells
+    size = max(CONSTANTS.finest_cell_m, math.sqrt(4.0 * reach[0] * reach[1] / most))
     size = CONSTANTS.finest_cell_m * 3.0 ** math.ceil(
         math.log(size / CONSTANTS.finest_cell_m, 3.0) - 1e-9
     )

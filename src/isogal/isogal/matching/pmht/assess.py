@@ -52,7 +52,7 @@ def _assess_disagreement(state: State) -> State:
     before = state.memory.disagreements if state.memory else 0
     if before < CONSTANTS.disagreements_tolerated and misfit > options.largest_misfit:
         return declined
-    here, there, biased = _explanations(state, min(misfit, CONSTANTS.explained_variance_factor))
+    here, there, biased = _explanations(state, _explaining(state, misfit))
     far = CONSTANTS.elsewhere_log_evidence
     bias = unknown_bias(batch, state.field_map, state.settings)
     if biased > max(here + far, there + CONSTANTS.bias_log_evidence):
@@ -62,6 +62,19 @@ def _assess_disagreement(state: State) -> State:
         either = state.bias is not None or biased > max(here, there - far)
         return state.decided(Verdict(reason, lost=True, bias=bias if either else None))
     return declined if misfit > options.largest_misfit else _with_larger_noise(state, reason)
+
+
+def _explaining(state: State, misfit: float) -> float:
+    """Return the variance factor of the noise that explanations are judged with: of several
+    channels as much as explains all readings where the navigator believes to be.
+
+    One batch has many readings of them, and a place elsewhere, the best of all, takes up by chance
+    some of what noise worse than told leaves: with less the navigator would be sent away.
+    """
+    if state.batch.channel is None:
+        return min(misfit, CONSTANTS.explained_variance_factor)
+    every = rematch(state, outlier=np.zeros_like(state.outlier))
+    return misfit if every.posterior is None else max(every.agreement().ratio, misfit)
 
 
 def _explanations(state: State, inflation: float) -> tuple[float, float, float]:

@@ -45,6 +45,13 @@ class Constants:
     """Hypotheses sampled one by one; of more, those that a few points find most likely."""
     screening_samples: int = 32
     """Points of each hypothesis in that screening."""
+    update_look_ups: int = 8_000_000
+    """Readings looked up in the map for one update, from which on no further hypothesis is
+    sampled: a tenth of a second. Of a batch with many readings, for each of which there is more to
+    compute, fewer (`search_batch_readings`)."""
+    readings_squared_of_point: int = 50
+    """The new readings' number squared over this is how many points take as long as what else
+    there is to compute for a round of them. Measured."""
     screening_slack_log_evidence: float = 5.0
     """What screening may be wrong by when it calls a hypothesis negligible. Measured."""
     mode_separation: float = 4.0
@@ -63,9 +70,13 @@ class Constants:
     search_reach_sigma: float = 3.0
     """Half-width of the search in prior 1-sigmas."""
     coarse_cells: int = 40_000
-    """Cells of the first grid at most: bounds the time of a search."""
+    """Cells of the first grid at most: bounds the time of a search. Of a batch with many readings
+    fewer (`search_batch_readings`)."""
     fine_cells: int = 60_000
     """Cells of each finer grid at most."""
+    given_up_share: float = 1e-3
+    """Probability of the cells beyond those at most from which on none is divided: the search
+    stays coarse, and with it what is known of the place."""
     finest_cell_m: float = 100.0
     """Smallest cells: sampling takes over."""
     fine_enough_sigma: float = 0.5
@@ -73,6 +84,10 @@ class Constants:
     divided any more."""
     tile_cells: int = 3
     """Cells to a tile, each way."""
+    search_batch_readings: int = 60
+    """Of a batch with more, as of several channels, the older scans are left out of the search but
+    for `conditioning_readings`, and grids and screening have fewer cells and points in proportion:
+    what a search takes grows with the product."""
     search_depth_log: float = 25.0
     """Cells whose log posterior lies this far below the best are given up: e⁻²⁵ = 1e-11."""
 
@@ -235,7 +250,8 @@ class Constants:
     """New readings that a search matches at once; of shorter batches several together. Measured:
     fewer leave more places open, each of which takes time."""
     past_batches_at_once: int = 4
-    """Matched along with a new one: the search is wide, and the new fix must not wait for long."""
+    """Matched along with a new one, of one channel: the search is wide, and the new fix must not
+    wait for long."""
     search_context_readings: int = 10
     """Older readings that the search sees of a batch: they tell most about the map error."""
     search_readings_at_most: int = 1080

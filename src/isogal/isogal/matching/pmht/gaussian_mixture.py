@@ -99,27 +99,11 @@ class Mixture:
             return Mixture(np.ones(1), self.mean, self.covariance)
         order = np.argsort(-self.weight, kind="stable")
         order = order[self.weight[order] > negligible]
-        weights: list[float] = []
-        means: list[Array] = []
-        covariances: list[Array] = []
-        while order.size and len(weights) < most:
-            apart = self.mean[order, :2] - self.mean[order[0], :2]
-            inverse = np.linalg.inv(self.covariance[order[0], :2, :2])
-            near = np.einsum("ki,ij,kj->k", apart, inverse, apart) < 1.0
-            near[0] = True
-            same, order = order[near], order[~near]
-            part = Mixture(
-                self.weight[same] / self.weight[same].sum(), self.mean[same], self.covariance[same]
-            )
-            mean, covariance = part.moments()
-            weights.append(float(self.weight[same].sum()))
-            means.append(mean)
-            covariances.append(covariance)
-        total = np.array(weights)
-        rank = np.argsort(-total, kind="stable")
-        return Mixture(
-            total[rank] / total.sum(), np.array(means)[rank], np.array(covariances)[rank]
+        weight, mean, covariance = _joined(
+            self.weight[order], self.mean[order], self.covariance[order], most
         )
+        rank = np.argsort(-weight, kind="stable")
+        return Mixture(weight[rank] / weight.sum(), mean[rank], covariance[rank])
 
     def agrees(self, other: "Mixture") -> bool:
         """Whether another mixture's mean position is within half a 1-sigma of this one's."""
@@ -133,6 +117,81 @@ class Mixture:
     def widened(self, scale: float) -> "Mixture":
         """Return the mixture with all covariances times a factor."""
         return Mixture(self.weight, self.mean, self.covariance * scale)
+
+
+@kernel
+def _joined(weight, mean, covariance, most):  # type: ignore[no-untyped-def]
+    """Return weights, means and covariances of Gaussians, heaviest first, that are joined to the
+    heaviest one within one 1-sigma of which their means lie; so many of these at most."""
+    count, n = mean.shape
+    leader = np.full(count, -1)
+    found = 0
+    for k in range(count):
+        if leader[k] >= 0 or found == most:
+            continue
+        a, b, c = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
+        limit = a * c - b * b
+        for other in range(k, count):
+            north, east = mean[other, 0] - mean[k, 0], mean[other, 1] - mean[k, 1]
+            square = c * north * north - 2.0 * b * north * east + a * east * east
+            if leader[other] < 0 and (other == k or square < limit):
+                leader[other] = found
+        found += 1
+    total, middle, spread = np.zeros(found), np.zeros((found, n)), np.zeros((found, n, n))
+    for k in range(count):
+        if leader[k] >= 0:
+            total[leader[k]] += weight[k]
+    for k in range(count):
+        if leader[k] >= 0:
+            for i in range(n):
+                middle[leader[k], i] += weight[k] / total[leader[k]] * mean[k, i]
+    for k in range(count):
+        if leader[k] >= 0:
+            share, centre = weight[k] / total[leader[k]], middle[leader[k]]
+            for i in range(n):
+                for j in range(n):
+                    apart = (mean[k, i] - centre[i]) * (mean[k, j] - centre[j])
+                    spread[leader[k], i, j] += share * (covariance[k, i, j] + apart)
+    return total, middle, spread
+
+
+@kernel
+def overlapping(mean, covariance, separation):  # type: ignore[no-untyped-def]
+    """Return (K,) for each Gaussian the number of the group that it belongs to: two overlap where
+    their means are not so many 1-sigmas apart along the line between them, and those that overlap
+    in one chain or another are a group."""
+    count = mean.shape[0]
+    group, waiting = np.full(count, -1), np.empty(count, np.int64)
+    found = 0
+    for first in range(count):
+        if group[first] >= 0:
+            continue
+        group[first], waiting[0], left = found, first, 1
+        while left:
+            left -= 1
+            k = waiting[left]
+            for other in range(first + 1, count):
+                if group[other] >= 0:
+                    continue
+                north, east = mean[other, 0] - mean[k, 0], mean[other, 1] - mean[k, 1]
+                variance = (
+                    north * north * (covariance[k, 0, 0] + covariance[other, 0, 0])
+                    + 2.0 * north * east * (covariance[k, 0, 1] + covariance[other, 0, 1])
+                    + east * east * (covariance[k, 1, 1] + covariance[other, 1, 1])
+                )  # times the squared distance
+                square = north * north + east * east
+                if 2.0 * square * square <= separation * separation * variance:
+                    group[other], waiting[left] = found, other
+                    left += 1
+        found += 1
+    return group
+
+
+def largest_sigma(covariance: Array) -> float:
+    """Return the 1-sigma of position, m, in its most uncertain direction, of a covariance whose
+    first two states are north and east."""
+    north, cross, east = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    return math.sqrt(0.5 * (north + east) + math.hypot(0.5 * (north - east), cross))
 
 
 @kernel

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Integers
 from isogal.matching.pmht.acquisition import acquire
 from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.gaussian_mixture import Mixture, largest_sigma, overlapping
 from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.nearly_linear import nearly_linear
@@ -64,13 +64,49 @@ def update(
         groups = _groups(prior)
     samples = _points(sampling.samples, len(groups))
     share = sampling if samples == sampling.samples else replace(sampling, samples=samples)
+    effort, later = _Effort(likelihood), []
     for group in groups:
-        pieces += _update_group(likelihood, prior.part(group), share, most)
+        if effort.spent:
+            later.append(group)
+        else:
+            pieces += _update_group(likelihood, prior.part(group), share, most, effort)
+    if later:
+        pieces += _screened(likelihood, prior.part(np.concatenate(later)), 0)[1]
     return _joined(pieces, most) if pieces else None
 
 
+class _Effort:
+    """What an update has taken so far, by the readings looked up in the map. Once it is too much
+    the hypotheses that are left, the least likely ones, are told apart by a few points each: the
+    next batches may bring them forward."""
+
+    def __init__(self, likelihood: BatchLikelihood) -> None:
+        self._rows = len(likelihood.rows)
+        new = likelihood.new_count
+        self._round = new * new // CONSTANTS.readings_squared_of_point
+        self._left = _share(likelihood) * CONSTANTS.update_look_ups
+
+    @property
+    def spent(self) -> bool:
+        """Whether it is too much."""
+        return self._left < 0.0
+
+    def add(self, points: int, rounds: int = 1) -> None:
+        """Take note of rounds with so many points each."""
+        self._left -= rounds * (points + self._round) * self._rows
+
+    def sample(
+        self, likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, *proposal: Mixture
+    ) -> tuple[Posterior | None, BatchLikelihood]:
+        """Return what `importance_sampling.sample` does."""
+        result = sample(likelihood, prior, sampling, *proposal)
+        rounds = 1 if result[0] is None else result[0].rounds
+        self.add(sampling.samples, rounds + sampling.first - 1)
+        return result
+
+
 def _update_group(
-    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int
+    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int, effort: _Effort
 ) -> list["_Piece"]:
     """Return what the batch makes of hypotheses that overlap, whose weights need not add up to
     1.
@@ -78,9 +114,9 @@ def _update_group(
     total = float(prior.weight.sum())
     if len(prior) > 1 and total > 0.0:
         own = replace(prior, weight=prior.weight / total)
-        if _largest_sigma(own.moments()[1]) < CONSTANTS.very_wide_prior_m:
+        if largest_sigma(own.moments()[1]) < CONSTANTS.very_wide_prior_m:
             # as one prior, whose posterior is split again only where it has separate modes
-            posterior, linearised = sample(
+            posterior, linearised = effort.sample(
                 likelihood,
                 own,
                 replace(sampling, samples=CONSTANTS.more_samples * sampling.samples),
@@ -92,9 +128,13 @@ def _update_group(
     if len(prior) > CONSTANTS.sampled_hypotheses:
         prior, pieces = _screened(likelihood, prior)
     share = replace(sampling, samples=_points(sampling.samples, len(prior)))
-    for weight, mean, covariance in zip(prior.weight, prior.mean, prior.covariance, strict=True):
+    for k, weight in enumerate(prior.weight):
+        if effort.spent:
+            left = prior.part(np.arange(k, len(prior)))
+            return [*pieces, *_screened(likelihood, left, 0)[1]]
         if weight > 0.0:
-            piece = _update_one(likelihood, mean, covariance, share, most)
+            one = prior.mean[k], prior.covariance[k]
+            piece = _update_one(likelihood, *one, share, most, effort)
             if piece is not None:
                 pieces.append(replace(piece, log_weight=piece.log_weight + math.log(weight)))
     return pieces
@@ -107,20 +147,10 @@ def _groups(prior: Mixture) -> list[Integers]:
     Two overlap where the sampler would not call them separate modes (`clustering`) along
     the line between them.
     """
-    groups = []
-    left = np.arange(len(prior))
     if len(prior) == 1:
-        return [left]
-    while left.size:
-        member, front = [], left[:1]
-        left = left[1:]
-        while front.size:
-            k, front = front[0], front[1:]
-            member.append(k)
-            near = _overlap(prior, k, left)
-            front, left = np.concatenate([front, left[near]]), left[~near]
-        groups.append(np.sort(np.array(member)))
-    return groups
+        return [np.arange(1)]
+    group = overlapping(prior.mean, prior.covariance, CONSTANTS.mode_separation)
+    return [np.flatnonzero(group == number) for number in range(int(group.max()) + 1)]
 
 
 def _merged(tiles: Mixture) -> Mixture:
@@ -137,22 +167,17 @@ def _merged(tiles: Mixture) -> Mixture:
     return Mixture(np.array(weight), np.array(mean), np.array(covariance))
 
 
-def _overlap(prior: Mixture, one: int, others: Integers) -> Booleans:
-    apart = prior.mean[others, :2] - prior.mean[one, :2]
-    square = np.einsum("ki,ki->k", apart, apart)
-    both = prior.covariance[others, :2, :2] + prior.covariance[one, :2, :2]
-    variance = np.einsum("ki,kij,kj->k", apart, both, apart)  # times the squared distance
-    return np.asarray(2.0 * square**2 <= CONSTANTS.mode_separation**2 * variance)
-
-
-def _screened(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, list["_Piece"]]:
-    """Return the most likely of many hypotheses, by a few points of each, and what the points make
-    of the others.
+def _screened(
+    likelihood: BatchLikelihood, prior: Mixture, most: int = CONSTANTS.sampled_hypotheses
+) -> tuple[Mixture, list["_Piece"]]:
+    """Return the most likely of many hypotheses, by a few points of each, so many at most, and
+    what the points make of the others.
 
     A posterior of few points is taken to be as wide as their effective number can vouch for: with
     one, as wide as the prior.
     """
-    points = standard_normal(CONSTANTS.screening_samples, prior.mean.shape[1])
+    count = int(_share(likelihood) * CONSTANTS.screening_samples)
+    points = standard_normal(count, prior.mean.shape[1])
     x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
     value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
     top = value.max(axis=1)
@@ -166,10 +191,7 @@ def _screened(likelihood: BatchLikelihood, prior: Mixture) -> tuple[Mixture, lis
         + math.log(CONSTANTS.negligible_weight)
         - CONSTANTS.screening_slack_log_evidence
     ]
-    likely, others = (
-        alive[possible[: CONSTANTS.sampled_hypotheses]],
-        possible[CONSTANTS.sampled_hypotheses :],
-    )
+    likely, others = alive[possible[:most]], possible[most:]
     chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
     if not others.size:
         return chosen, []
@@ -234,15 +256,21 @@ class _Piece:
 
 
 def _update_one(
-    likelihood: BatchLikelihood, mean: Array, covariance: Array, sampling: Sampling, most: int
+    likelihood: BatchLikelihood,
+    mean: Array,
+    covariance: Array,
+    sampling: Sampling,
+    most: int,
+    effort: _Effort,
 ) -> _Piece | None:
     prior = Mixture.gaussian(mean, covariance)
-    sigma = _largest_sigma(covariance)
+    sigma = largest_sigma(covariance)
     if sigma <= CONSTANTS.linear_prior_m:
         least, _ = CONSTANTS.carried_shape_m
         linear = nearly_linear(likelihood, mean, covariance)
+        effort.add(CONSTANTS.linear_points)
         # of a wider one the shape is carried on, for which it takes more points
-        if linear is not None and _largest_sigma(linear[0].mixture.covariance[0]) < least:
+        if linear is not None and largest_sigma(linear[0].mixture.covariance[0]) < least:
             return replace(_piece(*linear), drawn=None)
     wide = (
         replace(sampling, samples=CONSTANTS.more_samples * sampling.samples)
@@ -255,15 +283,16 @@ def _update_one(
             if sigma > CONSTANTS.very_wide_prior_m
             else wide
         )
-        posterior, linearised = sample(likelihood, prior, very_wide)
+        posterior, linearised = effort.sample(likelihood, prior, very_wide)
         if posterior is None or _resolved(posterior):
             return None if posterior is None else _piece(posterior, linearised)
     found = acquire(likelihood, mean, covariance, most)
     if found is None:
         return None
-    tiles, evidence, misfit = found
-    if _largest_sigma(tiles.moments()[1]) < CONSTANTS.search_prior_m:
-        posterior, linearised = sample(likelihood, prior, wide, _merged(tiles))
+    tiles, evidence, misfit, asked = found
+    effort.add(asked)
+    if largest_sigma(tiles.moments()[1]) < CONSTANTS.search_prior_m:
+        posterior, linearised = effort.sample(likelihood, prior, wide, _merged(tiles))
         if posterior is not None and _resolved(posterior):
             return _piece(posterior, linearised)
     return _Piece(
@@ -297,9 +326,9 @@ def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
     )
 
 
-def _largest_sigma(covariance: Array) -> float:
-    north, cross, east = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
-    return math.sqrt(0.5 * (north + east) + math.hypot(0.5 * (north - east), cross))
+def _share(likelihood: BatchLikelihood) -> float:
+    """Return how much of what a search may take is left to a batch of many readings."""
+    return min(1.0, CONSTANTS.search_batch_readings / len(likelihood.rows))
 
 
 def _points(samples: int, jobs: int) -> int:

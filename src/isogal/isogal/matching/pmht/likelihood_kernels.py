@@ -203,14 +203,17 @@ def log_likelihood(grid, readings, reduction, xi):  # type: ignore[no-untyped-de
     """Return (S,) log-likelihood, without its constant, of the new readings at errors xi (S, 4);
     -inf off the map. `reduction` as in `likelihood.BatchLikelihood`.
     """
-    white = whitened(grid, readings, reduction, xi)
     out = np.zeros(xi.shape[0])
-    for k in range(white.shape[0]):
-        row = white[k]
-        for s in range(out.shape[0]):
-            out[s] += row[s] * row[s]
-    for s in range(out.shape[0]):
-        out[s] = -0.5 * out[s] if math.isfinite(out[s]) else -np.inf
+    # so many at once that what is computed of them stays in the processor's cache
+    for first in range(0, out.shape[0], 512):
+        part = out[first : first + 512]
+        white = whitened(grid, readings, reduction, xi[first : first + 512])
+        for k in range(white.shape[0]):
+            row = white[k]
+            for s in range(part.shape[0]):
+                part[s] += row[s] * row[s]
+        for s in range(part.shape[0]):
+            part[s] = -0.5 * part[s] if math.isfinite(part[s]) else -np.inf
     return out
 
 

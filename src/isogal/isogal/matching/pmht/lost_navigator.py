@@ -162,8 +162,11 @@ class LostNavigatorMonitor(Monitor):
         fix = replace(fix, diagnostics=figures)
         threshold = max(CONSTANTS.renewed_doubt_factor * doubt, CONSTANTS.doubt_log_evidence)
         ended = replace(watch, search=None, threshold=threshold)
-        matched = 0
-        while search.waiting and matched < CONSTANTS.past_batches_at_once:
+        channels = current.rows_per_scan  # so many times as long each batch takes, too
+        matched, most = 0, max(1, CONSTANTS.past_batches_at_once // channels)
+        if channels > 1 and len(watch.history) == 1:
+            most = 0  # none of whose readings has been matched before: it takes long by itself
+        while search.waiting and matched < most:
             search, found = self._next(search)
             if found is None:
                 continue

@@ -8,6 +8,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.gaussian_mixture import Mixture, largest_sigma
 from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.memory import Memory, prior_of
 from isogal.matching.pmht.noise_model import NoiseModel, uneven
@@ -29,8 +30,9 @@ def refusal(batch: Batch, field_map: AnyMap, settings: Settings) -> str | None:
 
 def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Settings) -> State:
     """Return the state of a batch whose prior, noise model, bias and likelihood are known."""
-    batch = without(batch, memory.outlier_times if memory else frozenset())
     prior = prior_of(batch, memory)
+    batch = without(batch, memory.outlier_times if memory else frozenset())
+    batch = _shortened(batch, prior)
     estimate = _bias(batch, field_map, memory, settings)
     bias = None if estimate is None else estimate.at_end(batch)
     as_read, batch = batch, batch if bias is None else bias.added_to(batch)
@@ -58,6 +60,15 @@ def prepare(batch: Batch, field_map: AnyMap, memory: Memory | None, settings: Se
     if not np.isfinite(batch.reading[-batch.new :]).any():
         return state.decided(Verdict("no new reading in the batch", hypotheses=prior))
     return state
+
+
+def _shortened(batch: Batch, prior: Mixture) -> Batch:
+    """Return a batch with fewer of its older readings where it has many and the place is searched
+    for: they say next to nothing of it, and each of its many candidates asks for them all."""
+    first = len(batch) - batch.new - batch.rows_per_scan * CONSTANTS.conditioning_readings
+    many = len(batch) > CONSTANTS.search_batch_readings and first > 0
+    wide = many and largest_sigma(prior.moments()[1]) > CONSTANTS.wide_prior_m
+    return batch.part(first) if wide else batch
 
 
 def without(batch: Batch, stamps: frozenset[float]) -> Batch:
