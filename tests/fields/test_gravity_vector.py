@@ -244,11 +244,9 @@ def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
 
 def test_what_is_left_follows_the_map_error_that_readings_have_shown(world):
     trajectory = build_trajectory(world)
-    known = known_gravity(world, trajectory).with_map_error(6e-5, 9e3)
-    assert known.residual_sigma == pytest.approx(np.hypot(6e-5 / np.sqrt(2.0), 1e-6))
-    assert known.residual_length == pytest.approx(9e3)
+    expected = np.hypot(6e-5 / np.sqrt(2.0), 1e-6), 9e3
+    assert known_gravity(world, trajectory).residual.given(6e-5, 9e3) == pytest.approx(expected)
     told = changed(world, gravity={"residual_sigma": 7e-5, "residual_correlation_length": 5e3})
-    known = known_gravity(told, trajectory).with_map_error(6e-5, 9e3)
-    assert (known.residual_sigma, known.residual_length) == (7e-5, 5e3)
+    assert known_gravity(told, trajectory).residual.given(6e-5, 9e3) == (7e-5, 5e3)
     normal = known_gravity(changed(world, gravity={"field": "normal"}), trajectory)
-    assert normal.with_map_error(6e-5, 9e3).residual_sigma == 0.0
+    assert normal.residual is None

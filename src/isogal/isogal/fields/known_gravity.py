@@ -62,22 +62,18 @@ class KnownGravity:
     @property
     def residual_sigma(self) -> float:
         """1-sigma of what is left, m/s², of each component; 0 = nothing."""
-        return 0.0 if self.residual is None else self._left[0]
+        return self._left[0]
 
     @property
     def residual_length(self) -> float:
         """Its correlation length along the track, m."""
-        return self.map_length if self.residual is None else self._left[1]
+        return self._left[1]
 
     @property
     def _left(self) -> tuple[float, float]:
-        assert self.residual is not None
+        if self.residual is None:
+            return 0.0, self.map_length
         return self.residual.given(self.map_sigma, self.map_length)
-
-    def with_map_error(self, sigma: float, length: float) -> "KnownGravity":
-        """Return the same where the map's disturbance is taken to be wrong by a 1-sigma (m/s²)
-        over a correlation length (m)."""
-        return replace(self, map_sigma=sigma, map_length=length)
 
 
 def known_gravity(

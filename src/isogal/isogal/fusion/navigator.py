@@ -248,9 +248,9 @@ def assume_map_error(
     """
     if not (0.0 < sigma < math.inf and 0.0 < length < math.inf):
         raise ValueError("map error is not positive and finite")
-    known = model.gravity.with_map_error(sigma, length)
-    if known.residual is not None:
-        state.residual_gravity[run] = known.residual_sigma, known.residual_length
+    residual = model.gravity.residual
+    if residual is not None:
+        state.residual_gravity[run] = residual.given(sigma, length)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,7 @@ class JointBatches:
     ) -> None:
         self.builders, self._lead = tuple(builders), lead
         self._gravity = gravity or KnownGravity()
-        self._assume(self._gravity)
+        self._assume(ResidualGravity.of(self._gravity))
 
     @classmethod
     def of(
@@ -94,16 +94,17 @@ class JointBatches:
 
     def learn(self, fix: Fix) -> None:
         """Note what the fix of a batch says of the gravity map's error."""
-        if fix.map_error is not None:
-            self._assume(self._gravity.with_map_error(*fix.map_error))
+        residual = self._gravity.residual
+        if fix.map_error is not None and residual is not None:
+            self._assume(ResidualGravity(*residual.given(*fix.map_error)))
 
-    def _assume(self, gravity: KnownGravity) -> None:
+    def _assume(self, gravity: ResidualGravity) -> None:
         for builder in self.builders:
-            builder.gravity = ResidualGravity.of(gravity)
+            builder.gravity = gravity
 
     def restore(self, collected: Sequence[Collected]) -> None:
         """Go on from what was collected earlier."""
-        self._assume(self._gravity)
+        self._assume(ResidualGravity.of(self._gravity))
         for builder, one in zip(self.builders, collected, strict=True):
             builder.restore(one)
 
