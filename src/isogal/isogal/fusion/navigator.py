@@ -97,38 +97,24 @@ def update_information(
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     P, which = state.covariance[run], BATCH[: len(vector)]
-    scale = np.sqrt(np.diag(P)[which])
-    unit_free = 0.5 * (matrix + matrix.T) * scale[:, None] * scale  # m and m/s alike
-    values, vectors = np.linalg.eigh(
-        _bounded(unit_free, P[np.ix_(which, which)] / scale[:, None] / scale)
-    )
-    keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
-    size, sign = np.sqrt(np.abs(values[keep])), np.sign(values[keep])
-    # as measurements z = H x with noise of variance J = +-1, such that H' J H = matrix
-    H = (vectors[:, keep] * size).T / scale
-    z = sign * ((vectors[:, keep] / size).T @ (vector * scale))
-    gain = P[:, which] @ H.T
-    innovation = H @ gain[which] + np.diag(sign)
-    solved = np.linalg.solve(innovation, np.column_stack([z, gain.T]))
-    error = -gain @ solved[:, 0]  # x is estimate minus truth, the correction its negative
-    reduced = P - gain @ solved[:, 1:]
-    state.covariance[run] = 0.5 * (reduced + reduced.T)
-    move(state.nominal_of(run), error)
-    up = sign > 0.0
-    return error[which], float(z[up] @ np.linalg.solve(innovation[np.ix_(up, up)], z[up]))
-
-
-def _bounded(matrix: Array, covariance: Array) -> Array:
-    """Return the information matrix (n, n) such that the update makes no variance more than four
-    times as large."""
-    factor = np.linalg.cholesky(covariance)
-    values, vectors = np.linalg.eigh(factor.T @ matrix @ factor)
+    own = P[np.ix_(which, which)]
+    scale = np.sqrt(np.diag(own))
+    factor = scale[:, None] * np.linalg.cholesky(own / scale[:, None] / scale)
+    values, turn = np.linalg.eigh(factor.T @ (0.5 * (matrix + matrix.T)) @ factor)
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
-    if values[0] >= LEAST_APPLIED:
-        return matrix
-    back = np.linalg.solve(factor.T, vectors)
-    return np.asarray((back * np.maximum(values, LEAST_APPLIED)) @ back.T, dtype=np.float64)
+    # in these directions, columns of A, the navigator's own information is 1 and that of the
+    # measurements a number each: matrix = A diag(values) A', A' own A = 1
+    directions = np.linalg.solve(factor.T, turn)
+    told = np.where(np.abs(values) > 1e-12 * np.abs(values).max(), turn.T @ (factor.T @ vector), 0)
+    applied = np.maximum(values, LEAST_APPLIED)
+    spread = P[:, which] @ directions
+    error = -spread @ (told / (1.0 + applied))  # x is estimate minus truth
+    reduced = P - (spread * (applied / (1.0 + applied))) @ spread.T
+    state.covariance[run] = 0.5 * (reduced + reduced.T)
+    move(state.nominal_of(run), error)
+    up = (values > 0.0) & (told != 0.0)
+    return error[which], float((told[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
 
 
 def update_linear(
