@@ -226,13 +226,16 @@ def test_a_channel_that_says_its_error_is_taken_at_its_word():
 
 
 def test_noise_worse_than_told_does_not_send_the_navigator_away():
-    """Many noisy readings fit somewhere else by chance."""
-    matcher = Pmht.from_settings(Matcher(map_sigma=1e-9))
+    """Many noisy readings fit somewhere else by chance: five times the noise told, which is half
+    of what the map changes."""
+    matcher = Pmht.from_settings(Matcher())
+    told = (35.0 * EOTVOS) ** 2 * np.eye(C)
     for seed in range(4):
-        batch, *_ = tensor_batch(seed=seed, covariance=COVARIANCE, prior_sigma=(50.0, 0.02))
-        noise = batch.reading - tensor_batch(seed=seed, covariance=1e-12 * COVARIANCE)[0].reading
-        noisy = replace(batch, reading=batch.reading + 2.0 * noise)
-        fix, _ = matcher.match(noisy, TENSOR, None)
+        good, noisy = (
+            tensor_batch(seed=seed, covariance=factor * told, prior_sigma=(50.0, 0.02))[0]
+            for factor in (1.0, 25.0)
+        )
+        fix, _ = matcher.match(replace(good, reading=noisy.reading), TENSOR, None)
         assert not fix.reset, fix.reason
 
 
