@@ -3,6 +3,7 @@
 import gc
 import signal
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from isogal.threads import one_thread
@@ -38,17 +39,15 @@ FIRST = (
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files that take long first: a worker that gets one last would go on alone."""
-    folder = Path(__file__).parent
-    items.sort(
-        key=lambda item: next(
-            (
-                place
-                for place, name in enumerate(FIRST)
-                if folder / name in (item.path, *item.path.parents)
-            ),
-            len(FIRST),
-        )
-    )
+    items.sort(key=lambda item: _turn(item.path))
+
+
+@cache
+def _turn(path: Path) -> int:
+    """Return the place in `FIRST` of a file, or of a folder that it is in."""
+    places = (Path(__file__).parent / name for name in FIRST)
+    found = (turn for turn, place in enumerate(places) if place in (path, *path.parents))
+    return next(found, len(FIRST))
 
 
 @pytest.fixture(scope="module", autouse=True)
