@@ -131,7 +131,9 @@ def test_a_gradiometer_that_is_tilted(survey):
     (fix,) = json.loads(answer(*tilted, *told))
     assert squared_distance(fix, *place) < LIMIT
     (untold,) = json.loads(answer(*tilted, "--tilt-sigma", 0))
-    assert untold["status"] == "no_fix"
+    # a tilt that may not be is taken for noise, and not for another place
+    assert squared_distance(untold, *place) < LIMIT
+    assert spread(untold) > spread(fix)
 
 
 def test_a_gradiometer_and_a_magnetometer(survey):
