@@ -8,6 +8,10 @@ from pathlib import Path
 
 from isogal.threads import one_thread
 
+# Nothing that is imported while tests are found becomes garbage; searching it for some again and
+# again is a quarter of the time that finding them takes. On again in pytest_collection_finish.
+gc.disable()
+
 # As Isogal's own programs: two test processes on two cores would fight for them. Before NumPy is
 # loaded.
 one_thread()
@@ -48,6 +52,13 @@ def _turn(path: Path) -> int:
     places = (Path(__file__).parent / name for name in FIRST)
     found = (turn for turn, place in enumerate(places) if place in (path, *path.parents))
     return next(found, len(FIRST))
+
+
+def pytest_collection_finish() -> None:
+    """Search for garbage again, seldom: a test makes little of it, and the process ends soon."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 10)
+    gc.enable()
 
 
 @pytest.fixture(scope="module", autouse=True)
