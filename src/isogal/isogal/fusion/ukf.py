@@ -177,9 +177,7 @@ def advance(  # type: ignore[no-untyped-def]
     for r in range(runs):
         state, auxiliary = of_run(nominal, r), of_gravity(every, residual_gravity[r])
         x, v, q = state.position, state.velocity, state.attitude
-        for i in range(n):
-            for j in range(n):
-                P[i, j] = covariance[r, i, j]
+        P[:, :n] = covariance[r]
         done[r] = steps
         for k in range(steps):
             if not factorise(n, P, factor, gain):
@@ -187,8 +185,7 @@ def advance(  # type: ignore[no-untyped-def]
                 break
             spread_points(n, factor, weights.spread, points)
             f, w = force[r, k], rate[r, k]
-            for i in range(9):
-                total[i] = 0.0
+            total[:] = 0.0
             for j in range(n - N):
                 add_input(auxiliary, j, state.auxiliary[j], f, w, total)
             gn, ge, gn_n, gn_e, ge_n, ge_e = horizontal_gravity(compensation, x)

@@ -32,7 +32,7 @@ def acquire(
     most : int
         Tiles at most, the heaviest.
     """
-    share = min(1.0, CONSTANTS.search_batch_readings / len(likelihood.rows))
+    share = search_share(likelihood)
     cells, size = _coarse_cells(covariance, share)
     finer = int(share * CONSTANTS.fine_cells) // 9
     # velocity is not searched: it goes with position as the prior has it; what is left of it bends
@@ -78,6 +78,11 @@ def acquire(
     misfit = -2.0 * float(fitting[int(np.argmax(value))])
     tiles = _tiles(cells[keep], weight, size, mean, covariance, follow, most)
     return tiles, evidence, misfit, asked
+
+
+def search_share(likelihood: BatchLikelihood) -> float:
+    """Return how much of what a search may take is left to a batch of many readings."""
+    return min(1.0, CONSTANTS.search_batch_readings / len(likelihood.rows))
 
 
 def _divided(cells: Array) -> Array:

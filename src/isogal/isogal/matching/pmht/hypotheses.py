@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.matching.pmht.acquisition import acquire
+from isogal.matching.pmht.acquisition import acquire, search_share
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture, largest_sigma, overlapping
 from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
@@ -84,7 +84,7 @@ class _Effort:
         self._rows = len(likelihood.rows)
         new = likelihood.new_count
         self._round = new * new // CONSTANTS.readings_squared_of_point
-        self._left = _share(likelihood) * CONSTANTS.update_look_ups
+        self._left = search_share(likelihood) * CONSTANTS.update_look_ups
 
     @property
     def spent(self) -> bool:
@@ -176,7 +176,7 @@ def _screened(
     A posterior of few points is taken to be as wide as their effective number can vouch for: with
     one, as wide as the prior.
     """
-    count = int(_share(likelihood) * CONSTANTS.screening_samples)
+    count = int(search_share(likelihood) * CONSTANTS.screening_samples)
     points = standard_normal(count, prior.mean.shape[1])
     x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
     value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
@@ -324,11 +324,6 @@ def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
         posterior.rounds,
         (posterior.samples, posterior.weight),
     )
-
-
-def _share(likelihood: BatchLikelihood) -> float:
-    """Return how much of what a search may take is left to a batch of many readings."""
-    return min(1.0, CONSTANTS.search_batch_readings / len(likelihood.rows))
 
 
 def _points(samples: int, jobs: int) -> int:
