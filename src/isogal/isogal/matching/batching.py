@@ -2,7 +2,6 @@
 navigator's error does over it."""
 
 import math
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.matching.residual_gravity import UNMOVED
-from isogal.matching.scans import Collected, Scan, Track, arrays_of
+from isogal.matching.scans import Collected, Scan, Scans, Track
 from isogal.matching.transitions import (
     Bridge,
     across,
@@ -83,7 +82,8 @@ class BatchBuilder:
         self._lag = Lag.of(self.instrument)
         self._longest = settings.batch_length + context + marks
         older = math.ceil(self._lag.reach / self.instrument.interval)
-        self._scans: deque[Scan] = deque(maxlen=self._longest + older)
+        self._most = self._longest + older
+        self._scans = Scans(self._most)
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
@@ -120,18 +120,18 @@ class BatchBuilder:
     @property
     def has_new(self) -> bool:
         """Whether any reading has come since the last batch."""
-        newest = list(self._scans)[max(0, len(self._scans) - self._unused) :]
-        return any(np.isfinite(scan.reading).any() for scan in newest)
+        newest = self._scans.readings(self._scans.last(self._unused))
+        return bool(np.isfinite(newest).any())
 
     @property
     def collected(self) -> Collected:
-        """What has been collected; scans are shared."""
-        scans = tuple(self._scans)
+        """What has been collected."""
+        scans = tuple(self._scans[k] for k in range(len(self._scans)))
         return Collected(scans, self._count, self._unused, self._bridge, self.gravity)
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
-        self._scans.clear()
+        self._scans = Scans(self._most)
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
         self._bridge = collected.bridge
@@ -160,10 +160,12 @@ class BatchBuilder:
         A reading of several channels is (C,), NaN where a channel has none, and its noise is
         `covariance` instead of sigma; others are as the `Expansion` has them.
         """
-        place, detail = (latitude, longitude, np.array(velocity, float)), None
+        place, detail = (latitude, longitude, velocity), None
         if self.expansion is not None:
             reading, detail = self.expansion.split(reading)
-        self._scans.append(Scan(time, *place, reading, sigma, offset, height, detail))
+        if self.covariance is not None:
+            reading = np.broadcast_to(reading, len(self.covariance))
+        self._scans.add(Scan(time, *place, reading, sigma, offset, height, detail))
         self._count += 1
         self._unused += 1
 
@@ -174,7 +176,7 @@ class BatchBuilder:
         newest, own = end._scans[-1], self._scans[-1]
         if newest.time > own.time + 1e-9:
             nothing, sigma = np.nan * own.reading, self.instrument.sigma
-            self._scans.append(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
+            self._scans.add(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
             self._unused = min(self._unused + 1, len(self._scans))
         return own.time <= newest.time + 1e-9
 
@@ -183,12 +185,10 @@ class BatchBuilder:
         (7, 7) at both: scans on either side then no longer hang together by the navigator's track
         alone (docs/mathematics.md, section 4.8). Readings before an earlier gap are given up.
         """
-        if not self._scans:
+        if not len(self._scans):
             return
-        earlier = -math.inf if self._bridge is None else self._bridge.time
-        for scan in self._scans:
-            if scan.time < earlier:
-                scan.reading = np.nan * scan.reading
+        if self._bridge is not None:
+            self._scans.forget_readings(self._bridge.time)
         newest = self._scans[-1]
         at = newest.latitude, newest.velocity, begin
         self._bridge = Bridge.of(end, carried(before, at, end), after)
@@ -203,16 +203,16 @@ class BatchBuilder:
             positions move by what the jump means back then, and readings by what their reduction
             would have been with the better estimate.
         """
-        scans = [scan for scan in self._scans if scan.time <= time + 1e-9]
-        if not scans:
+        which = self._scans.until(time + 1e-9)
+        if which.start == which.stop:
             return
         track, self._track = self._track, None
-        if track is None or not track.is_of(scans, time, self._bridge):
-            latitude, longitude, velocity, times = arrays_of(scans)
+        if track is None or not track.is_of(self._scans, which, time, self._bridge):
+            latitude, longitude, velocity, times = self._scans.track(which)
             every = self._errors(latitude, velocity, times, time)[1]
             jacobian = self._jacobian(latitude, longitude, velocity)
-            track = Track(latitude, longitude, velocity, every, jacobian, scans, time)
-        track.move(jump)
+            track = Track(every, jacobian, self._scans.added, time)
+        self._scans.move(which, *track.moves(jump))
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -223,32 +223,27 @@ class BatchBuilder:
             The navigator's covariance there, of a batch's states; without its attitude, the
             navigator is taken as level at the batch end.
         """
-        scans = list(self._scans)[-self._longest :]
-        latitude, longitude, velocity, times = arrays_of(scans)
+        scans = self._scans.last(self._longest)
+        latitude, longitude, velocity, times = self._scans.track(scans)
         prior = symmetric(prior)
         backward, joined, apart = self._errors(latitude, velocity, times, times[-1], prior)
         every, rest = condition(joined, prior, apart)
         transition, drift = every[:, :4], rest[:, :4]
         at_scan = self._jacobian(latitude, longitude, velocity)
         end = float(times[-1])
-        self._track = Track(
-            latitude, longitude, velocity, joined, at_scan, scans, end, self._bridge
-        )
-        sigma = np.array([scan.sigma for scan in scans])
-        new = min(self._unused, len(scans))
+        self._track = Track(joined, at_scan, self._scans.added, end, self._bridge)
+        sigma, reading = self._scans.sigmas(scans), self._scans.readings(scans)
+        new = min(self._unused, len(times))
         self._unused = 0
-        before = len(scans) - new - 1
-        several = self.covariance is not None or np.ndim(scans[0].reading) > 0
+        before = len(times) - new - 1
         batch = Batch(
             time=times,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.full(len(scans), np.nan)
-            if several
-            else np.array([scan.reading for scan in scans]),
+            reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading,
             sigma=sigma,
-            offset=mean_error(self.instrument) + np.array([scan.offset for scan in scans]),
+            offset=mean_error(self.instrument) + self._scans.offsets(scans),
             transition=np.ascontiguousarray(transition[:, :2]),
             reading_jacobian=np.einsum("ti,tij->tj", at_scan, transition),
             nuisance_position=np.ascontiguousarray(drift[:, :2]),
@@ -267,26 +262,20 @@ class BatchBuilder:
         )
         if self.covariance is None:
             whole = batch if self._lag.mean == 0.0 else self._late(batch, prior)
-            return self._expanded(whole, scans)
-        readings = [np.broadcast_to(scan.reading, len(self.covariance)) for scan in scans]
-        return self._expanded(channel_batch(batch, np.stack(readings), self.covariance), scans)
-
-    def _expanded(self, batch: Batch, scans: list[Scan]) -> Batch:
+        else:
+            whole = channel_batch(batch, reading, self.covariance)
         if self.expansion is None:
-            return batch
-        details = [scan.detail for scan in scans if scan.detail is not None]
-        return self.expansion.expand(batch, [scan.reading for scan in scans], details)
+            return whole
+        return self.expansion.expand(whole, reading, self._scans.details(scans))
 
-    def _noise(
-        self, scans: list[Scan], sigma: Array, velocity: Array, times: Array
-    ) -> Array | None:
+    def _noise(self, scans: slice, sigma: Array, velocity: Array, times: Array) -> Array | None:
         """Return (T, T) the covariance of the readings' noise and of errors of their height; None
         where it is white."""
         covariance = reading_covariance(self.instrument, times, sigma, velocity)
         if not self._height.measured:
             return covariance
-        latitude, longitude, *_ = arrays_of(scans)
-        up = np.array([scan.height for scan in scans])
+        latitude, longitude, *_ = self._scans.track(scans)
+        up = self._scans.heights(scans)
         at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
         white = np.diag(sigma**2) if covariance is None else covariance
         return white + height_covariance(self._height, self.reduction, times, at)
@@ -294,11 +283,9 @@ class BatchBuilder:
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it
         tells of (docs/mathematics.md, section 4.7)."""
-        scans = list(self._scans)
-        latitude, longitude, velocity, times = arrays_of(scans)
-        path = Path(
-            times, latitude, longitude, np.array([scan.height for scan in scans]), velocity
-        )
+        every_scan = self._scans.every
+        latitude, longitude, velocity, times = self._scans.track(every_scan)
+        path = Path(times, latitude, longitude, self._scans.heights(every_scan), velocity)
         seen, reading, filter_path = sensed(
             path, batch.time, batch.reading, self._lag, self.reduction
         )

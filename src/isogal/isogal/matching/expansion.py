@@ -29,7 +29,7 @@ class Expansion(Protocol):
         NaN = no reading."""
         ...
 
-    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
         """Return the whole batch, given the one of a row for each scan."""
         ...
 
@@ -82,7 +82,7 @@ class Tensor:
         """Return the reading (C,) as it is, and nothing else."""
         return reading, _NOTHING
 
-    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
         """Return the batch with how the map errors of its channels go together, and with tilt and
         offsets as parameters."""
         told = self._settings
@@ -138,7 +138,7 @@ class OwnField:
             return np.nan, np.zeros(len(self._sigma))
         return float(found[0]), found[1:]
 
-    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
         """Return the batch with the coefficients as parameters."""
         return replace(batch, parameters=Parameters((), self._sigma, np.stack(details)))
 
@@ -165,7 +165,7 @@ class Soundings:
         met = np.isfinite(found).all(axis=-1)
         return np.where(met, found[:, 0], np.nan), np.where(met[:, None], found[:, 1:], 0.0)
 
-    def expand(self, batch: Batch, values: Sequence[Any], details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
         """Return the batch with a row for each beam, at the place of its footprint."""
         count, foot = self._beams, np.concatenate(details)
 
@@ -197,7 +197,7 @@ class Soundings:
             whole,
             latitude=whole.latitude + foot[:, 0] / north,
             longitude=whole.longitude + foot[:, 1] / east,
-            reading=np.concatenate([np.broadcast_to(value, count) for value in values]),
+            reading=values.reshape(-1),
             parameters=parameters,
         )
 

@@ -1,11 +1,14 @@
 """Scans that have been collected and wait to become a batch."""
 
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import HORIZONTAL_STATES
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.transitions import Bridge
 
@@ -38,50 +41,141 @@ class Collected:
     """None = what the builder assumes anyway."""
 
 
+_TIME, _LATITUDE, _LONGITUDE, _NORTH, _EAST, _SIGMA, _OFFSET, _HEIGHT, _COUNT = range(9)
+"""Rows of the numbers of scans."""
+
+
+class Scans:
+    """The last scans of a run, oldest first: arrays, since each fix moves all of them.
+
+    Parameters
+    ----------
+    most : int
+        Scans that are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._numbers = np.zeros((_COUNT, 2 * most))
+        self._readings: Array = np.zeros(2 * most)
+        self._details: deque[Array | None] = deque(maxlen=most)
+        self._end = 0
+        self.added = 0
+        """How many there have been."""
+
+    def __len__(self) -> int:
+        return len(self._details)
+
+    def last(self, count: int) -> slice:
+        """Return which are the last ones, so many at most; valid until another is added."""
+        return slice(self._end - min(count, len(self)), self._end)
+
+    @property
+    def every(self) -> slice:
+        """Which are all of them."""
+        return self.last(self._most)
+
+    def add(self, scan: Scan) -> None:
+        """Add one; readings of all have the shape of the first one's."""
+        if not self.added:
+            self._readings = np.zeros((2 * self._most, *np.shape(scan.reading)))
+        if self._end == 2 * self._most:  # the last ones to the front, but for the oldest
+            kept = self.last(self._most - 1)
+            count = kept.stop - kept.start
+            self._numbers[:, :count] = self._numbers[:, kept].copy()
+            self._readings[:count] = self._readings[kept].copy()
+            self._end = count
+        numbers = (scan.time, scan.latitude, scan.longitude, *scan.velocity)
+        self._numbers[:, self._end] = (*numbers, scan.sigma, scan.offset, scan.height)
+        self._readings[self._end] = scan.reading
+        self._details.append(scan.detail)
+        self._end += 1
+        self.added += 1
+
+    def extend(self, scans: Iterable[Scan]) -> None:
+        """Add several."""
+        for scan in scans:
+            self.add(scan)
+
+    def __getitem__(self, index: int) -> Scan:
+        """Return a copy of one; negative: counted from the last."""
+        at = self._end + index if index < 0 else self.every.start + index
+        numbers = self._numbers[:, at].tolist()
+        time, latitude, longitude, north, east, sigma, offset, height = numbers
+        reading = self._readings[at] if self._readings.ndim == 1 else self._readings[at].copy()
+        velocity, detail = np.array([north, east]), self._details[index]
+        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height, detail)
+
+    def track(self, which: slice) -> tuple[Array, Array, Array, Array]:
+        """Return latitudes and longitudes (T,) rad, velocities (T, 2) m/s and times (T,) s."""
+        numbers = self._numbers[:, which].copy()
+        velocity = np.ascontiguousarray(numbers[_NORTH:_SIGMA].T)
+        return numbers[_LATITUDE], numbers[_LONGITUDE], velocity, numbers[_TIME]
+
+    def heights(self, which: slice) -> Array:
+        """Return (T,) m."""
+        return self._numbers[_HEIGHT, which].copy()
+
+    def sigmas(self, which: slice) -> Array:
+        """Return (T,) 1-sigma of the readings."""
+        return self._numbers[_SIGMA, which].copy()
+
+    def offsets(self, which: slice) -> Array:
+        """Return (T,) what is known to be wrong with the readings."""
+        return self._numbers[_OFFSET, which].copy()
+
+    def readings(self, which: slice) -> Array:
+        """Return (T, ...)."""
+        return self._readings[which].copy()
+
+    def details(self, which: slice) -> list[Array]:
+        """Return those that there are."""
+        known = list(self._details)[which.start - self.every.start :]
+        return [detail for detail in known if detail is not None]
+
+    def until(self, time: float) -> slice:
+        """Return which are not after a time (s)."""
+        every = self.every
+        times = self._numbers[_TIME, every]
+        return slice(every.start, every.start + int(np.searchsorted(times, time, side="right")))
+
+    def forget_readings(self, before: float) -> None:
+        """Give up the readings before a time (s)."""
+        every = self.every
+        self._readings[every][self._numbers[_TIME, every] < before] = np.nan
+
+    def move(self, which: slice, shift: Array, change: Array) -> None:
+        """Add to positions (m) and velocities (T, 4), and to readings (T,)."""
+        numbers = self._numbers[:, which]
+        north, east = metres_per_radian(numbers[_LATITUDE])
+        numbers[_LATITUDE] += shift[:, 0] / north
+        numbers[_LONGITUDE] += shift[:, 1] / east
+        numbers[_NORTH:_SIGMA] += shift[:, 2:].T
+        readings = self._readings[which]
+        readings += change.reshape(-1, *[1] * (readings.ndim - 1))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
     """What is known of scans at the end of a batch: the correction by its fix needs it again."""
 
-    latitude: Array
-    """(T,) rad."""
-    longitude: Array
-    """(T,) rad."""
-    velocity: Array
-    """(T, 2) m/s."""
     every: Array
     """(T, 7, 7) errors at the scans per unit of error at the end."""
     jacobian: Array
     """(T, 4) of the reduction."""
-    scans: list[Scan]
+    count: int
+    """Of scans that there have been."""
     end: float
     """s."""
     bridge: Bridge | None = None
 
-    def is_of(self, scans: list[Scan], end: float, bridge: Bridge | None) -> bool:
-        """Whether it is of these scans, unmoved since, and this end."""
-        same = len(scans) == len(self.scans) and scans[-1] is self.scans[-1]
+    def is_of(self, scans: Scans, which: slice, end: float, bridge: Bridge | None) -> bool:
+        """Whether it is of these scans, with none after them, and of this end."""
+        same = self.count == scans.added and scans.last(len(self.every)) == which
         return same and end == self.end and bridge is self.bridge
 
-    def move(self, jump: Array) -> None:
-        """Carry a jump (7,) of the navigator at the end back to the scans."""
-        shift = (self.every @ jump)[:, :4]
-        change = (self.jacobian * shift).sum(axis=1)
-        north, east = metres_per_radian(self.latitude)
-        latitude, longitude = self.latitude + shift[:, 0] / north, self.longitude
-        places = np.stack([latitude, longitude + shift[:, 1] / east], axis=1)
-        velocity = self.velocity + shift[:, 2:]
-        for i, (scan, place, more) in enumerate(
-            zip(self.scans, places.tolist(), change.tolist(), strict=True)
-        ):
-            scan.latitude, scan.longitude = place
-            scan.velocity, scan.reading = velocity[i], scan.reading + more
-
-
-def arrays_of(scans: list[Scan]) -> tuple[Array, Array, Array, Array]:
-    """Return latitudes and longitudes (T,), velocities (T, 2) and times (T,) of scans."""
-    return (
-        np.array([scan.latitude for scan in scans]),
-        np.array([scan.longitude for scan in scans]),
-        np.concatenate([scan.velocity for scan in scans]).reshape(-1, 2),
-        np.array([scan.time for scan in scans]),
-    )
+    def moves(self, jump: Array) -> tuple[Array, Array]:
+        """Return what a jump (7,) of the navigator at the end adds to positions (m) and
+        velocities (T, 4) of the scans, and to readings (T,)."""
+        shift = (self.every @ jump)[:, :HORIZONTAL_STATES]
+        return shift, (self.jacobian * shift).sum(axis=1)

@@ -60,7 +60,7 @@ class TrackField:
         if self.channels.gradiometer is None:
             return whole
         tensor = tensor_of(self.channels.gradiometer, self.settings.name)
-        return whole if tensor is None else tensor.expand(whole, (), ())
+        return whole if tensor is None else tensor.expand(whole, whole.reading, ())
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:
