@@ -11,7 +11,9 @@ from isogal.matching.scans import Scan, Scans
 def scan(k: int, channels: int = 0) -> Scan:
     reading = 0.1 * k if not channels else np.arange(float(channels)) + k
     velocity = np.array([10.0 + k, -k])
-    return Scan(10.0 * k, -0.6, 2.5 + 1e-6 * k, velocity, reading, 1.0, 0.5 * k, 100.0 + k)
+    return Scan(
+        10.0 * k, -0.6, 2.5 + 1e-6 * k, velocity, reading, 1.0, 0.5 * k, 100.0 + k, np.array([k])
+    )
 
 
 @given(most=st.integers(1, 7), added=st.integers(1, 40), channels=st.integers(0, 2))
@@ -20,6 +22,8 @@ def test_the_last_scans_are_kept_in_their_order(most: int, added: int, channels:
     scans.extend(plain)
     kept = plain[-most:]
     assert (len(scans), scans.added) == (len(kept), added)
+    assert scans.last(most + 30) == scans.every
+    assert [int(one[0]) for one in scans.details(scans.every)] == list(range(added))[-most:]
     latitude, longitude, velocity, times = scans.track(scans.every)
     np.testing.assert_array_equal(times, [one.time for one in kept])
     np.testing.assert_array_equal(latitude, [one.latitude for one in kept])
@@ -33,6 +37,7 @@ def test_the_last_scans_are_kept_in_their_order(most: int, added: int, channels:
         assert (one.time, one.offset, one.height) == (same.time, same.offset, same.height)
         np.testing.assert_array_equal(one.velocity, same.velocity)
         np.testing.assert_array_equal(one.reading, same.reading)
+        np.testing.assert_array_equal(one.detail, same.detail)
 
 
 @pytest.mark.parametrize("channels", [0, 2])

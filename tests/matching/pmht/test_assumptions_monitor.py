@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from helpers.batches import make_batch
+from helpers.navigators import random_covariance
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import declined
-from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor, Trial
+from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor, Trial, with_aids
 from isogal.matching.pmht.past_batches import taken_before
 from isogal.matching.registry import build_matcher
 from isogal.montecarlo.engine import simulate
@@ -198,3 +199,28 @@ def test_a_batch_without_attitude_is_passed_on(rough_map):
 
 def test_a_map_that_is_told_to_be_exact_is_believed():
     assert not isinstance(build_matcher(Matcher(map_sigma=0.0)), AssumptionsMonitor)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_growth_and_aids_are_those_of_numpy(seed):
+    sigma = np.array([50.0, 50.0, 0.05, 0.05, 2e-5, 2e-5, 3e-4])
+    random = np.random.default_rng(seed)
+    posterior, prior = random_covariance(sigma, seed), random_covariance(1.2 * sigma, 9 + seed)
+    forward = np.eye(7) + 0.1 * random.standard_normal((7, 7)) * sigma[:, None] / sigma
+
+    def positive(matrix):
+        values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+        return np.outer(scale, scale) * ((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+    scale = np.sqrt(np.diag(prior))
+    unaided = forward @ posterior @ forward.T
+    unaided = unaided + positive(prior - unaided)
+    kept = prior @ np.linalg.inv(unaided)
+    expected = kept @ forward
+    growth = positive(prior - expected @ posterior @ expected.T)
+    found, grown, trace = with_aids(forward, posterior, prior)
+    unit, ratio = np.outer(scale, scale), scale / scale[:, None]
+    np.testing.assert_allclose(found * ratio, expected * ratio, atol=1e-9)
+    np.testing.assert_allclose(grown / unit, growth / unit, atol=1e-9)
+    assert trace == pytest.approx(np.trace(kept), rel=1e-9)
+    assert trace < 6.9

@@ -124,6 +124,7 @@ def test_moments_and_pieces_are_those_of_numpy():
     np.testing.assert_allclose(covariance, expected, rtol=1e-9, atol=1e-9 * expected.max())
     halves = pieces(x, weight, SIGMA, 1)
     axis = np.linalg.eigh(np.cov((x / SIGMA).T, aweights=weight, bias=True))[1][:, -1]
+    axis *= np.sign(axis[np.argmax(np.abs(axis))])
     order = np.argsort((x / SIGMA) @ axis, kind="stable")
     middle = int(np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())) + 1
     for k, part in enumerate((order[:middle], order[middle:])):

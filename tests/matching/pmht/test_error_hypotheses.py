@@ -1,6 +1,6 @@
 """The bank of hypotheses beside a navigator, in a linear world where all is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -139,3 +139,54 @@ def test_a_hypothesis_that_was_wrong_for_long_can_come_back():
     bank = last.bank
     assert bank.log_weight.min() >= -CONSTANTS.untold_reach_log
     assert bank.log_weight.max() == 0.0
+
+
+def bank_of(seed):
+    """A bank as it is amid a run, and random numbers."""
+    random = np.random.default_rng(seed)
+    bank = ErrorHypotheses.before(random_covariance(SIGMA, seed))
+    covariance = np.stack(
+        [random_covariance(np.append(SIGMA, 3.0), seed + k) for k in range(len(bank.noise))]
+    )
+    mean = np.append(SIGMA, 3.0) * random.standard_normal(covariance.shape[:2])
+    return replace(bank, mean=mean, covariance=covariance), random
+
+
+def test_a_bank_grows_as_in_numpy():
+    bank, random = bank_of(3)
+    forward = FORWARD + 1e-3 * random.standard_normal((7, 7)) * SIGMA[:, None] / SIGMA
+    growth, more = random_covariance(SIGMA, 40), random_covariance(2.0 * SIGMA, 41)
+    after = bank.grown(forward, growth, more)
+    whole = np.eye(8)
+    whole[:7, :7] = forward
+    unit = np.outer(np.append(SIGMA, 3.0), np.append(SIGMA, 3.0))
+    for k in range(len(bank.noise)):
+        expected = whole @ bank.covariance[k] @ whole.T
+        expected[:7, :7] += bank.navigator[k] * growth + more
+        np.testing.assert_allclose(after.covariance[k] / unit, expected / unit, atol=1e-9)
+        np.testing.assert_allclose(after.mean[k], whole @ bank.mean[k], rtol=1e-9)
+
+
+def test_a_bank_takes_information_as_kalman_filters_do():
+    bank, random = bank_of(4)
+    prior = random_covariance(SIGMA, 50)
+    half = random.standard_normal((3, 7)) / SIGMA  # of rank 3, so that it is H'H
+    told = Information(half.T @ random.standard_normal(3), half.T @ half)
+    after = bank.informed(told, prior, VELOCITY)
+    H = half @ with_delay(VELOCITY)
+    z = np.linalg.lstsq(half.T, told.vector, rcond=None)[0]
+    log_weight = np.empty(len(bank.noise))
+    unit = np.outer(np.append(SIGMA, 3.0), np.append(SIGMA, 3.0))
+    for k in range(len(bank.noise)):
+        P = bank.covariance[k]
+        S = H @ P @ H.T + bank.noise[k] * np.eye(3)
+        gain = P @ H.T @ np.linalg.inv(S)
+        innovation = z - H @ bank.mean[k]
+        np.testing.assert_allclose(after.mean[k], bank.mean[k] + gain @ innovation, rtol=1e-6)
+        np.testing.assert_allclose(
+            after.covariance[k] / unit, (P - gain @ H @ P) / unit, atol=1e-7
+        )
+        density = multivariate_normal.logpdf(innovation, np.zeros(3), S)
+        log_weight[k] = bank.log_weight[k] + density
+    reach = np.maximum(log_weight - log_weight.max(), -CONSTANTS.untold_reach_log)
+    np.testing.assert_allclose(after.log_weight, reach, atol=1e-6)

@@ -146,3 +146,11 @@ def test_groups_are_those_of_a_graph():
     group = overlapping(it.mean, it.covariance, limit)
     assert 1 < group.max() + 1 < 60
     np.testing.assert_array_equal(group, expected)
+
+
+def test_distances_are_those_of_numpy():
+    it, x = mixture(3), np.array([100.0, -50.0, 0.1, 0.2])
+    expected = [
+        (x - m) @ np.linalg.solve(P, x - m) for m, P in zip(it.mean, it.covariance, strict=True)
+    ]
+    np.testing.assert_allclose(it.distances(x), expected, rtol=1e-9)

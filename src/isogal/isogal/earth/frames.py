@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import E2, A, F
+from isogal.earth.ellipsoid import E2, A, F, metres_per_radian
 
 
 def geodetic_to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
@@ -73,13 +73,10 @@ def horizontal_difference(
 ) -> Array:
     """Return (..., 2) m, north and east, from point 0 to the point: small differences with the
     radii at point 0."""
-    from isogal.earth.ellipsoid import metres_per_radian
-
     north, east = metres_per_radian(latitude_0)
-    d_lon = (
-        np.remainder(np.asarray(longitude) - np.asarray(longitude_0) + np.pi, 2.0 * np.pi) - np.pi
-    )
-    d_north, d_east = (np.asarray(latitude) - np.asarray(latitude_0)) * north, d_lon * east
-    if d_north.shape != d_east.shape:
-        d_north, d_east = np.broadcast_arrays(d_north, d_east)
-    return np.stack([d_north, d_east], axis=-1)
+    turn = np.subtract(longitude, longitude_0)
+    to_north = np.subtract(latitude, latitude_0) * north
+    to_east = (np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) * east
+    difference = np.empty((*np.broadcast(to_north, to_east).shape, 2))
+    difference[..., 0], difference[..., 1] = to_north, to_east
+    return difference

@@ -8,11 +8,13 @@ from types import ModuleType
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.fusion import ukf
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH
+from isogal.matrices import eigen, inverse_of_lower, lower, product
 
 LEAST_INFORMATION = -4.0
 """Least eigenvalue of a likelihood's information, in units of the navigator's own, that is
@@ -97,24 +99,61 @@ def update_information(
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     P, which = state.covariance[run], BATCH[: len(vector)]
-    own = P[np.ix_(which, which)]
-    scale = np.sqrt(np.diag(own))
-    factor = scale[:, None] * np.linalg.cholesky(own / scale[:, None] / scale)
-    values, turn = np.linalg.eigh(factor.T @ (0.5 * (matrix + matrix.T)) @ factor)
+    error, reduced, values, told = _informed(
+        P, which, np.ascontiguousarray(vector), np.ascontiguousarray(matrix)
+    )
+    if not np.isfinite(values[0]):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
-    # in these directions, columns of A, the navigator's own information is 1 and that of the
-    # measurements a number each: matrix = A diag(values) A', A' own A = 1
-    directions = np.linalg.solve(factor.T, turn)
-    told = np.where(np.abs(values) > 1e-12 * np.abs(values).max(), turn.T @ (factor.T @ vector), 0)
-    applied = np.maximum(values, LEAST_APPLIED)
-    spread = P[:, which] @ directions
-    error = -spread @ (told / (1.0 + applied))  # x is estimate minus truth
-    reduced = P - (spread * (applied / (1.0 + applied))) @ spread.T
-    state.covariance[run] = 0.5 * (reduced + reduced.T)
+    state.covariance[run] = reduced
     move(state.nominal_of(run), error)
     up = (values > 0.0) & (told != 0.0)
     return error[which], float((told[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
+
+
+@kernel
+def _informed(P, which, vector, matrix):  # type: ignore[no-untyped-def]
+    """Return what `update_information` adds to the state (N,), the covariance (N, N) after it, and
+    in the directions in which the navigator's own information is 1 that of the measurements, in
+    rising order, and their vector, (n,) each. NaN where P is not positive definite."""
+    n, size = vector.shape[0], P.shape[0]
+    scale, scaled = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        scale[i] = math.sqrt(P[which[i], which[i]])
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = P[which[i], which[j]] / (scale[i] * scale[j])
+    factor = lower(scaled)
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] *= scale[i]
+    # columns A of these directions: matrix = A diag(values) A', A' own A = 1
+    values, turn = eigen(product(product(factor.T, matrix), factor))
+    back = inverse_of_lower(factor)
+    largest = max(abs(values[0]), abs(values[n - 1]))
+    told, spread = np.zeros(n), np.zeros((size, n))
+    error, reduced = np.zeros(size), P.copy()
+    for k in range(n):
+        if abs(values[k]) > 1e-12 * largest:
+            for i in range(n):
+                for j in range(n):
+                    told[k] += turn[j, k] * factor[i, j] * vector[i]
+        for i in range(n):
+            along = 0.0
+            for j in range(n):
+                along += back[j, i] * turn[j, k]
+            for s in range(size):
+                spread[s, k] += P[s, which[i]] * along
+        applied = max(values[k], LEAST_APPLIED)
+        for s in range(size):
+            error[s] -= spread[s, k] * told[k] / (1.0 + applied)  # x is estimate minus truth
+            for t in range(s + 1):
+                reduced[s, t] -= spread[s, k] * spread[t, k] * applied / (1.0 + applied)
+    for s in range(size):
+        for t in range(s):
+            reduced[t, s] = reduced[s, t]
+    return error, reduced, values, told
 
 
 def update_linear(

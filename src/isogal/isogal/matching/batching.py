@@ -11,7 +11,6 @@ from isogal.fields.measured import measured_field
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import symmetric
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_covariance, reading_covariance
 from isogal.matching.residual_gravity import UNMOVED
@@ -24,6 +23,7 @@ from isogal.matching.transitions import (
     condition,
     reading_rate,
 )
+from isogal.matrices import symmetric
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag

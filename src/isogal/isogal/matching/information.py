@@ -15,7 +15,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, Information
-from isogal.matching.matrices import cholesky, eigen, inverse, inverse_of_lower, symmetric
+from isogal.matrices import cholesky, eigen, inverse, inverse_of_lower, symmetric
 
 _UNINFORMED_RATIO = 1.0 - 1e-4
 """Variance ratio posterior / prior above which a direction of a position fix tells nothing."""

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.matrices import square_root
+from isogal.matrices import square_root
 
 _KNOTS = 8
 """The process is linear between so many times. Over a batch as long as three correlation lengths

@@ -79,8 +79,8 @@ class Scans:
         """Add one; readings of all have the shape of the first one's."""
         if not self.added:
             self._readings = np.zeros((2 * self._most, *np.shape(scan.reading)))
-        if self._end == 2 * self._most:  # the last ones to the front, but for the oldest
-            kept = self.last(self._most - 1)
+        if self._end == 2 * self._most:  # the last ones to the front
+            kept = self.every
             count = kept.stop - kept.start
             self._numbers[:, :count] = self._numbers[:, kept].copy()
             self._readings[:count] = self._readings[kept].copy()

@@ -22,13 +22,13 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import measurement_only, position_information, replaced
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, Matcher
-from isogal.matching.matrices import symmetric
 from isogal.matching.monitoring import Insight, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import error_before, seen_from
+from isogal.matrices import symmetric
 from isogal.scenario import Scenario
 
 

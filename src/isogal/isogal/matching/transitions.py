@@ -14,7 +14,7 @@ from isogal.earth.gravity import normal_gravity_at
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import inverse, square_root, symmetric
+from isogal.matrices import inverse, square_root, symmetric
 
 
 def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.compiled import kernel
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import lower
+from isogal.matrices import lower
 
 _FINITE = (
     "latitude",

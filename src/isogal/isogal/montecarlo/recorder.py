@@ -32,7 +32,7 @@ class Recorder:
         scans, batches = len(index) - 1, len(ends)
         self._error = np.full((runs, scans + 1, 2), np.nan)
         self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
-        self._fix_error = np.full((runs, batches, 2), np.nan)
+        self._fix_place = np.full((2, runs, batches), np.nan)
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
         self._reasons: list[list[str | None]] = [[] for _ in range(runs)]
@@ -61,9 +61,7 @@ class Recorder:
         self._fix_seconds[run, batch] = seconds
         self._reasons[run].append(fix.reason)
         if fix.published:
-            self._fix_error[run, batch] = horizontal_difference(
-                fix.latitude, fix.longitude, self.latitude[end], self.longitude[end]
-            )
+            self._fix_place[:, run, batch] = fix.latitude, fix.longitude
             self._fix_covariance[run, batch] = fix.covariance
         if run == 0:
             self._candidates.append(fix.candidates)
@@ -72,6 +70,12 @@ class Recorder:
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
+        fix_error = horizontal_difference(
+            self._fix_place[0],
+            self._fix_place[1],
+            self.latitude[self.ends],
+            self.longitude[self.ends],
+        )
         return Runs(
             time=self.time,
             latitude=self.latitude,
@@ -80,7 +84,7 @@ class Recorder:
             covariance=self._covariance,
             unaided_error=unaided_error,
             fix_time=self.time[self.ends],
-            fix_error=self._fix_error,
+            fix_error=fix_error,
             fix_covariance=self._fix_covariance,
             fix_reason=tuple(tuple(reasons) for reasons in self._reasons),
             posterior_error=self._error[:, self.ends],

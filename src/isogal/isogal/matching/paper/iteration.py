@@ -12,7 +12,6 @@ from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.interfaces import Batch
 from isogal.matching.local_plane import LocalPlane
-from isogal.matching.matrices import product
 from isogal.matching.paper.kalman import (
     backward_smoother,
     constant_velocity,
@@ -21,6 +20,7 @@ from isogal.matching.paper.kalman import (
 )
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
+from isogal.matrices import product
 
 
 class Scans(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.matching.matrices import lower, product
+from isogal.matrices import lower, product
 
 
 # Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the

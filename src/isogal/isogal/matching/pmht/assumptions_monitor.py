@@ -7,6 +7,7 @@ batches are matched as its navigator would have them, and the real navigator is 
 believes, mean and covariance (docs/mathematics.md, section 8.8).
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -14,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES, batch_covariance
 from isogal.maps.channels import AnyMap
@@ -26,13 +28,13 @@ from isogal.matching.interfaces import (
     Matcher,
     declined,
 )
-from isogal.matching.matrices import cholesky, inverse, positive_part
 from isogal.matching.monitoring import Monitor
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import delayed
 from isogal.matching.pmht.error_hypotheses import ErrorHypotheses, with_delay
 from isogal.matching.pmht.past_batches import error_after, placeless, posterior_of, seen_from
+from isogal.matrices import cholesky, inverted, positive, positive_part, product
 
 CONTRADICTED_COVARIANCE = batch_covariance(500.0, 0.5, 1e-4, 1e-3)
 """(7, 7) what an aid that is not what it says may have done to the navigator besides what fixes
@@ -157,15 +159,48 @@ def _since(batch: Batch, posterior: Array, prior: Array) -> tuple[Array, Array, 
     Where it knows more than its dynamics explain, other sensors have aided it: its error E after
     them is (I - KH) times that before, and I - KH = P_after P_before^-1 (Groves 2013, eq. 3.60).
     """
-    forward = error_after(batch)
-    scale = np.sqrt(np.diag(prior))
-    unaided = forward @ posterior @ forward.T
-    unaided = unaided + positive_part(prior - unaided, scale)
-    unit = scale * scale[:, None]
-    kept = (prior / unit) @ inverse(unaided / unit)
-    forward = (kept * scale[:, None] / scale) @ forward
-    aided = bool(np.trace(kept) < BATCH_STATES - CONSTANTS.aided_states)
-    return forward, positive_part(prior - forward @ posterior @ forward.T, scale), aided
+    forward, growth, kept = with_aids(error_after(batch), np.ascontiguousarray(posterior), prior)
+    if not np.isfinite(kept):
+        raise np.linalg.LinAlgError("Singular matrix")
+    return forward, growth, bool(kept < BATCH_STATES - CONSTANTS.aided_states)
+
+
+@kernel
+def with_aids(forward, posterior, prior):  # type: ignore[no-untyped-def]
+    """Return both matrices of `_since`, and the trace of I - KH; `forward` is without aids."""
+    n = prior.shape[0]
+    scale, one = np.empty(n), np.ones(n)
+    for i in range(n):
+        scale[i] = math.sqrt(prior[i, i])
+    before, after, step = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            before[i, j] = posterior[i, j] / (scale[i] * scale[j])
+            after[i, j] = prior[i, j] / (scale[i] * scale[j])
+            step[i, j] = forward[i, j] * scale[j] / scale[i]
+    unaided = product(product(step, before), step.T)
+    missing = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            missing[i, j] = after[i, j] - unaided[i, j]
+    missing = positive(missing, one)
+    for i in range(n):
+        for j in range(n):
+            unaided[i, j] += missing[i, j]
+    kept = product(after, inverted(unaided))
+    step = product(kept, step)
+    left = product(product(step, before), step.T)
+    for i in range(n):
+        for j in range(n):
+            left[i, j] = after[i, j] - left[i, j]
+    growth = positive(left, one)
+    trace = 0.0
+    for i in range(n):
+        trace += kept[i, i]
+        for j in range(n):
+            step[i, j] *= scale[i] / scale[j]
+            growth[i, j] *= scale[i] * scale[j]
+    return step, growth, trace
 
 
 def _as_seen(batch: Batch, bank: ErrorHypotheses) -> tuple[Batch, Array]:

@@ -10,8 +10,10 @@ from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matrices import eigen
 
 SEPARATION = CONSTANTS.mode_separation  # kernels take constants of their module
+CUT_EFFECTIVE = CONSTANTS.cut_effective_samples
 
 
 def fit(x: Array, weight: Array, most: int, floor: Array) -> tuple[Mixture, Integers]:
@@ -60,22 +62,8 @@ def pieces(x: Array, weight: Array, scale: Array, cuts: int) -> Mixture:
     cuts : int
         Times; a piece whose samples would be too few is not cut.
     """
-    parts, unit = [np.flatnonzero(weight > 0.0)], x / scale
-    for _ in range(cuts):
-        parts = [half for part in parts for half in _halves(unit, weight, part)]
-    every = [_moments(x, weight, part) for part in parts]
-    total, mean, covariance = (np.array([one[k] for one in every]) for k in range(3))
+    total, mean, covariance = _pieces(x, weight, x / scale, cuts)
     return Mixture(total / total.sum(), mean, covariance + np.diag((1e-3 * scale) ** 2))
-
-
-def _halves(x: Array, weight: Array, part: Integers) -> list[Integers]:
-    total, mean, covariance, effective = _moments(x, weight, part)
-    if effective < CONSTANTS.cut_effective_samples:
-        return [part]
-    along = (x[part] - mean) @ np.linalg.eigh(covariance)[1][:, -1]
-    ordered = part[np.argsort(along, kind="stable")]  # in a kernel it takes seconds to compile
-    middle = int(np.searchsorted(np.cumsum(weight[ordered]), 0.5 * total)) + 1
-    return [ordered[:middle], ordered[middle:]] if middle < len(part) else [part]
 
 
 def moments(x: Array, weight: Array) -> tuple[Array, Array]:
@@ -107,6 +95,72 @@ def _moments(x, weight, part):  # type: ignore[no-untyped-def]
             covariance[i, j] /= total
             covariance[j, i] = covariance[i, j]
     return total, mean, covariance, total * total / square
+
+
+@kernel
+def _pieces(x, weight, unit, cuts):  # type: ignore[no-untyped-def]
+    """Return weights (P,), means (P, n) and covariances (P, n, n) of `pieces`; `unit` are the
+    samples in the units in which axes are compared."""
+    members = np.flatnonzero(weight > 0.0)
+    ends = np.zeros(2**cuts + 1, np.int64)  # of the pieces, in `members`
+    ends[1] = members.shape[0]
+    count = 1
+    along = np.empty(x.shape[0])
+    for _ in range(cuts):
+        for piece in range(count - 1, -1, -1):
+            part = members[ends[piece] : ends[piece + 1]]
+            total, mean, covariance, effective = _moments(unit, weight, part)
+            if effective < CUT_EFFECTIVE:
+                continue
+            _, vectors = eigen(covariance)
+            axis = vectors[:, -1]
+            axis *= np.sign(axis[np.argmax(np.abs(axis))])  # either way is as long
+            for s in part:
+                along[s] = 0.0
+                for i in range(mean.shape[0]):
+                    along[s] += (unit[s, i] - mean[i]) * axis[i]
+            below = _halve(along, weight, part, 0.5 * total)
+            if below < part.shape[0]:
+                for later in range(count, piece, -1):
+                    ends[later + 1] = ends[later]
+                ends[piece + 1] = ends[piece] + below
+                count += 1
+    n = x.shape[1]
+    weights, means, covariances = np.empty(count), np.empty((count, n)), np.empty((count, n, n))
+    for piece in range(count):
+        part = members[ends[piece] : ends[piece + 1]]
+        weights[piece], means[piece], covariances[piece], _ = _moments(x, weight, part)
+    return weights, means, covariances
+
+
+@kernel
+def _halve(along, weight, part, half):  # type: ignore[no-untyped-def]
+    """Put the indices `part` of the least of some numbers first, as few as weigh a half, and
+    return how many they are: partitions about a pivot (Hoare 1961, Comm. ACM 4:321)."""
+    first, last, below = 0, part.shape[0], 0.0
+    while last - first > 1:
+        pivot = along[part[(first + last) // 2]]
+        i, j, more = first, last - 1, 0.0
+        while i <= j:
+            while along[part[i]] < pivot:
+                i += 1
+            while along[part[j]] > pivot:
+                j -= 1
+            if i <= j:
+                part[i], part[j] = part[j], part[i]
+                i += 1
+                j -= 1
+        for k in range(first, i):
+            more += weight[part[k]]
+        if i == last:  # the pivot was the largest, and is the last now
+            i -= 1
+            more -= weight[part[i]]
+        if below + more >= half:
+            last = i
+        else:
+            below += more
+            first = i
+    return last
 
 
 @kernel

@@ -16,11 +16,12 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.interfaces import LOST_COVARIANCE, Information
-from isogal.matching.matrices import cholesky, eigen, inverse_of_lower, symmetric
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
 
-_LEAST_INFORMATION = 1e-6
+LEAST_INFORMATION = 1e-6
 """In units of the navigator's own, beside rounding."""
+TELLING = CONSTANTS.telling_information  # kernels take constants of their module
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,11 +73,10 @@ class ErrorHypotheses:
         more : (7, 7) array
             And for other reasons: the same for all hypotheses.
         """
-        whole = np.eye(BATCH_STATES + 1)
-        whole[:-1, :-1] = forward
-        covariance = whole @ self.covariance @ whole.T
-        covariance[:, :-1, :-1] += self.navigator[:, None, None] * growth + more
-        return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
+        mean, covariance = _grown(
+            self.mean, self.covariance, self.navigator, np.ascontiguousarray(forward), growth, more
+        )
+        return replace(self, mean=mean, covariance=covariance)
 
     def informed(
         self, information: Information, prior: Array, velocity: Array
@@ -92,10 +92,10 @@ class ErrorHypotheses:
         velocity : (2,) array
             North and east, m/s: late readings show the vehicle where it was.
         """
-        z, by_error, telling = _as_measurement(information, prior)
-        H = by_error @ with_delay(velocity)
+        matrix = np.ascontiguousarray(information.matrix)
+        z, H, telling = _as_measurement(information.vector, matrix, prior, velocity)
         mean, covariance, density = _informed(
-            self.mean, self.covariance, self.noise, z, np.ascontiguousarray(H), telling
+            self.mean, self.covariance, self.noise, z, H, telling
         )
         # what was wrong for hours may become right: no hypothesis falls too far behind
         log_weight = self.log_weight + density
@@ -142,27 +142,76 @@ class ErrorHypotheses:
         }
 
 
-def _as_measurement(information: Information, prior: Array) -> tuple[Array, Array, int]:
-    """Return z (m,) and H (m, 7) of a fix, z = H x + N(0, I), in the directions in which it is
-    positive, and in how many, the first, it tells so much that it may be judged.
-    """
-    scale = np.sqrt(np.diag(prior))
-    root = scale[:, None] * cholesky(prior / scale / scale[:, None])
-    values, vectors = eigen(root.T @ information.matrix @ root)
-    values, vectors = values[::-1], vectors[:, ::-1]
-    kept = int((values > _LEAST_INFORMATION).sum())
-    size, turned = np.sqrt(values[:kept]), vectors[:, :kept]
-    z = (turned.T @ (root.T @ information.vector)) / size
-    H = (turned * size).T @ inverse_of_lower(root)
-    return z, H, int((values > CONSTANTS.telling_information).sum())
-
-
 def with_delay(velocity: Array) -> Array:
     """Return (7, 8) the error that readings show per unit of the navigator's error and of their
     delay (s), of a vehicle with a velocity (2,) in m/s."""
     shown = np.eye(BATCH_STATES, BATCH_STATES + 1)
     shown[:2, -1] = velocity
     return shown
+
+
+@kernel
+def _grown(mean, covariance, factor, forward, growth, more):  # type: ignore[no-untyped-def]
+    """Return means (K, n + 1) and covariances (K, n + 1, n + 1) of `ErrorHypotheses.grown`; the
+    last state, the delay, stays as it is."""
+    count, n = mean.shape[0], forward.shape[0]
+    new_mean, new = np.zeros(mean.shape), np.zeros(covariance.shape)
+    half = np.empty((n, n))
+    for k in range(count):
+        P, Q = covariance[k], new[k]
+        new_mean[k, n], Q[n, n] = mean[k, n], P[n, n]
+        for i in range(n):
+            for j in range(n):
+                new_mean[k, i] += forward[i, j] * mean[k, j]
+                Q[n, i] += forward[i, j] * P[n, j]
+                half[i, j] = 0.0
+                for c in range(n):
+                    half[i, j] += forward[i, c] * P[c, j]
+            Q[i, n] = Q[n, i]
+        for i in range(n):
+            for j in range(i + 1):
+                value = factor[k] * growth[i, j] + more[i, j]
+                for c in range(n):
+                    value += half[i, c] * forward[j, c]
+                Q[i, j] = Q[j, i] = value
+    return new_mean, new
+
+
+@kernel
+def _as_measurement(vector, matrix, prior, velocity):  # type: ignore[no-untyped-def]
+    """Return z (m,) and H (m, 8) of information about the error as readings show it, z = H (error,
+    delay) + N(0, I), in the directions in which it is positive, and in how many, the first, it
+    tells so much that it may be judged; `prior` (7, 7) is the navigator's own covariance."""
+    n = vector.shape[0]
+    scaled, root, turned = np.empty((n, n)), np.empty((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = prior[i, j] / math.sqrt(prior[i, i] * prior[j, j])
+    factor = lower(scaled)
+    for i in range(n):
+        for j in range(n):
+            root[i, j] = math.sqrt(prior[i, i]) * factor[i, j]
+    whole = product(matrix, root)
+    for i in range(n):
+        for j in range(n):
+            for c in range(n):
+                turned[i, j] += root[c, i] * whole[c, j]
+    values, vectors = eigen(turned)
+    back = inverse_of_lower(root)
+    kept = telling = 0
+    for k in range(n):
+        kept += values[k] > LEAST_INFORMATION
+        telling += values[k] > TELLING
+    z, H = np.zeros(kept), np.zeros((kept, n + 1))
+    for a in range(kept):
+        k = n - 1 - a
+        size = math.sqrt(values[k])
+        for i in range(n):
+            for c in range(n):
+                z[a] += vectors[i, k] * root[c, i] * vector[c] / size
+                H[a, c] += size * vectors[i, k] * back[i, c]
+        H[a, n] = H[a, 0] * velocity[0] + H[a, 1] * velocity[1]
+    return z, H, telling
 
 
 @kernel

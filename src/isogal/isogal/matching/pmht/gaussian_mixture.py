@@ -11,6 +11,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matrices import lower
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +37,11 @@ class Mixture:
         """Return (S,) log density at points (S, n)."""
         factors = np.linalg.cholesky(self.covariance)
         return _log_density(np.ascontiguousarray(x), np.log(self.weight), self.mean, factors)
+
+    def distances(self, x: Array) -> Array:
+        """Return (K,) squared Mahalanobis distances of a point (n,)."""
+        mean, covariance = np.ascontiguousarray(self.mean), np.ascontiguousarray(self.covariance)
+        return np.asarray(_distances(np.ascontiguousarray(x), mean, covariance))
 
     def draw(self, points: Array) -> Array:
         """Turn (S, 1 + n) points, the first coordinate uniform, the others standard normal, into
@@ -192,6 +198,22 @@ def largest_sigma(covariance: Array) -> float:
     first two states are north and east."""
     north, cross, east = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     return math.sqrt(0.5 * (north + east) + math.hypot(0.5 * (north - east), cross))
+
+
+@kernel
+def _distances(x, mean, covariance):  # type: ignore[no-untyped-def]
+    """Return `Mixture.distances`."""
+    out = np.zeros(mean.shape[0])
+    white = np.empty(mean.shape[1])
+    for k in range(mean.shape[0]):
+        factor = lower(covariance[k])
+        for i in range(mean.shape[1]):
+            white[i] = x[i] - mean[k, i]
+            for j in range(i):
+                white[i] -= factor[i, j] * white[j]
+            white[i] /= factor[i, i]
+            out[k] += white[i] * white[i]
+    return out
 
 
 @kernel

@@ -16,10 +16,10 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch
-from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.map_error import MapErrorPrior
 from isogal.matching.pmht.past_batches import Effects, PastBatch, effects_of, without_fixes
+from isogal.matrices import square_root, symmetric
 
 
 @dataclass(frozen=True, slots=True, eq=False)

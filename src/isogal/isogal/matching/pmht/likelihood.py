@@ -37,7 +37,6 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import inverse
 from isogal.matching.pmht.likelihood_kernels import (
     Readings,
     last_rows,
@@ -51,6 +50,7 @@ from isogal.matching.pmht.noise_model import (
     NoiseModel,
     batch_covariance,
 )
+from isogal.matrices import inverse
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,8 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.maps.interpolation import look_up, value_and_gradient
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import lower
 from isogal.matching.pmht.filtered import path_nodes
+from isogal.matrices import lower
 
 
 class Readings(NamedTuple):

@@ -24,7 +24,6 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import replaced
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix
-from isogal.matching.matrices import positive_part, symmetric
 from isogal.matching.monitoring import Insight, Monitor, Monitored
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
@@ -37,6 +36,7 @@ from isogal.matching.pmht.past_batches import (
     recent,
     seen_from,
 )
+from isogal.matrices import positive_part, symmetric
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,12 +7,12 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import positive_part, symmetric
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.map_error import MapErrorEstimate
 from isogal.matching.pmht.sensor_bias import BiasEstimate
 from isogal.matching.pmht.taken import has_taken
+from isogal.matrices import positive_part, symmetric
 
 
 @dataclass(frozen=True, slots=True)

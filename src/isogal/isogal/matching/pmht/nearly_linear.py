@@ -15,7 +15,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.matching.matrices import inverse_of_lower, lower
 from isogal.matching.pmht.clustering import moments
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
@@ -23,6 +22,7 @@ from isogal.matching.pmht.importance_sampling import Posterior
 from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.likelihood_kernels import log_likelihood, mode, whitened
 from isogal.matching.quasi_random import standard_normal
+from isogal.matrices import inverse_of_lower, lower
 
 
 def nearly_linear(

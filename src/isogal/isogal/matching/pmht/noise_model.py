@@ -16,10 +16,10 @@ from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import symmetric
 from isogal.matching.path import FilterPath
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.quasi_random import standard_normal
+from isogal.matrices import symmetric
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Beside, Fix, Information
-from isogal.matching.matrices import inverse, symmetric
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.transitions import condition, unconditioned
+from isogal.matrices import inverse, symmetric
 
 Effects = tuple[Array, Array]
 """Position errors (T, 2, 7) at a batch's rows, and what is in its readings (T, 7), per unit of the

@@ -32,9 +32,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import posterior_of
 from isogal.matching.interfaces import Batch, Fix, Information, declined
-from isogal.matching.matrices import positive_part, symmetric
 from isogal.matching.monitoring import Monitor, Monitored
 from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matrices import positive_part, symmetric
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import square_root, symmetric
 from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.delay import by_delay, later
@@ -33,6 +32,7 @@ from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.taken import has_taken
 from isogal.matching.pmht.wandering import Walk, Wandering
 from isogal.matching.transitions import unconditioned
+from isogal.matrices import square_root, symmetric
 
 _DELAY = "reading_delay"
 """Not what `error_hypotheses` says of a delay that nobody has told of."""

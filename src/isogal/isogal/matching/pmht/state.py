@@ -4,8 +4,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-import numpy as np
-
 from isogal.arrays import Array, Booleans
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
@@ -21,6 +19,7 @@ from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.noise_model import NoiseModel
 from isogal.matching.pmht.sensor_bias import BiasEstimate, LinearBias
 from isogal.matching.pmht.settings import Settings
+from isogal.matrices import inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +133,8 @@ class State:
         The posterior mean has absorbed as many degrees of freedom as it has gained on the prior,
         n - tr(1 - posterior prior⁻¹) (docs/mathematics.md, section 8.3).
         """
-        gained = np.linalg.solve(self.batch.prior, self.best.mixture.covariance[0])
-        absorbed = min(max(float(np.trace(np.eye(4) - gained)), 0.0), 4.0)
+        left = float((inverse(self.batch.prior) * self.best.mixture.covariance[0]).sum())
+        absorbed = min(max(4.0 - left, 0.0), 4.0)
         return ChiSquare(self.best.misfit, max(self.best.likelihood.new_count - absorbed, 1.0))
 
     def agreement(self) -> ChiSquare:
@@ -149,10 +148,8 @@ class State:
 
 @lru_cache(maxsize=4)  # several ask it of the same posterior
 def _agreement(best: Update, prior: Mixture) -> ChiSquare:
-    apart = best.mixture.mean[0] - prior.mean
-    solved = np.linalg.solve(prior.covariance, apart[..., None])[..., 0]
-    tension = np.einsum("ki,ki->k", apart, solved).min()
-    return ChiSquare(best.misfit + float(tension), float(max(best.likelihood.new_count, 1)))
+    tension = float(prior.distances(best.mixture.mean[0]).min())
+    return ChiSquare(best.misfit + tension, float(max(best.likelihood.new_count, 1)))
 
 
 def likelihood_of(

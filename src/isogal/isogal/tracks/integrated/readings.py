@@ -13,8 +13,8 @@ from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements
 from isogal.matching.interfaces import Batch
-from isogal.matching.matrices import symmetric
 from isogal.matching.quasi_random import standard_normal
+from isogal.matrices import symmetric
 from isogal.tracks.integrated.continued_map import ContinuedMap
 
 MOST_ROWS = 220

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.navigators import random_covariance
-from isogal.matching.matrices import (
+from isogal.matrices import (
     cholesky,
     eigen,
     inverse,

@@ -15,7 +15,7 @@ _MOST_STEPS = 50
 
 def symmetric(matrix: NDArray[Any]) -> Array:
     """Return the symmetric part of a matrix (..., n, n), against rounding."""
-    return np.asarray(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), dtype=np.float64)
+    return 0.5 * (matrix + matrix.swapaxes(-1, -2))
 
 
 def positive_part(matrix: Array, scale: Array | None = None) -> Array:
@@ -28,7 +28,7 @@ def positive_part(matrix: Array, scale: Array | None = None) -> Array:
         Unit of each state, in which eigenvalues are compared; default 1.
     """
     scale = np.ones(len(matrix)) if scale is None else scale
-    return np.asarray(_positive_part(np.ascontiguousarray(matrix), scale))
+    return np.asarray(positive(np.ascontiguousarray(matrix), scale))
 
 
 def square_root(covariance: Array) -> Array:
@@ -44,7 +44,7 @@ def inverse(matrix: NDArray[Any]) -> Array:
     LinAlgError
         It is singular, or not finite.
     """
-    result = _inverse(np.ascontiguousarray(matrix, dtype=np.float64))
+    result = inverted(np.ascontiguousarray(matrix, dtype=np.float64))
     if not np.isfinite(result[0, 0]):
         raise np.linalg.LinAlgError("Singular matrix")
     return np.asarray(result)
@@ -65,8 +65,9 @@ def cholesky(matrix: NDArray[Any]) -> Array:
 
 
 @kernel
-def _inverse(matrix):  # type: ignore[no-untyped-def]
-    """Gauss-Jordan elimination with pivots of each column; NaN where there is none."""
+def inverted(matrix):  # type: ignore[no-untyped-def]
+    """Return the inverse of a small matrix (n, n), by Gauss-Jordan elimination with pivots of each
+    column; NaN where there is none."""
     n = matrix.shape[0]
     left, right = matrix.copy(), np.eye(n)
     for c in range(n):
@@ -263,7 +264,8 @@ def root(covariance):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _positive_part(matrix, scale):  # type: ignore[no-untyped-def]
+def positive(matrix, scale):  # type: ignore[no-untyped-def]
+    """Return `positive_part`."""
     n = scale.shape[0]
     unit = np.empty((n, n))
     for i in range(n):
