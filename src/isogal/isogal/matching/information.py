@@ -13,15 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, Information
-from isogal.matrices import cholesky, eigen, inverse, inverse_of_lower, symmetric
+from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
 
-_UNINFORMED_RATIO = 1.0 - 1e-4
+UNINFORMED_RATIO = 1.0 - 1e-4
 """Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
-_LEAST_CHANGE = 0.01
+LEAST_CHANGE = 0.01
 """Change of the variance ratio, in some direction, that a batch needs to tell anything."""
-_LARGEST_RATIO = 4.0
+LARGEST_RATIO = 4.0
 """Variance ratio at most: a posterior is taken to be at most twice as wide as the prior."""
 
 
@@ -38,15 +39,10 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    whitening, ratio, vectors = _relative(covariance, prior)
-    if (np.abs(ratio - 1.0) < _LEAST_CHANGE).all():
-        return Information(vector=np.zeros(len(mean)), matrix=np.zeros_like(prior))
-    ratio = np.minimum(ratio, _LARGEST_RATIO)
-    back = whitening.T @ vectors  # whitened directions as rows of information
-    coordinate = whitening @ mean @ vectors
-    return Information(
-        vector=back @ (coordinate / ratio), matrix=(back * (1.0 / ratio - 1.0)) @ back.T
-    )
+    told = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
+    if not np.isfinite(told[1][0, 0]):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    return Information(*told)
 
 
 def replaced(fix: Fix, mean: Array, covariance: Array, prior: Array) -> Fix:
@@ -136,19 +132,63 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
         Position error (m) according to the measurements alone, and its covariance (m²); a
         direction without information has ten thousand times the prior's variance.
     """
-    whitening, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
-    informed = ratio < _UNINFORMED_RATIO
-    coordinate = whitening @ mean[:2] @ vectors
-    weight = np.where(informed, 1.0 / ratio - 1.0, 1e-4)
-    z = np.where(informed, coordinate / (ratio * weight), 0.0)
-    axes = inverse(whitening) @ vectors
-    return axes @ z, (axes / weight) @ axes.T
+    place = (mean[:2], covariance[:2, :2], prior[:2, :2])
+    error, spread = _measured(*map(np.ascontiguousarray, place))
+    if not np.isfinite(spread[0, 0]):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    return error, spread
 
 
-def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
+@kernel
+def _relative(covariance, prior):  # type: ignore[no-untyped-def]
     """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
-    posterior covariance in prior units.
-    """
-    whitening = inverse_of_lower(cholesky(prior))
-    values, vectors = eigen(whitening @ covariance @ whitening.T)
-    return whitening, np.maximum(values, 1e-12), vectors
+    posterior covariance in prior units."""
+    whitening = inverse_of_lower(lower(prior))
+    values, vectors = eigen(product(product(whitening, covariance), whitening.T))
+    for k in range(values.shape[0]):
+        values[k] = max(values[k], 1e-12)
+    return whitening, values, vectors
+
+
+@kernel
+def _likelihood(mean, covariance, prior):  # type: ignore[no-untyped-def]
+    """Return vector (n,) and matrix (n, n) of `likelihood_information`."""
+    n = mean.shape[0]
+    whitening, ratio, vectors = _relative(covariance, prior)
+    back, vector, matrix = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
+    told = False
+    for k in range(n):
+        told = told or not abs(ratio[k] - 1.0) < LEAST_CHANGE
+    for k in range(n if told else 0):
+        size, coordinate = min(ratio[k], LARGEST_RATIO), 0.0
+        for j in range(n):
+            for i in range(n):
+                back[i, k] += whitening[j, i] * vectors[j, k]
+                coordinate += vectors[j, k] * whitening[j, i] * mean[i]
+        for i in range(n):
+            vector[i] += back[i, k] * coordinate / size
+            for j in range(n):
+                matrix[i, j] += back[i, k] * (1.0 / size - 1.0) * back[j, k]
+    return vector, matrix
+
+
+@kernel
+def _measured(mean, covariance, prior):  # type: ignore[no-untyped-def]
+    """Return position error (2,) and covariance (2, 2) of `measurement_only`."""
+    n = mean.shape[0]
+    whitening, ratio, vectors = _relative(covariance, prior)
+    axes = product(lower(prior), vectors)
+    error, spread = np.zeros(n), np.zeros((n, n))
+    for k in range(n):
+        weight, z = 1e-4, 0.0
+        if not ratio[k] >= UNINFORMED_RATIO:
+            weight = 1.0 / ratio[k] - 1.0
+            for j in range(n):
+                for i in range(n):
+                    z += vectors[j, k] * whitening[j, i] * mean[i]
+            z /= ratio[k] * weight
+        for i in range(n):
+            error[i] += axes[i, k] * z
+            for j in range(n):
+                spread[i, j] += axes[i, k] * axes[j, k] / weight
+    return error, spread

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
@@ -132,6 +133,7 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
     return np.array(rows), np.array(rates)
 
 
+@kernel
 def _position_rates(
     lat: float, heading: float, speed: float, height: float
 ) -> tuple[float, float]:
@@ -143,6 +145,7 @@ def _position_rates(
     )
 
 
+@kernel
 def _runge_kutta(
     lat: float,
     lon: float,

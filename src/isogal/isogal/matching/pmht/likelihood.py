@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.compiled import kernel
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
@@ -50,7 +51,7 @@ from isogal.matching.pmht.noise_model import (
     NoiseModel,
     batch_covariance,
 )
-from isogal.matrices import inverse
+from isogal.matrices import inverted, product
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,10 +175,7 @@ class BatchLikelihood:
         The whitened new residuals are w = e - D d, with e and d ~ N(0, 1).
         """
         residual, slope = self.linearise(xi)
-        white = self.whitened(np.column_stack([residual, slope, self.nuisance_at(xi)]))
-        effect = white[:, 5:]
-        covariance = inverse(np.eye(effect.shape[1]) + effect.T @ effect)
-        by = -covariance @ effect.T @ white[:, :5]
+        by, covariance = _explained(self.whitening, residual, slope, self.nuisance_at(xi))
         return by[:, 0], by[:, 1:], covariance
 
     def scaled(self, variance: float) -> "BatchLikelihood":
@@ -242,3 +240,29 @@ class BatchLikelihood:
         """Log of the constant that `log` leaves out, for comparing noise models."""
         white = float(np.log(np.diag(self.reduction[self.first_new :])).sum())
         return white - 0.5 * math.log(2.0 * math.pi) * self.new_count
+
+
+@kernel
+def _explained(whitening, residual, slope, effect):  # type: ignore[no-untyped-def]
+    """Return means and derivatives (M, 5) of nuisance parameters with effects (T, M), and their
+    covariance (M, M), given the readings' residuals (T,) and derivatives (T, 4)."""
+    rows, new = whitening.shape
+    count = effect.shape[1]
+    white = np.zeros((new, 5 + count))
+    for t in range(rows):
+        for k in range(max(t - rows + new, 0), new):
+            weight = whitening[t, k]
+            white[k, 0] += weight * residual[t]
+            for i in range(4):
+                white[k, 1 + i] += weight * slope[t, i]
+            for m in range(count):
+                white[k, 5 + m] += weight * effect[t, m]
+    inner, seen = np.eye(count), np.zeros((count, 5))
+    for k in range(new):
+        for a in range(count):
+            for b in range(count):
+                inner[a, b] += white[k, 5 + a] * white[k, 5 + b]
+            for i in range(5):
+                seen[a, i] -= white[k, 5 + a] * white[k, i]
+    covariance = inverted(inner)
+    return product(covariance, seen), covariance

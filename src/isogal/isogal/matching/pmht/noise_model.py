@@ -99,6 +99,11 @@ def residual_covariance(
     also differs from direction to direction (T, 3) (`isogal.maps.error_ellipses`). Map errors of
     readings that are a mean over a path are means over it as well.
     """
+    if channel is None and filter_path is None and isinstance(correlation_length, float):
+        sigma = np.ascontiguousarray(map_sigma)
+        return np.asarray(
+            _of_one_map(latitude, longitude, white_variance, sigma, correlation_length, bias_sigma)
+        )
     covariance = np.diag(white_variance)
     together = 1.0 if channel is None else (channel[:, None] == channel).astype(np.float64)
     if np.any(map_sigma > 0.0):
@@ -116,6 +121,24 @@ def tensor_sigmas(components: Sequence[str], channel: Integers, told: float, own
     """Return (T,) the 1-sigma of T_dd's error where a sigma of it is told and the map says (T,)
     how wrong each channel is itself: the larger one."""
     return np.maximum(told, own / np.sqrt(shares(components))[channel])
+
+
+@kernel
+def _of_one_map(latitude, longitude, white, sigma, length, bias):  # type: ignore[no-untyped-def]
+    """Return `residual_covariance` of readings that are compared with one map, which is wrong over
+    one length."""
+    out = np.zeros((latitude.shape[0], latitude.shape[0]))
+    if sigma.any():
+        out = distances(latitude, longitude)
+        for i in range(out.shape[0]):
+            for j in range(i + 1):
+                shape = math.exp(-out[i, j] / length)
+                out[i, j] = out[j, i] = sigma[i] * sigma[j] * shape
+    for i in range(out.shape[0]):
+        out[i, i] += white[i]
+        for j in range(out.shape[0]):
+            out[i, j] += bias * bias
+    return out
 
 
 @kernel

@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.maps.channels import AnyMap
@@ -14,7 +15,7 @@ from isogal.matching.interfaces import Batch, Beside, Fix, Information
 from isogal.matching.pmht.attitude import joint_prior
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.transitions import condition, unconditioned
-from isogal.matrices import inverse, symmetric
+from isogal.matrices import inverse, inverted, product
 
 Effects = tuple[Array, Array]
 """Position errors (T, 2, 7) at a batch's rows, and what is in its readings (T, 7), per unit of the
@@ -226,9 +227,27 @@ def posterior_of(prior: Array, information: Information | None) -> tuple[Array, 
     """Return mean (7,) and covariance (7, 7) of the error N(0, prior) given the information."""
     if information is None:
         return np.zeros(BATCH_STATES), prior
-    # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    covariance = inverse(np.eye(len(prior)) + prior @ information.matrix) @ prior
-    return covariance @ information.vector, symmetric(covariance)
+    told = np.ascontiguousarray(information.vector), np.ascontiguousarray(information.matrix)
+    mean, covariance = _informed(np.ascontiguousarray(prior), *told)
+    if not np.isfinite(covariance[0, 0]):
+        raise np.linalg.LinAlgError("Singular matrix")
+    return mean, covariance
+
+
+@kernel
+def _informed(prior, vector, matrix):  # type: ignore[no-untyped-def]
+    """Return `posterior_of`: (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny."""
+    n = prior.shape[0]
+    inner = product(prior, matrix)
+    for i in range(n):
+        inner[i, i] += 1.0
+    whole = product(inverted(inner), prior)
+    mean, covariance = np.zeros(n), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            mean[i] += whole[i, j] * vector[j]
+            covariance[i, j] = 0.5 * (whole[i, j] + whole[j, i])
+    return mean, covariance
 
 
 def seen_from(batch: Batch, shift: Array, covariance: Array) -> Batch:
