@@ -2,12 +2,13 @@
 hidden starts, outliers, turns.
 
     python benchmarks/accuracy.py [--runs 100] [--map FILE] [--batch-lengths 30 15] [--cases NAME
-    ...] [--out FILE.json]
+    ...] [--seed 0] [--out FILE.json]
 
 A case is a closed loop of so many runs (3.6 h; wide starts 1 h, hidden ones 1.5 h, or 2 h with a
 wrong map). `ratio` is RMS error over RMS bound, both over the time after the first hour; `batch`
 is what the ratio would be for a navigator at the bound that learns of readings at batch ends only.
-Cases that are in FILE.json already are not computed again."""
+Where a case was run told and with nothing told, the last lines are the one RMS over the other, of
+the same runs. Cases that are in FILE.json already are not computed again."""
 
 import os
 
@@ -18,6 +19,7 @@ os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
 import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -156,29 +158,47 @@ CHUNK = 10
 """Runs to a job."""
 
 
-def scenario_of(case: str, length: int, map_file: str | None) -> Scenario:
-    settings = [*CASES[case], f"matcher.batch_length={length}"]
+TOLD, UNTOLD = ", told, default stride", ", nothing told"
+"""Ends of the names of cases that differ in that alone."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all cases of a study have in common."""
+
+    batch_length: int
+    map_file: str | None
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """For the names of kept results."""
+        where = Path(self.map_file).name if self.map_file else "synthetic"
+        return f"T = {self.batch_length}, {where}" + (f", seed {self.seed}" if self.seed else "")
+
+
+def scenario_of(case: str, common: Setting) -> Scenario:
+    length, map_file = common.batch_length, common.map_file
+    settings = [*CASES[case], f"matcher.batch_length={length}", f"seed={common.seed}"]
     default = "nothing told" in case or "default stride" in case
     if not default and not any("stride" in item for item in settings):
         settings.append(f"matcher.stride={length}")  # batches do not overlap
     return load_scenario(None, [*settings, f"map.source={map_file}"] if map_file else settings)
 
 
-def some_runs(case: str, length: int, map_file: str | None, runs: range) -> Runs:
-    scenario = scenario_of(case, length, map_file)
+def some_runs(case: str, common: Setting, runs: range) -> Runs:
+    scenario = scenario_of(case, common)
     trajectory = build_trajectory(scenario)
     return simulate(scenario, runs, map_for_scenario(scenario, trajectory))
 
 
-def measure(
-    case: str, length: int, map_file: str | None, runs: int, pool: ProcessPoolExecutor
-) -> dict[str, Any]:
+def measure(case: str, common: Setting, runs: int, pool: ProcessPoolExecutor) -> dict[str, Any]:
     """Run one case."""
-    scenario = scenario_of(case, length, map_file)
+    scenario = scenario_of(case, common)
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
     parts = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
-    jobs = [pool.submit(some_runs, case, length, map_file, part) for part in parts]
+    jobs = [pool.submit(some_runs, case, common, part) for part in parts]
     record = Runs.concatenate([job.result() for job in jobs])
     bound, batch = (
         posterior_cramer_rao(scenario, trajectory, field_map, batchwise=batchwise).rms_at(
@@ -241,6 +261,15 @@ def text_of(case: str, length: int, row: dict[str, Any]) -> str:
     )
 
 
+def print_pairs(rows: dict[str, dict[str, Any]]) -> None:
+    """Print what it costs that nothing is told."""
+    for case, row in rows.items():
+        told = rows.get(case.removesuffix(UNTOLD) + TOLD)
+        if case.endswith(UNTOLD) and told is not None and "rms_after_1h_m" in row:
+            pair = row["rms_after_1h_m"] / told["rms_after_1h_m"]
+            print(f"{case.removesuffix(UNTOLD):30} nothing told / told {pair:.3f}")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
@@ -252,6 +281,7 @@ def main() -> None:
     parser.add_argument(
         "--cases", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME"
     )
+    parser.add_argument("--seed", type=int, default=0, help="of all cases")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="keep results there")
     options = parser.parse_args()
@@ -260,16 +290,17 @@ def main() -> None:
         kept = json.loads(options.out.read_text())
     with ProcessPoolExecutor(options.workers) as pool:
         for length in options.batch_lengths:
+            common = Setting(length, options.map, options.seed)
+            rows: dict[str, dict[str, Any]] = {}
             for case in options.cases:
-                key = (
-                    f"{case}, T = {length},"
-                    f" {Path(options.map).name if options.map else 'synthetic'}"
-                )
+                key = f"{case}, {common.name}"
                 if kept.get(key, {}).get("runs") != options.runs:
-                    kept[key] = measure(case, length, options.map, options.runs, pool)
+                    kept[key] = measure(case, common, options.runs, pool)
                     if options.out:
                         write_atomic(options.out, json.dumps(kept, indent=1))
-                print(text_of(case, length, kept[key]), flush=True)
+                rows[case] = kept[key]
+                print(text_of(case, length, rows[case]), flush=True)
+            print_pairs(rows)
 
 
 if __name__ == "__main__":
