@@ -261,6 +261,8 @@ class Constants:
     # What nobody has told (section 8.8)
     navigator_variance_factors: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 30.0, 100.0, 300.0)
     """Of the navigator's covariance, that are tried."""
+    growth_variance_factors: tuple[float, ...] = (10.0, 30.0, 100.0)
+    """Of what it grows by, that are tried where its start is as told."""
     fix_variance_factors: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)
     """Of the covariance of fixes, that are tried."""
     unknown_delay_s: float = 15.0

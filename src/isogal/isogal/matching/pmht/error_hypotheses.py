@@ -30,7 +30,8 @@ class ErrorHypotheses:
     delay (s) of the readings."""
 
     navigator: Array
-    """(K,) factor of the navigator's covariance at the start and of all that it grows by."""
+    """(K,) factor of all that the navigator's covariance grows by; at the start it has the same or
+    none."""
     noise: Array
     """(K,) factor of the covariance of fixes."""
     mean: Array
@@ -46,16 +47,20 @@ class ErrorHypotheses:
         """Return the bank of a navigator whose covariance (7, 7) is the prior, before its first
         fix."""
         factors = [
-            (navigator, noise, 0.0)
+            (navigator, navigator, noise, 0.0)
             for noise in CONSTANTS.fix_variance_factors
             for navigator in CONSTANTS.navigator_variance_factors
         ]
         factors += [
-            (1.0, noise, CONSTANTS.unknown_delay_s) for noise in CONSTANTS.fix_variance_factors
+            (1.0, 1.0, noise, CONSTANTS.unknown_delay_s)
+            for noise in CONSTANTS.fix_variance_factors
         ]
-        navigator, noise, delay = (np.array(column) for column in zip(*factors, strict=True))
+        factors += [(1.0, growth, 1.0, 0.0) for growth in CONSTANTS.growth_variance_factors]
+        start, navigator, noise, delay = (
+            np.array(column) for column in zip(*factors, strict=True)
+        )
         covariance = np.zeros((len(delay), BATCH_STATES + 1, BATCH_STATES + 1))
-        covariance[:, :-1, :-1] = navigator[:, None, None] * prior
+        covariance[:, :-1, :-1] = start[:, None, None] * prior
         covariance[:, -1, -1] = delay**2
         log_weight = np.full(len(delay), CONSTANTS.untold_log_prior)
         log_weight[0] = 0.0
