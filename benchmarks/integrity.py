@@ -26,6 +26,7 @@ from typing import get_args
 
 import mismatch
 import numpy as np
+from mismatch_maps import coarse_map
 from mismatch_rows import ROWS
 
 from isogal.arrays import Array
@@ -207,7 +208,7 @@ def main() -> None:
     parser.add_argument("--present", action="store_true", help="compute nothing")
     parser.add_argument("--figure", type=Path, help="PNG file for the first row's diagram")
     options = parser.parse_args()
-    maps = mismatch.coarse_map(options.data, options.out)
+    maps = coarse_map(options.data, options.out)
     together = {kind: Count() for kind in reversed(get_args(mismatch.Kind))}
     seen: list[Scenario] = []
     lines = [HEAD]

@@ -22,13 +22,14 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 import yaml
+from mismatch_maps import Maps, coarse_map
 from mismatch_rows import EXACT, MGAL_3, ROWS, Row
 
 from isogal.arrays import Array
@@ -38,8 +39,6 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise, write_json
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.files import write_atomic
-from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.load import load_map
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario, validate_scenario
 from isogal.scenario.truth import SECTIONS
@@ -58,72 +57,7 @@ OF_AIDS = "height.bias", "height.scale", "height.weather_", "velocity.scale", "v
 """Keys that are left at their defaults where nothing is told; those of aids are what they are."""
 CHUNK = 10
 """Runs to a job."""
-COARSER = 2
-"""Cells of the map to a cell of the coarse one."""
-AROUND = 3.0
-"""Its cells over which what it leaves out is averaged (1-sigma of a Gaussian weight)."""
 MARKS = "<!-- table of benchmarks/mismatch.py -->", "<!-- end of the table -->"
-
-
-@dataclass(frozen=True)
-class Maps:
-    """Map files, and how the coarse one differs from the fine one."""
-
-    fine: str
-    coarse: str
-    rated: str
-    """The coarse one with its 1-sigma at each node."""
-    magnetic: str
-    residual: float
-    """1-sigma, m/s²."""
-    length: float
-    """m."""
-
-    def put_in(self, settings: Sequence[str]) -> list[str]:
-        """Return settings with names and numbers in place of what stands for them."""
-        return [text.format(**vars(self)) for text in settings]
-
-
-def coarse_map(data: Path, out: Path) -> Maps:
-    """Write the map of a coarser grid, without and with what is known of its error; return all
-    maps."""
-    from scipy.ndimage import gaussian_filter
-
-    fine, coarse, rated = data / "se_australia_gravity.nc", out / "coarse.nc", out / "rated.nc"
-    field_map = load_map(fine, quantity="gravity")
-    rows, columns = (n // COARSER * COARSER for n in field_map.values.shape)
-
-    def mean(axis: np.ndarray, count: int) -> np.ndarray:
-        return axis[:count].reshape(-1, COARSER).mean(axis=1)
-
-    blocks = field_map.values[:rows, :columns].reshape(
-        rows // COARSER, COARSER, columns // COARSER, COARSER
-    )
-    wide = replace(
-        field_map,
-        latitude=mean(field_map.latitude, rows),
-        longitude=mean(field_map.longitude, columns),
-        values=blocks.mean(axis=(1, 3)),
-        provenance=f"{field_map.provenance}, means of {COARSER} x {COARSER} cells",
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    write_netcdf(wide, coarse)
-    apart = field_map.values - wide.value(*np.meshgrid(
-        field_map.latitude, field_map.longitude, indexing="ij"
-    ))  # fmt: skip
-    squared = np.nan_to_num(apart[:rows, :columns] ** 2).reshape(blocks.shape).mean(axis=(1, 3))
-    local = np.sqrt(gaussian_filter(squared, AROUND)) + 1e-7
-    write_netcdf(replace(wide, sigma=local), rated)
-    route = build_trajectory(load_scenario())
-    difference = field_map.value(route.latitude, route.longitude) - wide.value(
-        route.latitude, route.longitude
-    )
-    sigma = float(np.sqrt(np.nanmean(difference**2)))
-    products = [np.nanmean(difference[: -lag or None] * difference[lag:]) for lag in range(600)]
-    far = int(np.argmax(np.array(products) < products[0] / np.e))
-    speed = float(np.hypot(*route.velocity[0, :2]))
-    magnetic = data / "kalgoorlie_gravity_magnetic.nc"
-    return Maps(str(fine), str(coarse), str(rated), str(magnetic), sigma, far * speed * route.dt)
 
 
 def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenario:

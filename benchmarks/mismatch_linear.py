@@ -21,7 +21,8 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from mismatch import changed, coarse_map, map_share, parts_of, scenario_of, write_between
+from mismatch import changed, map_share, parts_of, scenario_of, write_between
+from mismatch_maps import coarse_map
 from mismatch_rows import MGAL_3, ROWS, Row
 
 from isogal.arrays import Array

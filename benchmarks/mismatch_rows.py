@@ -207,6 +207,13 @@ ROWS = (
         ),
     ),
     Row(
+        "the same, map of twice the grid spacing",
+        (f"map.source={FINE}",),
+        (f"map.source={RATED}", "matcher.map_correlation_length={length}"),
+        (*EXACT, "gravity.field=map", f"map.source={COARSE}", "map.continuation=none"),
+        bound=("map_error.sigma={residual}", "map_error.correlation_length={length}"),
+    ),
+    Row(
         "magnetic field of the year 2015 instead of 2025",
         ("magnetometer.epoch=2015",),
         base=OVER_KALGOORLIE,

@@ -5,6 +5,7 @@ import argparse
 import mismatch
 import numpy as np
 import pytest
+from mismatch_maps import Maps
 from mismatch_rows import MGAL_3, ROWS
 
 from helpers.batches import ORIGIN
@@ -12,7 +13,7 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
 from isogal.scenario import Scenario, load_scenario
 
-MAPS = mismatch.Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
+MAPS = Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
 IDS = [row.name for row in ROWS]
 
 
