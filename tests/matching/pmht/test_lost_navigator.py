@@ -235,6 +235,29 @@ class Placeless(Untold):
         return replace(super().insight(memory), hypotheses=here)
 
 
+class RightAtFirst(Scripted):
+    """Doubts from the fourth batch on; a search agrees with the navigator's place of before it."""
+
+    def insight(self, memory):
+        count, evidence = memory or (0, 0.0)
+        here = Mixture.gaussian(FOUND[:4] if count >= 4 else np.zeros(4), 100.0 * np.eye(4))
+        doubt = 100.0 if count >= 4 else -100.0
+        return Insight(evidence, doubt, None, here)
+
+
+def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
+    script = RightAtFirst(sure=4)
+    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
+    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
+    for t in range(120):
+        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
+        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
+        if made.ready:
+            fix, memory = matcher.match(made.build(random_covariance(SIGMA, 0)), None, memory)
+            fixes.append(fix)
+    assert [fix.reset for fix in fixes] == [False, False, False, True]
+
+
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
 
 

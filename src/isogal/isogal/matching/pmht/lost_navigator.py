@@ -175,7 +175,7 @@ class LostNavigatorMonitor(Monitor):
                 found.reset
                 or search.memory is None
                 or search.readings > CONSTANTS.search_readings_at_most
-                or self._confirms(search)
+                or (not search.waiting and self._confirms(search))
             ):
                 return fix, ended
             if found.published and not search.waiting:
