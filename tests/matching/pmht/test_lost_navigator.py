@@ -245,8 +245,8 @@ class RightAtFirst(Scripted):
         return Insight(evidence, doubt, None, here)
 
 
-def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
-    script = RightAtFirst(sure=4)
+def fixes_of(script):
+    """Fixes of four batches, beside a search."""
     matcher, memory, fixes = LostNavigatorMonitor(script), None, []
     made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
     for t in range(120):
@@ -255,7 +255,11 @@ def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
         if made.ready:
             fix, memory = matcher.match(made.build(random_covariance(SIGMA, 0)), None, memory)
             fixes.append(fix)
-    assert [fix.reset for fix in fixes] == [False, False, False, True]
+    return fixes
+
+
+def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
+    assert [fix.reset for fix in fixes_of(RightAtFirst(sure=4))] == [False, False, False, True]
 
 
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
@@ -265,14 +269,7 @@ PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
     ("script", "searched"), [(Scripted(sure=9), True), (Untold(9), False), (PartlyTold(9), True)]
 )
 def test_doubt_begins_a_search_only_where_the_maps_error_is_told(script, searched):
-    matcher, memory = LostNavigatorMonitor(script), None
-    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
-    for t in range(90):
-        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
-        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
-        if made.ready:
-            batch = made.build(random_covariance(SIGMA, 0))
-            _, memory = matcher.match(batch, None, memory)
+    fixes_of(script)
     assert bool(script.seen_lost) == searched
 
 

@@ -177,7 +177,9 @@ def advance(  # type: ignore[no-untyped-def]
     for r in range(runs):
         state, auxiliary = of_run(nominal, r), of_gravity(every, residual_gravity[r])
         x, v, q = state.position, state.velocity, state.attitude
-        P[:, :n] = covariance[r]
+        for i in range(n):  # a slice would take seconds to compile
+            for j in range(n):
+                P[i, j] = covariance[r, i, j]
         done[r] = steps
         for k in range(steps):
             if not factorise(n, P, factor, gain):

@@ -113,12 +113,16 @@ def _pieces(x, weight, unit, cuts):  # type: ignore[no-untyped-def]
             if effective < CUT_EFFECTIVE:
                 continue
             _, vectors = eigen(covariance)
-            axis = vectors[:, -1]
-            axis *= np.sign(axis[np.argmax(np.abs(axis))])  # either way is as long
+            longest = 0.0
+            for i in range(mean.shape[0]):
+                if abs(vectors[i, -1]) > abs(longest):
+                    longest = vectors[i, -1]
             for s in part:
                 along[s] = 0.0
                 for i in range(mean.shape[0]):
-                    along[s] += (unit[s, i] - mean[i]) * axis[i]
+                    along[s] += (unit[s, i] - mean[i]) * vectors[i, -1]
+                if longest < 0.0:  # the axis either way is the same
+                    along[s] = -along[s]
             below = _halve(along, weight, part, 0.5 * total)
             if below < part.shape[0]:
                 for later in range(count, piece, -1):
@@ -129,7 +133,11 @@ def _pieces(x, weight, unit, cuts):  # type: ignore[no-untyped-def]
     weights, means, covariances = np.empty(count), np.empty((count, n)), np.empty((count, n, n))
     for piece in range(count):
         part = members[ends[piece] : ends[piece + 1]]
-        weights[piece], means[piece], covariances[piece], _ = _moments(x, weight, part)
+        weights[piece], mean, covariance, _ = _moments(x, weight, part)
+        for i in range(n):  # a slice would take seconds to compile
+            means[piece, i] = mean[i]
+            for j in range(n):
+                covariances[piece, i, j] = covariance[i, j]
     return weights, means, covariances
 
 
