@@ -164,6 +164,20 @@ def test_a_search_sees_the_track_without_fixes_and_its_place_becomes_the_navigat
     np.testing.assert_allclose(mean[:2], (before + FOUND)[:2], atol=5.0)
 
 
+def fixes_of(script, scans, covariance=None):
+    """Fixes of batches of 30 scans of a navigator with a covariance (7, 7)."""
+    prior = random_covariance(SIGMA, 0) if covariance is None else covariance
+    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
+    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
+    for t in range(scans):
+        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
+        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
+        if made.ready:
+            fix, memory = matcher.match(made.build(prior), None, memory)
+            fixes.append(fix)
+    return fixes
+
+
 @pytest.mark.parametrize(
     ("own", "probability", "found"), [(15e3, 0.995, True), (15e3, 0.9, False), (2e3, 0.9, True)]
 )
@@ -178,15 +192,7 @@ def test_a_navigator_that_knows_little_of_its_place_is_told_a_sure_one(
     wide[:2, :2] += own**2 * np.eye(2)
     script = Placeless(sure=1)
     script.own = own
-    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
-    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
-    for t in range(210):
-        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
-        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
-        if made.ready:
-            fix, memory = matcher.match(made.build(wide), None, memory)
-            fixes.append(fix)
-    told = [fix for fix in fixes if fix.reset]
+    told = [fix for fix in fixes_of(script, 210, wide) if fix.reset]
     assert len(told) == found
     assert script.seen_lost
     for batch in script.seen_lost[:1]:
@@ -240,26 +246,13 @@ class RightAtFirst(Scripted):
 
     def insight(self, memory):
         count, evidence = memory or (0, 0.0)
-        here = Mixture.gaussian(FOUND[:4] if count >= 4 else np.zeros(4), 100.0 * np.eye(4))
-        doubt = 100.0 if count >= 4 else -100.0
-        return Insight(evidence, doubt, None, here)
-
-
-def fixes_of(script):
-    """Fixes of four batches, beside a search."""
-    matcher, memory, fixes = LostNavigatorMonitor(script), None, []
-    made = BatchBuilder(Matcher(batch_length=30, stride=30), GravityReduction(), context=15)
-    for t in range(120):
-        place = ORIGIN[0] + 2e-5 * t, ORIGIN[1] + 3e-5 * t
-        made.add_scan(10.0 * t, *place, np.array([12.0, 18.0]), 0.0, 1e-5)
-        if made.ready:
-            fix, memory = matcher.match(made.build(random_covariance(SIGMA, 0)), None, memory)
-            fixes.append(fix)
-    return fixes
+        here = Mixture.gaussian(FOUND[:4] * (count >= 4), 100.0 * np.eye(4))
+        return Insight(evidence, 100.0 if count >= 4 else -100.0, None, here)
 
 
 def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
-    assert [fix.reset for fix in fixes_of(RightAtFirst(sure=4))] == [False, False, False, True]
+    fixes = fixes_of(RightAtFirst(sure=4), 120)
+    assert [fix.reset for fix in fixes] == [False, False, False, True]
 
 
 PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
@@ -269,7 +262,7 @@ PRIOR = MapErrorPrior(np.array([1e-5]), np.array([4000.0]), np.zeros((1, 1)))
     ("script", "searched"), [(Scripted(sure=9), True), (Untold(9), False), (PartlyTold(9), True)]
 )
 def test_doubt_begins_a_search_only_where_the_maps_error_is_told(script, searched):
-    fixes_of(script)
+    fixes_of(script, 90)
     assert bool(script.seen_lost) == searched
 
 
