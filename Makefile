@@ -21,21 +21,9 @@ demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
 
 # Each worker has its own ROS domain (tests/ros/conftest.py); loadfile keeps the tests of a file,
-# and so their fixtures, together, in the order of tests/conftest.py: what takes long first. Tests
-# that mostly wait for processes are beside them, in one more.
-WAITING = $(addprefix tests/ros/,isogal_bringup/test_launch.py graph/test_processes.py \
-  nodes/test_signals.py)
-PYTEST = $(BIN)/python -m pytest
-SIDE_BY_SIDE = -n 2 --dist loadfile --no-loadscope-reorder
+# and so their fixtures, together, in the order of tests/conftest.py: what takes long first.
 test: install-development
-ifdef ARGS
-	@$(PYTEST) $(SIDE_BY_SIDE) $(ARGS)
-else
-	@mkdir -p build
-	@$(PYTEST) $(WAITING) > build/waiting.txt 2>&1 & waiting=$$!; \
-	  $(PYTEST) $(SIDE_BY_SIDE) $(addprefix --ignore=,$(WAITING)); others=$$?; \
-	  wait $$waiting; code=$$?; cat build/waiting.txt; test $$others -eq 0 -a $$code -eq 0
-endif
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 # Branch coverage of the library, by all tests (twice as long as these) or some: ARGS="tests/maps".
 coverage: install-development

@@ -241,16 +241,18 @@ class Placeless(Untold):
         return replace(super().insight(memory), hypotheses=here)
 
 
-class RightAtFirst(Scripted):
-    """Doubts from the fourth batch on; a search agrees with the navigator's place of before it."""
+class RightAtFirst(Untold):
+    """A search agrees with the navigator's place for three batches."""
 
     def insight(self, memory):
-        count, evidence = memory or (0, 0.0)
-        here = Mixture.gaussian(FOUND[:4] * (count >= 4), 100.0 * np.eye(4))
-        return Insight(evidence, 100.0 if count >= 4 else -100.0, None, here)
+        early = memory is None or memory[0] < 4
+        here = Mixture.gaussian(-FOUND[:4] * early, 100.0 * np.eye(4))
+        return replace(super().insight(memory), hypotheses=here)
 
 
-def test_a_search_goes_on_where_the_navigator_was_right_long_ago():
+def test_a_search_goes_on_where_the_navigator_was_right_long_ago(monkeypatch):
+    sure = Look(15.0, FOUND[:2], 500.0**2 * np.eye(2), 0.995)
+    monkeypatch.setattr(LostNavigatorMonitor, "_look", lambda *_: sure)
     fixes = fixes_of(RightAtFirst(sure=4), 120)
     assert [fix.reset for fix in fixes] == [False, False, False, True]
 

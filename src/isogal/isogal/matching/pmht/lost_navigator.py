@@ -175,7 +175,7 @@ class LostNavigatorMonitor(Monitor):
                 found.reset
                 or search.memory is None
                 or search.readings > CONSTANTS.search_readings_at_most
-                or (not search.waiting and self._confirms(search))
+                or self._confirms(search)
             ):
                 return fix, ended
             if found.published and not search.waiting:
@@ -250,6 +250,8 @@ class LostNavigatorMonitor(Monitor):
     def _confirms(self, search: _Search) -> bool:
         """Whether the search comes to the navigator's own place by itself."""
         assert search.last is not None and search.shift is not None
+        if search.look is not None and search.waiting:
+            return False  # a look says that it is elsewhere now: it may have been right then
         hypotheses = self.matcher.insight(search.memory).hypotheses
         if hypotheses is None or placeless(search.last.posterior[1]):
             return False
