@@ -1,6 +1,7 @@
 """Fixtures that every test package shares."""
 
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from functools import cache
@@ -33,6 +34,9 @@ settings.load_profile("isogal")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# Tiles of the synthetic map are made once for all tests and workers, and not in the user's cache.
+os.environ["ISOGAL_CACHE"] = str(ROOT / "build" / "test-cache")
 
 FIRST = (
     *("ros/isogal_bringup", "ros/graph", "montecarlo", "regression", "ros", "benchmarks", "paper"),

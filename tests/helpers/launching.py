@@ -99,6 +99,8 @@ class Launch:
     """For the nodes' output."""
     patch: Any
     """Puts the stand-ins where the file imports them from."""
+    environment: dict[str, str] = field(default_factory=dict)
+    """Of the nodes, beside this process's own."""
     declared: dict[str, tuple[Any, str]] = field(default_factory=dict)
     """Default and description of each argument."""
     nodes: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -151,8 +153,8 @@ class Launch:
         return dict(zip(names, codes, strict=True))
 
     def run(self, when: str = "", kill: list[str] | None = None) -> None:
-        """Run to the end; kill nodes one after the other once the log says a word."""
-        self.describe()
+        """Run to the end, once described; kill nodes one after the other once the log says a
+        word."""
         for name in self.nodes:
             self._start(name)
         self.run_on(when, kill)
@@ -202,13 +204,12 @@ class Launch:
         file, own = keys["parameters"]
         own_file = self.folder / f"{name}.yaml"
         own_file.write_text(yaml.safe_dump({"/**": {"ros__parameters": own}}))
-        for variable, value in keys["additional_env"].items():
-            self.patch.setenv(variable, value)
         self.running[name] = start_node(
             keys["executable"],
             log=self.folder / f"{name}.log",
             files=(file, str(own_file)),
             arguments=["-r", f"__ns:=/{keys['namespace']}", *keys["ros_arguments"]],
+            environment=keys["additional_env"] | self.environment,
         )
 
     def output(self) -> str:

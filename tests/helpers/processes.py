@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from helpers.commands import PATIENCE, wait_for
@@ -19,8 +19,10 @@ def start_node(
     log: Path,
     files: Sequence[str] = (),
     arguments: Sequence[str] = (),
+    environment: Mapping[str, str] | None = None,
 ) -> subprocess.Popen:
-    """Start a node by its console script, as ``ros2 run`` does; what it says goes into a file."""
+    """Start a node by its console script, as ``ros2 run`` does, in this process's environment with
+    some more; what it says goes into a file."""
     words = [word for parameter in parameters for word in ("-p", parameter)]
     words += [word for file in files for word in ("--params-file", file)]
     program = Path(sys.executable).parent / name
@@ -30,6 +32,7 @@ def start_node(
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,
+            env=os.environ | dict(environment or {}),
         )
 
 

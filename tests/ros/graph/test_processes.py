@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,31 @@ def running(tmp_path, settings):
     sweep_shared_memory(before)  # a test may have killed what sweeps
 
 
+@pytest.fixture(scope="module")
+def orphaned(tmp_path_factory):
+    """What is left of a small graph whose parent is killed; it takes some seconds and mostly waits,
+    thus beside other tests."""
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(orphans, tmp_path_factory.mktemp("orphaned"))
+
+
+def orphans(folder: Path) -> set[str]:
+    """Kill the parent of a small graph, wait, and return which of its nodes are still there."""
+    before, process = shared_memory(), start(folder)
+    nodes = {}
+    try:
+        wait_for(lambda: process.poll() is not None or has_recorded(folder / "bag"), "a bag")
+        nodes = nodes_of(process.pid)
+        assert set(nodes) == {RECORDER, topics.INS_SIM}
+        process.kill()
+        process.wait()
+        psutil.wait_procs(nodes.values(), timeout=60)
+        return {name for name, node in nodes.items() if node.is_running()}
+    finally:
+        kill(process, nodes)
+        sweep_shared_memory(before)
+
+
 def listens_by(pid: int) -> set[str]:
     """Return by which of Fast DDS's transports a process listens: each has threads named
     dds.TRANSPORT.PORT."""
@@ -68,6 +94,7 @@ def kill(process: subprocess.Popen, nodes: dict[str, psutil.Process]) -> None:
     process.wait()
 
 
+@pytest.mark.usefixtures("orphaned")  # which begins here
 def test_a_run_in_processes_is_the_run_in_one(finished, recording) -> None:
     assert finished.result.returncode == 0, finished.result.stderr
     one, five = collect(recording), collect(finished.out / "bag")
@@ -171,17 +198,5 @@ def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path
     assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"
 
 
-def test_nodes_end_with_their_parent(tmp_path) -> None:
-    before, process = shared_memory(), start(tmp_path)
-    nodes = {}
-    try:
-        wait_for(lambda: process.poll() is not None or has_recorded(tmp_path / "bag"), "a bag")
-        nodes = nodes_of(process.pid)
-        assert set(nodes) == {RECORDER, topics.INS_SIM}
-        process.kill()
-        process.wait()
-        _, alive = psutil.wait_procs(nodes.values(), timeout=60)
-        assert not alive
-    finally:
-        kill(process, nodes)
-        sweep_shared_memory(before)
+def test_nodes_end_with_their_parent(orphaned) -> None:
+    assert orphaned.result() == set()

@@ -1,5 +1,7 @@
 """The launch file, run with stand-ins for the launch packages, which the wheels do not have."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 import yaml
 
@@ -11,10 +13,13 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import DOMAIN, claim_domain
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.parameters.values import parameter_file
+
+FILE = BRINGUP / "launch" / "isogal.launch.py"
 
 
 @pytest.fixture
@@ -23,7 +28,7 @@ def launch(monkeypatch, tmp_path):
     started = []
 
     def go(**arguments: str) -> Launch:
-        made = Launch(BRINGUP / "launch" / "isogal.launch.py", arguments, tmp_path, monkeypatch)
+        made = Launch(FILE, arguments, tmp_path, monkeypatch)
         started.append(made)
         return made
 
@@ -34,16 +39,26 @@ def launch(monkeypatch, tmp_path):
     sweep_shared_memory(before)
 
 
-@pytest.fixture
-def params(scenario, tmp_path):
-    """Writes a parameter file of a route of so many seconds."""
-
-    def write(seconds: float) -> str:
-        path = tmp_path / "params.yaml"
-        path.write_text(parameter_file(scenario(f"route.duration={seconds}"), {}))
-        return str(path)
-
-    return write
+@pytest.fixture(scope="module")
+def respawning(tmp_path_factory, scenario):
+    """A launch whose nodes are killed one after the other and respawned, and the names of these
+    nodes. It takes half a minute and mostly waits, thus beside other tests, in its own domain."""
+    folder = tmp_path_factory.mktemp("respawning")
+    # long enough that it has not arrived before all are killed, however long they take to start
+    (folder / "params.yaml").write_text(parameter_file(scenario("route.duration=280.0"), {}))
+    words = {"params": str(folder / "params.yaml"), "bag": str(folder / "bag")}
+    killed = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
+    before = shared_memory()
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        patch.delenv(DOMAIN)
+        with claim_domain() as domain:
+            made = Launch(FILE, words | {"rate": "15.0", "respawn": "true"}, folder, patch)
+            made.environment[DOMAIN] = str(domain)
+            made.describe()
+            patch.undo()
+            yield made, killed, pool.submit(made.run, when="fix with", kill=list(killed))
+            made.kill()
+    sweep_shared_memory(before)
 
 
 def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> None:
@@ -139,6 +154,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("respawning")  # which begins here and runs beside it
 def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_kill_ends_all(
     launch, scenario, recording, tmp_path
 ) -> None:
@@ -179,21 +195,17 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_k
 
 
 @pytest.mark.slow
-def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(
-    launch, params, tmp_path
-) -> None:
-    # long enough that it has not arrived before all are killed, however long they take to start
-    made = launch(params=params(280.0), rate="15.0", bag=str(tmp_path / "bag"), respawn="true")
-    names = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
-    made.run(when="fix with", kill=names)
+def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(respawning) -> None:
+    made, killed, run = respawning
+    run.result()
     assert made.reason == "the simulated vehicle has arrived", made.output()
-    assert made.died[:-1] == [(name, -9) for name in names], made.output()
+    assert made.died[:-1] == [(name, -9) for name in killed], made.output()
     assert set(made.codes.values()) == {0}, made.output()
     output = made.output()
     assert "Traceback" not in output
     for words in ("ready", "begun", "fix with", "goes on from the checkpoint", "arrived"):
         assert words in output
-    reader = BagReader(tmp_path / "bag")
+    reader = BagReader(made.folder / "bag")
     assert len(reader.files) == 2
     collected = Collector(reader.scenario())
     collected.take_bag(reader)
