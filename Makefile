@@ -21,16 +21,17 @@ demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
 
 # Each worker has its own ROS domain (tests/ros/conftest.py); loadfile keeps the tests of a file,
-# and so their fixtures, together, in the order of tests/conftest.py: what takes long first.
+# and so their fixtures, together, in the order of tests/conftest.py: what takes long first. One
+# worker more than two cores, since a sixth of the time is spent waiting for processes.
 test: install-development
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 # Branch coverage of the library, by all tests (twice as long as these) or some: ARGS="tests/maps".
 coverage: install-development
 	@$(BIN)/python -c "import coverage" 2> /dev/null || $(BIN)/pip install --quiet "coverage>=7.10"
 	@mkdir -p build/coverage
 	@$(BIN)/python -m coverage erase
-	@$(BIN)/python -m coverage run -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(BIN)/python -m coverage run -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 	@$(BIN)/python -m coverage combine --quiet
 	@$(BIN)/python -m coverage report $(if $(ARGS),--fail-under=0)
 

@@ -54,8 +54,8 @@ def running(tmp_path, settings):
 
 @pytest.fixture(scope="module")
 def orphaned(tmp_path_factory):
-    """What is left of a small graph whose parent is killed; it takes some seconds and mostly waits,
-    thus beside other tests."""
+    """What is left of a small graph whose parent is killed. It takes some seconds and mostly
+    waits, thus beside other tests."""
     with ThreadPoolExecutor(1) as pool:
         yield pool.submit(orphans, tmp_path_factory.mktemp("orphaned"))
 

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -136,6 +137,7 @@ def fix_at(it: BufferedNavigator, stamp: int) -> WholeFix:
     return WholeFix(fix, estimate)
 
 
+@cache
 def undisturbed() -> tuple[FilterState, dict[int, list]]:
     """The state at the end, and the messages of each fix."""
     it, messages, corrections = filter_of(), {}, Corrections(Health("x", Silent(), 10**9))
@@ -152,15 +154,13 @@ def undisturbed() -> tuple[FilterState, dict[int, list]]:
     return it.state, messages
 
 
-END, MESSAGES = undisturbed()
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_delays_orders_and_repetitions_change_nothing(data) -> None:
     """Each message comes when it likes within the horizon, some of them twice."""
+    end, sent = undisturbed()
     arrivals: dict[int, list] = {}
-    for stamp, messages in MESSAGES.items():
+    for stamp, messages in sent.items():
         latest = min(150, stamp + round(HORIZON) - 2)
         for which, message in enumerate(messages):
             for _ in range(data.draw(st.integers(1, 2))):
@@ -182,10 +182,10 @@ def test_delays_orders_and_repetitions_change_nothing(data) -> None:
             for _, content in queue.due(from_seconds(now)):
                 corrections.apply(it, content)
     assert not queue
-    assert np.abs(error_between(it.state, END)).max() < 1e-6  # m, m/s, rad
+    assert np.abs(error_between(it.state, end)).max() < 1e-6  # m, m/s, rad
     assert sum(repeated.values()) == sum(map(len, arrivals.values())) - 2 * len(STAMPS)
-    scale = np.sqrt(np.diag(END.covariance[0]))
-    unlike = (it.state.covariance[0] - END.covariance[0]) / scale / scale[:, None]
+    scale = np.sqrt(np.diag(end.covariance[0]))
+    unlike = (it.state.covariance[0] - end.covariance[0]) / scale / scale[:, None]
     assert np.abs(unlike).max() < 1e-6
 
 

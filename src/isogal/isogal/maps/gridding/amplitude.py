@@ -73,13 +73,13 @@ class _Smooth:
         out = np.empty(len(places))
         for first in range(0, len(places), 4096):
             rows = slice(first, first + 4096)
-            weight = np.exp(-0.5 * square_distances(places[rows], self.centre) / self.width**2)
-            if without is not None:
-                weight[self._together(places[rows], without[rows])] = 0.0
+            square = square_distances(places[rows], self.centre)
+            together = None if without is None else self.together(places[rows], without[rows])
+            weight = _weights(square, self.width, together)
             out[rows] = (self.count + weight @ self.ratio) / (self.count + weight.sum(axis=1))
         return out
 
-    def _together(self, places: Array, part: Integers) -> Booleans:
+    def together(self, places: Array, part: Integers) -> Booleans:
         """Return (P, B) whether blocks were left out with places and lie next to them."""
         near = square_distances(places, self.centre) < (_TOGETHER * self.side) ** 2
         return np.asarray((part[:, None] == self.part) & near)
@@ -184,14 +184,24 @@ def _fitted_smooth(places: Array, ratio: Array, part: Integers, side: float) -> 
         side *= 1.25
     best = _Smooth(centre, block, part_of, side, side, math.inf)
     least = 0.5 * float(block.mean())
+    square, together = square_distances(centre, centre), best.together(centre, part_of)
     for width in side * np.array(_WIDTHS):
+        weight = _weights(square, width, together)
+        near, total = weight @ block, weight.sum(axis=1)
         for own in _COUNTS:
-            choice = replace(best, width=float(width), count=own)
-            there = choice.at(centre, part_of)
+            there = (own + near) / (own + total)
             cost = 0.5 * float(np.mean(np.log(there) + block / there))
             if cost < least:
-                best, least = choice, cost
+                best, least = replace(best, width=float(width), count=own), cost
     return best
+
+
+def _weights(square: Array, width: float, together: Booleans | None) -> Array:
+    """Return (P, B) weights of blocks at places whose squared distances to them are given."""
+    weight = np.exp(-0.5 * square / width**2)
+    if together is not None:
+        weight[together] = 0.0
+    return np.asarray(weight)
 
 
 def square_distances(here: Array, there: Array) -> Array:
