@@ -52,7 +52,10 @@ def nodes_of(pid: int) -> dict[str, psutil.Process]:
     """The node processes that a process has started, by name."""
     found = {}
     for child in psutil.Process(pid).children():
-        words = child.cmdline()
+        try:
+            words = child.cmdline()
+        except psutil.Error:  # it has just ended
+            continue
         for name, (module, _) in CLASSES.items():
             if module in words:
                 found[name] = child

@@ -55,7 +55,7 @@ def running(tmp_path, settings):
 @pytest.fixture(scope="module")
 def orphaned(tmp_path_factory):
     """What is left of a small graph whose parent is killed. It takes some seconds and mostly
-    waits, thus beside other tests."""
+    waits, thus beside other tests, but none that looks for what its own graph has left."""
     with ThreadPoolExecutor(1) as pool:
         yield pool.submit(orphans, tmp_path_factory.mktemp("orphaned"))
 
@@ -146,6 +146,10 @@ def test_the_replay_command(finished, tmp_path, monkeypatch, capfd) -> None:
     assert (tmp_path / "again" / "report.html").exists()
 
 
+def test_nodes_end_with_their_parent(orphaned) -> None:
+    assert orphaned.result() == set()
+
+
 def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     """After a whole run, so that no node is compiling, which takes memory."""
     process, nodes, out, before = running
@@ -196,7 +200,3 @@ def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path
     status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
     assert status == 1
     assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"
-
-
-def test_nodes_end_with_their_parent(orphaned) -> None:
-    assert orphaned.result() == set()
