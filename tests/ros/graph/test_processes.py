@@ -178,7 +178,7 @@ def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_pat
     before, own, bag = shared_memory(), set(), tmp_path / "bag"
 
     def report(progress) -> None:
-        if has_recorded(bag):
+        if not own and has_recorded(bag):  # once: it is told of progress until the death is seen
             own.update(own_memory(os.getpid(), itself=False))
             nodes_of(os.getpid())[name].kill()
 
