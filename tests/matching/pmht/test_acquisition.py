@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
 from isogal.matching.pmht import acquisition
-from isogal.matching.pmht.acquisition import acquire
+from isogal.matching.pmht.acquisition import _tiles, acquire
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal.matching.pmht.gaussian_mixture import Mixture
 from isogal.matching.pmht.importance_sampling import Sampling, sample
@@ -111,3 +111,32 @@ def test_too_many_cells_that_may_be_right_are_not_divided(rough_map, monkeypatch
     coarse, *_ = acquire(likelihood, np.zeros(4), batch.prior, 4096)
     of_all, of_few = (np.sqrt(np.diag(one.moments()[1])[:2]) for one in (divided, coarse))
     np.testing.assert_allclose(of_few, of_all, rtol=0.05)
+
+
+def test_a_tile_has_the_moments_of_its_cells():
+    random = np.random.default_rng(3)
+    cells = np.unique(random.integers(-40, 40, (900, 2)), axis=0)
+    weight, size, most = random.exponential(size=len(cells)), 120.0, 50
+    root = random.standard_normal((4, 4))
+    mean, covariance = random.standard_normal(4), root @ root.T + np.eye(4)
+    follow = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+    tiles = _tiles(cells, weight, size, mean, covariance, follow, most)
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for k, cell in enumerate(cells // CONSTANTS.tile_cells):
+        groups.setdefault(tuple(cell), []).append(k)
+    heaviest = sorted(groups.values(), key=lambda rows: -weight[rows].sum())[:most]
+    assert len(groups) > len(tiles) == most
+    np.testing.assert_allclose(
+        tiles.weight,
+        [weight[rows].sum() / weight[np.concatenate(heaviest)].sum() for rows in heaviest],
+    )
+    joint = np.vstack([np.eye(2), follow])
+    given = covariance[2:, 2:] - follow @ covariance[:2, 2:]
+    for k, rows in enumerate(heaviest):
+        place = cells[rows] * size
+        centre = np.average(place, axis=0, weights=weight[rows])
+        spread = np.cov(place.T, aweights=weight[rows], ddof=0) + np.eye(2) * size**2 / 6.0
+        np.testing.assert_allclose(tiles.mean[k], mean + joint @ centre)
+        expected = joint @ spread @ joint.T
+        expected[2:, 2:] += given
+        np.testing.assert_allclose(tiles.covariance[k], expected, rtol=1e-9, atol=1e-6)

@@ -133,23 +133,31 @@ def _tiles(
     most: int,
 ) -> Mixture:
     """Join cells to tiles and describe each by a Gaussian."""
-    _, tile = np.unique(cells // CONSTANTS.tile_cells, axis=0, return_inverse=True)
-    tile = tile.reshape(-1)
+    row, column = (cells // CONSTANTS.tile_cells).T
+    key = (row - row.min()) * (np.ptp(column) + 1) + column - column.min()
+    _, tile = np.unique(key, return_inverse=True)
     total = np.bincount(tile, weight)
     order = np.argsort(-total, kind="stable")[:most]
+    rank = np.full(len(total), -1)
+    rank[order] = np.arange(len(order))
+    member = rank[tile] >= 0
+    group, place = rank[tile[member]], cells[member] * size
+    w = weight[member] / total[order][group]
+
+    def summed(value: Array) -> Array:
+        return np.asarray(np.bincount(group, w * value, len(order)), dtype=np.float64)
+
+    centre = np.stack([summed(place[:, 0]), summed(place[:, 1])], axis=1)
+    north, east = (place - centre[group]).T
+    both = summed(north * east)
+    spread = np.array([[summed(north**2), both], [both, summed(east**2)]]).transpose(2, 0, 1)
+    spread += np.eye(2) * size**2 / 6.0
+    along = spread @ follow.T
     rest = covariance[2:, 2:] - follow @ covariance[:2, 2:]
-    means = np.empty((len(order), 4))
     covariances = np.empty((len(order), 4, 4))
-    for k, group in enumerate(order):
-        member = tile == group
-        w = weight[member] / total[group]
-        place = cells[member] * size
-        centre = w @ place
-        apart = place - centre
-        spread = (apart * w[:, None]).T @ apart + np.eye(2) * size**2 / 6.0
-        means[k] = mean + np.concatenate([centre, follow @ centre])
-        covariances[k, :2, :2] = spread
-        covariances[k, :2, 2:] = spread @ follow.T
-        covariances[k, 2:, :2] = covariances[k, :2, 2:].T
-        covariances[k, 2:, 2:] = rest + follow @ spread @ follow.T
+    covariances[:, :2, :2] = spread
+    covariances[:, :2, 2:] = along
+    covariances[:, 2:, :2] = along.transpose(0, 2, 1)
+    covariances[:, 2:, 2:] = rest + follow @ along
+    means = mean + np.concatenate([centre, centre @ follow.T], axis=1)
     return Mixture(total[order] / total[order].sum(), means, covariances)
