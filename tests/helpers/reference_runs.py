@@ -167,7 +167,7 @@ def _track(
     }
 
 
-def _graph(*changes: str, synthetic: bool = False, seconds: float = 620.0) -> Results:
+def _graph(*changes: str, seconds: float = 620.0) -> Results:
     """Return those of two batches: what more batches do, the engine's cases say."""
     from helpers.node_bench import run_here
     from helpers.recordings import record
@@ -177,7 +177,7 @@ def _graph(*changes: str, synthetic: bool = False, seconds: float = 620.0) -> Re
 
         source = Path(folder) / "wavy.nc"
         write_netcdf(field_map_of(wavy, step=500.0), source)
-        base = _HOUR if synthetic else [*_ROUTE, f"map.source={source}"]
+        base = [*_ROUTE, f"map.source={source}"]
         scenario = _scenario([*base, f"route.duration={seconds}", *changes])
         return _in_domain(
             lambda: _of(record(_ran(run_here, scenario, Path(folder) / "bag"), scenario))
@@ -216,11 +216,9 @@ LIBRARY: dict[str, Callable[[], Results]] = (
     }
 )
 GRAPH: dict[str, Callable[[], Results]] = {
-    "graph: pmht": lambda: _graph(*_TOLD),
     "graph: pmht-paper retrodiction": lambda: _graph(
         "matcher.name=pmht-paper", "matcher.mode=retrodiction"
     ),
-    "graph: gradient": lambda: _graph("field=gradient", synthetic=True),
     "graph: hidden start, auto": lambda: _graph(
         "matcher.map_sigma=auto", "initial_error.hidden_position=6000", seconds=1800.0
     ),

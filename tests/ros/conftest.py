@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.computed_once import maps_once
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
+from helpers.made_once import made_once
 from helpers.node_bench import run_here
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
@@ -113,10 +115,9 @@ def gradient(scenario: Callable[..., Scenario]) -> Scenario:
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory, scenario: Callable[..., Scenario]) -> Path:
-    """A bag of the scenario, run in this process."""
-    bag = tmp_path_factory.mktemp("recording") / "bag"
-    run_here(scenario(), bag)
-    return bag
+    """A bag of the scenario, run in one process."""
+    run = partial(_run_to, scenario())
+    return made_once(tmp_path_factory, "recording", run) / "bag"
 
 
 @pytest.fixture(scope="session")
@@ -124,13 +125,14 @@ def recorded(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
 ) -> Callable[[str], Recorded]:
     """The scenario of a field that is not gravity and the bag of its run, made at first use."""
-    made: dict[str, Recorded] = {}
 
     def record(field: str) -> Recorded:
-        if field not in made:
-            scenario = request.getfixturevalue(field)
-            made[field] = scenario, tmp_path_factory.mktemp(field) / "bag"
-            run_here(*made[field])
-        return made[field]
+        scenario = request.getfixturevalue(field)
+        run = partial(_run_to, scenario)
+        return scenario, made_once(tmp_path_factory, f"recording-{field}", run) / "bag"
 
     return record
+
+
+def _run_to(scenario: Scenario, folder: Path) -> None:
+    run_here(scenario, folder / "bag")
