@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 
 
-def made_once(
-    factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]
-) -> Path:
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """Return a folder of this session, by its name, that `make` has filled: in one worker, for
     which the others wait. Where `make` raises, the next to ask begins anew."""
     base = factory.getbasetemp()
