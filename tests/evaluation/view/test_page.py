@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,25 @@ def test_the_page_in_a_browser(page, tmp_path) -> None:
         assert (tmp_path / "narrow.png").stat().st_size > 10_000
         assert browser.told == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+
+
+@needs_browser
+def test_without_the_truth_no_error_is_shown(viewed, tmp_path) -> None:
+    page = write_view(tmp_path / "view.html", replace(viewed, is_true=False), wavy_map())
+    with chromium(tmp_path / "profile") as browser:
+        browser.open(page.as_uri())
+        browser.press("n")
+        said = browser.value("document.getElementById('readout').innerText")
+        assert "claimed sigma" in said
+        assert "from the navigator" in said
+        assert not {"error", "NEES", "truth"} & set(re.findall(r"\w+", said))
+        assert browser.value("document.getElementById('figure_nees').hidden")
+        shown = "[...document.querySelectorAll('.key')].filter(k => !k.hidden)"
+        names = browser.value(f"{shown}.map(k => k.textContent)")
+        assert "true track" not in names
+        assert "claimed, 1 sigma" in names
+        assert browser.value(f"{MODEL}('tracks').data.x.every(Number.isNaN)")
+        assert browser.told == []
 
 
 def keyboard(browser: Browser) -> None:

@@ -16,6 +16,7 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.interfaces import Candidates
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.places import Places
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.candidates import read_candidates
 from isogal_ros.messages.checks import BadMessageError
@@ -26,23 +27,23 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
     covered by both."""
-    truth, last_nav = collector.truth, collector.last_nav
+    truth, last_nav = Places(collector.truth), Places(collector.last_nav)
     scans = sorted(ns for ns in _scans(collector) if ns in truth and ns in last_nav)
-    starts = sorted(ns for ns in last_nav if ns in truth)
     if not scans:
         return None
-    stamps = ([starts[0]] if starts[0] < scans[0] else []) + scans
-    places = _positions(truth, stamps)
-    nav, unaided = _positions(last_nav, stamps), _positions(collector.unaided, stamps)
-    ends = _batch_ends(collector)
+    start = next(ns for ns in sorted({*collector.last_nav, scans[0]}) if ns in truth)
+    stamps = ([start] if start < scans[0] else []) + scans
+    places = truth.at(stamps)
+    nav, unaided = last_nav.at(stamps), Places(collector.unaided).at(stamps)
+    ends = _batch_ends(collector, truth, last_nav)
     return Runs(
         time=np.array([to_seconds(ns) for ns in stamps]),
         latitude=places[:, 0],
         longitude=places[:, 1],
         error=horizontal_difference(*nav.T, *places.T)[None],
-        covariance=np.stack([_covariance(last_nav[ns]) for ns in stamps])[None],
+        covariance=np.stack([_covariance(last_nav.before(ns)) for ns in stamps])[None],
         unaided_error=horizontal_difference(*unaided.T, *places.T)[None],
-        **_fix_record(collector, ends),
+        **_fix_record(collector, ends, truth, last_nav),
         detail=_detail(
             collector,
             [ns for ns in scans if ns in collector.readings],
@@ -60,7 +61,7 @@ def _scans(collector: Collector) -> Iterable[int]:
     return (ns for ns in collector.truth if ns > 0 and ns % interval == 0)
 
 
-def _batch_ends(collector: Collector) -> list[int]:
+def _batch_ends(collector: Collector, truth: Places, last_nav: Places) -> list[int]:
     """List the stamps of the batches' ends at which truth and navigation are known.
 
     Retrodiction publishes a fix for each scan: only the batch ends have figures in the
@@ -69,29 +70,30 @@ def _batch_ends(collector: Collector) -> list[int]:
     return sorted(
         ns
         for ns in (collector.batches if retrodiction else collector.fixes)
-        if ns in collector.fixes and ns in collector.truth and ns in collector.last_nav
+        if ns in collector.fixes and ns in truth and ns in last_nav
     )
 
 
-def _fix_record(collector: Collector, ends: list[int]) -> dict[str, Any]:
+def _fix_record(
+    collector: Collector, ends: list[int], truth: Places, last_nav: Places
+) -> dict[str, Any]:
     """Return the fields of `Runs` about fixes."""
     count = len(ends)
     error, posterior = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
     covariance = np.full((count, 2, 2), np.nan)
     reasons: list[str | None] = []
+    places, nav = truth.at(ends), last_nav.at(ends)
     for i, ns in enumerate(ends):
-        latitude, longitude = _position(collector.truth[ns])
         message = deserialize_message(collector.fixes[ns], topics.FIX.type)
         if message.status.status == NavSatStatus.STATUS_NO_FIX:
             reasons.append(collector.batches.get(ns, {}).get("message") or "not said")
         else:
             reasons.append(None)
             found = read_position(message)
-            error[i] = horizontal_difference(found[0], found[1], latitude, longitude)
+            error[i] = horizontal_difference(found[0], found[1], *places[i])
             covariance[i] = read_covariance(message)[:2, :2]
-        nav = _position(collector.last_nav[ns])
-        posterior[i] = horizontal_difference(*nav, latitude, longitude)
-    posterior_covariance = np.array([_covariance(collector.last_nav[ns]) for ns in ends])
+        posterior[i] = horizontal_difference(*nav[i], *places[i])
+    posterior_covariance = np.array([_covariance(last_nav.before(ns)) for ns in ends])
     return {
         "fix_time": np.array([to_seconds(ns) for ns in ends]),
         "fix_error": error[None],
@@ -107,7 +109,7 @@ def _detail(
     collector: Collector, scans: list[int], ends: list[int], field_map: ScalarMap
 ) -> RunDetail:
     adapter = adapter_of(collector.scenario.each_field[0])
-    truth, seen = _positions(collector.truth, scans), _positions(collector.first_nav, scans)
+    truth, seen = Places(collector.truth).at(scans), Places(collector.first_nav).at(scans)
     return RunDetail(
         scan_time=np.array([to_seconds(ns) for ns in scans]),
         reading=np.array([_reading(adapter, collector.readings[ns]) for ns in scans]),
@@ -137,18 +139,6 @@ def _reading(adapter: Adapter, data: bytes) -> float:
         return float(np.ravel(value)[0])
     except BadMessageError:
         return float("nan")
-
-
-def _positions(store: dict[int, bytes], stamps: list[int]) -> Array:
-    nothing = (np.nan, np.nan)
-    return np.array([_position(store[ns]) if ns in store else nothing for ns in stamps])
-
-
-def _position(data: bytes) -> tuple[float, float]:
-    """Return latitude and longitude (rad) of a NavSatFix of any frame."""
-    message = deserialize_message(data, topics.NAV_FIX.type)
-    latitude, longitude, _ = read_position(message, frame="")
-    return latitude, longitude
 
 
 def _covariance(data: bytes) -> Array:

@@ -1,5 +1,6 @@
 """A recording as `isogal view` shows it."""
 
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,8 @@ def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
     Raises
     ------
     InputError
-        The bag cannot be read, does not say which scenario it is of, or has no true track.
+        The bag cannot be read, does not say which scenario it is of, or has no readings where the
+        navigator was.
     """
     reader = BagReader(bag)
     scenario = reader.scenario()
@@ -34,22 +36,27 @@ def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
     field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))
     viewed = viewed_run(collector, field_map, _title(bag))
     if viewed is None:
-        raise InputError(
-            f"{bag}: no scan with both ground_truth/fix and nav/fix, which the view compares"
-        )
+        raise InputError(f"{bag}: has no reading of which nav/fix says where it was taken")
     return viewed, field_map
 
 
 def viewed_run(
     collector: Collector, field_map: "RouteMap", title: str, subtitle: str = ""
 ) -> ViewedRun | None:
-    """Return what was collected so far; None before the first scan."""
+    """Return what was collected so far; None before the first scan.
+
+    Where nobody recorded the truth, as on a real voyage, the record's positions are those that the
+    navigator believes in."""
+    is_true = bool(collector.truth)
+    if not is_true:
+        collector = copy(collector)
+        collector.truth = collector.last_nav
     runs = record_of(collector, field_map)
     if runs is None:
         return None
     events = [Event(to_seconds(one.ns), one.level, one.name, one.text) for one in collector.said]
     subtitle = subtitle or subtitle_of(runs, collector.scenario)
-    return ViewedRun(runs, collector.scenario, title, subtitle, events)
+    return ViewedRun(runs, collector.scenario, title, subtitle, events, is_true)
 
 
 def _title(bag: Path) -> str:

@@ -10,6 +10,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.recorded_start import Start, recorded_start
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import peek_ns
 
@@ -39,6 +40,8 @@ class Recorded:
     """Readings of the instrument as it gave them by stamp."""
     reduces: bool
     """Whether these are reduced anew."""
+    start: Start | None = None
+    """Where the recorded navigator started; None = the bag does not say it."""
 
     def readings(self) -> list[tuple[int, topics.Topic, bytes]]:
         """Return stamp, topic and message of the readings that are fed, in order of time."""
@@ -66,10 +69,13 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
     aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
     scalar: dict[int, bytes] = {}
     stores = {topics.IMU: imu, adapter.raw: raw, topics.SCALAR_FIELD: scalar, **aids}
-    wanted = (*stores, *collector.topics())
+    odometry: dict[int, bytes] = {}
+    wanted = (*stores, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
         if topic in stores:
             stores[topic][peek_ns(data)] = data
+        elif topic is topics.NAV_ODOM:
+            odometry = odometry or {peek_ns(data): data}
         else:
             collector.take(topic, data)
     whole = bool(raw) and not scalar and not others
@@ -87,7 +93,8 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
             f" has {there}{cut}"
         )
     run = int(reader.texts.get("run", 0))
-    return Recorded(scenario, run, imu, collector, aids, raw, reduces)
+    start = recorded_start(scenario, collector.first_nav, odometry, min(imu))
+    return Recorded(scenario, run, imu, collector, aids, raw, reduces, start)
 
 
 def _reduces_anew(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> bool:

@@ -100,10 +100,13 @@ def replay(
         )
     first = to_seconds(min(recorded.imu))
     if first > LATE:
-        notes.append(
-            f"the bag begins at {first:.0f} s: the filter starts there as the scenario says for"
-            " its start, which is true only where the vehicle did not move before"
+        how = (
+            "as the scenario says for its start, which is true only where the vehicle did not move"
+            " before"
+            if recorded.start is None
+            else "where the recorded navigator was"
         )
+        notes.append(f"the bag begins at {first:.0f} s: the filter starts there {how}")
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
         outputs, answered = _run(recorded, context, interrupt, report)
@@ -133,7 +136,7 @@ def _run(
     names = (*NODES, topics.GRAVIMETER) if recorded.reduces else NODES
     own = {"run": recorded.run, "recorders": 1, "peers": list(names)}
     special: dict[str, dict[str, Any]] = {
-        topics.UKF_FUSION: {"start_time": math.nan},
+        topics.UKF_FUSION: {"start_time": math.nan, **_start(recorded)},
         topics.GRAVIMETER: {"simulate": False, "recorders": 0},
     }
     try:
@@ -155,6 +158,15 @@ def _run(
         for node in nodes.values():
             executor.remove_node(node)
             node.destroy_node()
+
+
+def _start(recorded: Recorded) -> dict[str, Any]:
+    """Return parameters of the filter's start: a simulated run that is recorded from its start on
+    has the scenario's."""
+    simulated = bool(recorded.collector.truth)
+    if simulated and to_seconds(min(recorded.imu)) <= LATE:
+        return {}
+    return dict(recorded.start or {})
 
 
 class _Feeder(GraphNode):

@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
 from isogal.evaluation.integrity import Solution
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import Runs
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import ViewedRun
 
@@ -18,6 +18,8 @@ MOST_STATES = 6000
 """States that a page shows at most; of more, evenly some."""
 MOST_CANDIDATES = 400
 """Of a batch at most: those of the greatest weight."""
+_OF_TRUTH = ("error", "north", "east", "nees")
+"""Columns that nobody knows without the truth."""
 
 
 def payload(viewed: ViewedRun, projection: Projection, scale: FieldScale) -> dict[str, Any]:
@@ -28,10 +30,11 @@ def payload(viewed: ViewedRun, projection: Projection, scale: FieldScale) -> dic
     runs = viewed.runs
     kept = slice(None, None, -(-runs.time.size // MOST_STATES))
     return {
+        "is_true": viewed.is_true,
         "states": _states(viewed, projection, kept),
-        "batches": _batches(runs, projection),
+        "batches": _batches(viewed, projection),
         "candidates": _candidates(runs, projection),
-        "readings": _readings(runs.detail, runs.time[0], scale),
+        "readings": _readings(viewed, scale),
         "events": _events(viewed),
         "missing": viewed.missing,
     }
@@ -66,11 +69,14 @@ def _states(viewed: ViewedRun, projection: Projection, kept: slice) -> dict[str,
         "level": _numbers(level),
         "nees": _numbers(nees_per_axis(error, covariance)),
     }
+    if not viewed.is_true:
+        columns |= {name: [None] * runs.time.size for name in _OF_TRUTH}
     return {name: column[kept] for name, column in columns.items()}
 
 
-def _batches(runs: Runs, projection: Projection) -> dict[str, Any]:
+def _batches(viewed: ViewedRun, projection: Projection) -> dict[str, Any]:
     """Fixes, and the navigator right after each batch."""
+    runs = viewed.runs
     latitude = np.interp(runs.fix_time, runs.time, runs.latitude)
     longitude = np.interp(runs.fix_time, runs.time, np.unwrap(runs.longitude))
     x, y = projection(latitude, longitude)
@@ -93,6 +99,8 @@ def _batches(runs: Runs, projection: Projection) -> dict[str, Any]:
     for name, values in (("", runs.fix_covariance[0]), ("after_", runs.posterior_covariance[0])):
         for suffix, (i, j) in (("nn", (0, 0)), ("ne", (0, 1)), ("ee", (1, 1))):
             columns[name + suffix] = _numbers(values[:, i, j])
+    if not viewed.is_true:
+        columns["nees"] = [None] * runs.fix_time.size
     return columns
 
 
@@ -117,7 +125,8 @@ def _candidates(runs: Runs, projection: Projection) -> list[dict[str, Any]]:
     return found
 
 
-def _readings(detail: RunDetail | None, start: float, scale: FieldScale) -> dict[str, Any]:
+def _readings(viewed: ViewedRun, scale: FieldScale) -> dict[str, Any]:
+    detail, start = viewed.runs.detail, viewed.runs.time[0]
     if detail is None:
         return {"t": [], "reading": [], "truth": [], "navigator": [], "difference": []}
     reading = scale(detail.reading)
@@ -125,7 +134,7 @@ def _readings(detail: RunDetail | None, start: float, scale: FieldScale) -> dict
     columns = {
         "t": _numbers((detail.scan_time - start) / 3600.0, 7),
         "reading": _numbers(reading),
-        "truth": _numbers(scale(detail.map_value)),
+        "truth": _numbers(scale(detail.map_value) + (0.0 if viewed.is_true else np.nan)),
         "navigator": _numbers(scale(detail.map_value_navigator)),
         "difference": _numbers(reading - scale(detail.map_value_navigator), 4),
     }

@@ -34,11 +34,19 @@ class ViewedRun:
     subtitle: str = ""
     events: Sequence[Event] | None = None
     """None = what the nodes said was not recorded."""
+    is_true: bool = True
+    """Whether the positions of `runs` are true; else they are the navigator's own, and errors
+    are not known."""
 
     @property
     def missing(self) -> list[str]:
         """Sentences that say what the record does not hold."""
         detail, said = self.runs.detail, []
+        if not self.is_true:
+            said.append(
+                "Where the vehicle truly was (ground_truth/fix) was not recorded, so errors are"
+                " not known. Shown is where the navigator believed itself, and what it claimed."
+            )
         if detail is None:
             said.append(
                 "Readings and candidates were not recorded: a study keeps them of run 0 only."

@@ -31,8 +31,8 @@
   function batchText(b, i) {
     const when = clock(b.t[i]);
     if (b.reason[i] !== null) return `${when}: no fix: ${b.reason[i]}`;
-    const error = Math.hypot(b.north[i], b.east[i]);
-    return `${when}: fix, ${metres(error)} from the truth, sigma north `
+    const apart = metres(Math.hypot(b.north[i], b.east[i]));
+    return `${when}: fix, ${apart} from the ${view.data.is_true ? "truth" : "navigator"}, sigma north `
       + `${metres(Math.sqrt(b.nn[i]))}, east ${metres(Math.sqrt(b.ee[i]))}`;
   }
 
@@ -42,7 +42,8 @@
       Float64Array.from(s[variance], (v) => sign * 3 * Math.sqrt(v === null ? NaN : v));
     const all = {};
     for (const name of Object.keys(s)) all[name] = column(s[name]);
-    set("tracks", { x: all.x, y: all.y, aided_x: all.aided_x, aided_y: all.aided_y,
+    const known = data.is_true ? all : { x: all.x.map(() => NaN), y: all.y.map(() => NaN) };
+    set("tracks", { x: known.x, y: known.y, aided_x: all.aided_x, aided_y: all.aided_y,
                     unaided_x: all.unaided_x, unaided_y: all.unaided_y });
     set("states", { t: all.t, error: all.error, unaided: all.unaided, level: all.level,
       sigma: all.nn.map((v, i) => Math.sqrt(v + all.ee[i])), north: all.north, east: all.east,
@@ -51,7 +52,7 @@
     const fixed = b.reason.map((r) => r === null);
     set("after_fixes", { t: column(b.t.filter((_, i) => fixed[i])),
                          nees: column(b.nees.filter((_, i) => fixed[i])) });
-    logarithmic("errors", [all.error, all.unaided, all.level]);
+    logarithmic("errors", [all.error, all.unaided, all.level, source("states").data.sigma]);
     logarithmic("nees", [all.nees], 1e-3);
     for (const name of ["north", "east"])
       linear(name, [all[name], source("states").data[`${name}_low`],
@@ -74,6 +75,7 @@
     });
     view.texts = texts;
     view.half = fitted(s);
+    hide(data.is_true, values([all.unaided]).length > 0);
     byId("missing").replaceChildren(...data.missing.map((text) => {
       const item = document.createElement("li");
       item.textContent = text;
@@ -83,6 +85,18 @@
     slider.max = String(s.t.length - 1);
     view.batch = -1;
     show(document.body.dataset.live && atEnd ? s.t.length - 1 : view.index);
+  }
+
+  function hide(isTrue, hasUnaided) {
+    // What is not known without the truth, or without an unaided INS.
+    byId("figure_nees").hidden = !isTrue;
+    for (const axis of ["North", "East"])
+      byId(`figure_${axis.toLowerCase()}`).querySelector("h2").textContent =
+        isTrue ? `${axis} error, and 3 sigma as claimed` : `${axis}: 3 sigma as claimed`;
+    const absent = (isTrue ? [] : ["overview.y", "close_up.y", "errors.error", "signal.truth"])
+      .concat(hasUnaided ? [] : ["overview.unaided_y", "close_up.unaided_y", "errors.unaided"]);
+    for (const entry of document.querySelectorAll(".key"))
+      entry.hidden = absent.includes(entry.dataset.name);
   }
 
   // Ranges are set here: Bokeh finds none for data that come late.
@@ -132,8 +146,9 @@
   }
 
   function places(s, k) {
-    set("now", { x: column([s.unaided_x[k], s.x[k], s.aided_x[k]]),
-      y: column([s.unaided_y[k], s.y[k], s.aided_y[k]]),
+    const place = (x) => (view.data.is_true ? x : null);
+    set("now", { x: column([s.unaided_x[k], place(s.x[k]), s.aided_x[k]]),
+      y: column([s.unaided_y[k], place(s.y[k]), s.aided_y[k]]),
       colour: ["#D55E00", "#000000", "#0072B2"], marker: ["triangle", "square", "circle"] });
     const kx = s.east_scale[k], ky = s.north_scale[k];
     const [xs, ys] = ellipse(s.aided_x[k], s.aided_y[k], s.nn[k], s.ne[k], s.ee[k], kx, ky, CHI95);
@@ -181,14 +196,16 @@
   }
 
   function readout(s, k) {
-    const rows = [
+    const isTrue = view.data.is_true, rows = [
       ["latitude", `${s.latitude[k].toFixed(4)}°`], ["longitude", `${s.longitude[k].toFixed(4)}°`],
-      ["error", metres(s.error[k])], ["north, east", `${metres(s.north[k])}, ${metres(s.east[k])}`],
-      ["claimed sigma", metres(Math.sqrt(s.nn[k] + s.ee[k]))], ["unaided", metres(s.unaided[k])],
+      isTrue && ["error", metres(s.error[k])],
+      isTrue && ["north, east", `${metres(s.north[k])}, ${metres(s.east[k])}`],
+      ["claimed sigma", metres(Math.sqrt(s.nn[k] + s.ee[k]))],
+      isTrue && ["unaided", metres(s.unaided[k])],
       ["protection level", metres(s.level[k])],
-      ["NEES per axis", s.nees[k] === null ? "–" : s.nees[k].toPrecision(2)],
+      isTrue && ["NEES per axis", s.nees[k] === null ? "–" : s.nees[k].toPrecision(2)],
       ["last batch", view.batch < 0 ? "none yet" : view.texts[view.batch], "wide"],
-    ];
+    ].filter(Boolean);
     byId("readout").replaceChildren(...rows.map(([name, value, kind]) => {
       const row = document.createElement("div"), term = document.createElement("dt"),
         text = document.createElement("dd");

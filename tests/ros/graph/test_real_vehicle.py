@@ -1,0 +1,120 @@
+"""What a real vehicle's recording has not: the truth, an unaided INS, stamps that coincide, its
+beginning at the scenario's start."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+from helpers.command_line import answer, refusal
+from helpers.recordings import collect, nav_positions
+from isogal.fields.scenario_map import map_for_scenario
+from isogal_ros import topics
+from isogal_ros.bags.places import Places
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.viewing import viewed_run
+from isogal_ros.bags.writer import BagWriter
+from isogal_ros.graph.replay import replay
+from isogal_ros.messages.stamps import peek_ns, set_stamp
+from isogal_ros.nodes.signals import Interrupt
+
+SIMULATED = ("/ground_truth/fix", "/ground_truth/odom", "/ins/fix", "/clock")
+BEGIN = 100
+"""s of the run at which the recording begins."""
+SECOND = 10**9
+
+
+@pytest.fixture(scope="module")
+def voyage(recording, tmp_path_factory):
+    """The recording without what only a simulation knows, and without its first part."""
+    bag, reader = tmp_path_factory.mktemp("voyage") / "bag", BagReader(recording)
+    writer = BagWriter(bag, {"scenario": reader.texts["scenario"], "run": "7"})
+    for message in reader.messages():
+        name = message.topic
+        stamped = name not in ("/nav/covariance", "/nav/protection_level", "/diagnostics")
+        if name in SIMULATED or (stamped and peek_ns(message.data) < BEGIN * SECOND):
+            continue
+        if not writer.knows(name):
+            writer.add_topic(name, reader.types[name], [], "")
+        writer.write(name, message.data, message.log_ns, message.log_ns)
+    writer.close()
+    return bag
+
+
+def test_it_is_viewed_without_errors(voyage, tmp_path) -> None:
+    pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
+    answer("view", voyage, "--out", tmp_path / "view.html")
+    text = (tmp_path / "view.html").read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="data" type="application/json">(.*?)</script>', text)[1])
+    states, batches, readings = (data[name] for name in ("states", "batches", "readings"))
+    assert data["is_true"] is False
+    assert len(states["t"]) == 27  # a scan each 10 s
+    unknown = [states[name] for name in ("error", "north", "nees", "unaided")]
+    unknown += [batches["nees"], readings["truth"]]
+    assert {value for column in unknown for value in column} == {None}
+    known = [states[name] for name in ("aided_x", "nn", "level")] + [readings["difference"]]
+    assert None not in {value for column in known for value in column}
+    assert batches["reason"].count(None) > 2
+    assert "was not recorded, so errors are not known" in data["missing"][0]
+
+
+def test_it_is_replayed_from_where_the_navigator_was(voyage, recording) -> None:
+    """It once began at the scenario's start: 100 s of way off."""
+    result = replay(BagReader(voyage), Interrupt(), lambda progress: None)
+    (note,) = result.notes
+    assert "begins at 100 s: the filter starts there where the recorded navigator was" in note
+    known = collect(recording)
+    known.last_nav = {ns: known.last_nav[ns] for ns in result.outputs.last_nav}
+    apart = 6.4e6 * (nav_positions(result.outputs) - nav_positions(known))[:, :2]
+    assert np.hypot(*apart[0]) < 1.0
+    assert np.hypot(*apart[-1]) < 30.0  # fixes before it began are missing
+
+
+def test_stamps_need_not_coincide(recording) -> None:
+    """Readings between the navigator's samples: their places are between its places."""
+    whole, late = collect(recording), collect(recording)
+    scenario = late.scenario
+    late.readings = {ns + SECOND // 2: later(data, ns) for ns, data in late.readings.items()}
+    field_map = map_for_scenario(scenario)
+    runs, exact = (viewed_run(one, field_map, "").runs for one in (late, whole))
+    assert len(runs.detail.scan_time) == len(exact.detail.scan_time) - 1  # the last is after all
+    np.testing.assert_allclose(runs.time[1:], exact.time[1:-1] + 0.5)
+    moved = np.diff(exact.latitude[1:]) * 0.05  # half a second of ten
+    np.testing.assert_allclose(runs.latitude[1:], exact.latitude[1:-1] + moved, atol=1e-9)
+    np.testing.assert_allclose(runs.error[0, 1:], exact.error[0, 1:-1], atol=2.0)
+
+
+def later(data: bytes, ns: int) -> bytes:
+    message = deserialize_message(data, topics.DISTURBANCE.type)
+    set_stamp(message.header.stamp, ns + SECOND // 2)
+    return serialize_message(message)
+
+
+def fix(latitude: float, longitude: float) -> bytes:
+    message = topics.NAV_FIX.type()
+    message.latitude, message.longitude = latitude, longitude
+    return serialize_message(message)
+
+
+def test_places_between_messages() -> None:
+    places = Places({0: fix(-37.0, 179.9), 4 * SECOND: fix(-36.0, -179.9), 30 * SECOND: fix(0, 0)})
+    found = np.degrees(places.at([0, SECOND, 4 * SECOND, 5 * SECOND, 31 * SECOND]))
+    np.testing.assert_allclose(found[:3, 0], [-37.0, -36.75, -36.0])
+    np.testing.assert_allclose(found[:3, 1] % 360.0, [179.9, 179.95, 180.1])
+    assert np.isnan(found[3:]).all()  # too long a gap, and after the last
+    assert SECOND in places
+    assert 5 * SECOND not in places
+    assert -1 not in places
+    assert places.before(5 * SECOND) == places.before(4 * SECOND) == fix(-36.0, -179.9)
+    assert Places({}).at([]).shape == (0, 2)
+
+
+def test_without_readings_there_is_nothing_to_view(recording, tmp_path) -> None:
+    reader = BagReader(recording)
+    writer = BagWriter(tmp_path / "bag", {"scenario": reader.texts["scenario"]})
+    writer.add_topic("/nav/fix", "sensor_msgs/msg/NavSatFix", [], "")
+    writer.write("/nav/fix", next(iter(collect(recording).last_nav.values())), 0, 0)
+    writer.close()
+    assert "has no reading of which nav/fix says" in refusal("view", tmp_path / "bag")
