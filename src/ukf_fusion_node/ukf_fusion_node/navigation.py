@@ -22,6 +22,7 @@ from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from ukf_fusion_node.doubt import Doubt
 from ukf_fusion_node.start import initial_state, start_ns
+from ukf_fusion_node.upright import Upright
 
 SAID_NS = 1_000_000_000
 """How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
@@ -60,6 +61,7 @@ class Navigation:
         batch = matcher.batch_length * node.scenario.gravimeter.interval
         self._doubt = Doubt(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
+        self._upright = Upright()
         self.navigator: BufferedNavigator | None = None
         """None = it has no start yet."""
         self.ns = -1
@@ -136,7 +138,7 @@ class Navigation:
         self.navigator = BufferedNavigator(
             self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion, sample
         )
-        self.ns, self._placed = ns, None
+        self.ns, self._placed, self._upright = ns, None, Upright()
         sigma = float(np.sqrt(np.trace(state.covariance[0, :2, :2])))
         self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 
@@ -188,6 +190,8 @@ class Navigation:
             self._health.state(ERROR, str(error))
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
+        said = self._upright.take(to_seconds(ns), force, self.state.attitude[0])
+        self._health.concern("upright", said, ERROR)
         if missing > HELD:
             self._doubt.begin(ns)
 
