@@ -69,7 +69,7 @@ def test_it_is_replayed_from_where_the_navigator_was(voyage, recording) -> None:
     known.last_nav = {ns: known.last_nav[ns] for ns in result.outputs.last_nav}
     apart = 6.4e6 * (nav_positions(result.outputs) - nav_positions(known))[:, :2]
     assert np.hypot(*apart[0]) < 1.0
-    assert np.hypot(*apart[-1]) < 30.0  # fixes before it began are missing
+    assert np.hypot(*apart[-1]) < 200.0  # fixes before it began are missing
 
 
 def test_stamps_need_not_coincide(recording) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from helpers.node_bench import absolute, topics_of
+from helpers.node_bench import absolute, run_here, topics_of
 from helpers.recordings import collect, nav_positions
 from isogal.errors import InputError
 from isogal.scenario import Scenario
@@ -112,6 +112,34 @@ def test_keys_of_the_reduction_reduce_the_readings_anew(recording, scenario) -> 
     # at the bag's interval they are the recorded ones
     result = replay(BagReader(recording), Interrupt(), lambda progress: None, scenario())
     assert result.comparison.largest_difference < 1e-6
+
+
+def test_other_settings_are_as_if_they_had_been_run(recording, scenario, tmp_path) -> None:
+    """Readings that the recorded navigator had reduced were once taken by one that did otherwise:
+    with T = 20 instead of 30 a vessel erred 200 m instead of 40."""
+    again = scenario("matcher.batch_length=4", "matcher.stride=2")
+    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
+    run_here(again, tmp_path / "bag")
+    ran = collect(tmp_path / "bag")
+    assert sorted(ran.fixes) == sorted(result.outputs.fixes)
+    np.testing.assert_allclose(nav_positions(result.outputs), nav_positions(ran), atol=1e-12)
+    assert not any("Eötvös" in note for note in result.notes)
+
+
+def test_without_readings_of_the_instrument_other_settings_are_told_of(
+    recording, scenario, monkeypatch
+) -> None:
+    every = of_bag.wanted_messages
+    monkeypatch.setattr(
+        of_bag,
+        "wanted_messages",
+        lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.FELT),
+    )
+    again = scenario("matcher.batch_length=4", "matcher.stride=2")
+    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
+    assert "wrong by the Eötvös effect" in result.notes[-1]
+    same = replay(BagReader(recording), Interrupt(), lambda progress: None)
+    assert same.notes == []
 
 
 def test_a_reduction_that_the_bag_does_not_allow(recording, scenario, monkeypatch) -> None:

@@ -1,5 +1,9 @@
 """What a replay needs of a bag, and whether it takes the readings as they were reduced when they
-were recorded, or reduces the instrument's own anew."""
+were recorded, or reduces the instrument's own anew.
+
+Felt gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
+with that of the navigator that matches (docs/mathematics.md, section 4.1). A navigator that does
+otherwise than the recorded one did needs readings of its own."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +16,7 @@ from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.recorded_start import Start, recorded_start
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.stamps import peek_ns, to_seconds
 
 AIDS = (topics.BAROMETER, topics.VELOCITY)
 """Sensors beside the IMU that the filter may have."""
@@ -23,6 +27,8 @@ _KEYS = {
     "gradiometer": ("components",),
 }
 """Keys of the reduction by section; None = all."""
+LATE = 60.0
+"""s after which the first IMU sample of a bag is not that of the scenario's start."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +42,28 @@ class Recorded:
     collector: Collector
     aids: dict[topics.Topic, dict[int, bytes]]
     """Readings of height and velocity sensors by stamp."""
-    raw: dict[int, bytes]
-    """Readings of the instrument as it gave them by stamp."""
+    raw: tuple[dict[int, bytes], ...]
+    """Readings of each field's instrument as it gave them by stamp."""
     reduces: bool
     """Whether these are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
+    of_another: bool = False
+    """Whether felt gravity is fed that a navigator has reduced which may have done otherwise."""
+
+    @property
+    def first(self) -> float:
+        """Stamp of the first IMU sample, s."""
+        return to_seconds(min(self.imu))
 
     def readings(self) -> list[tuple[int, topics.Topic, bytes]]:
         """Return stamp, topic and message of the readings that are fed, in order of time."""
         each = [adapter_of(one) for one in self.scenario.each_field]
-        stores = [self.collector.readings, *self.collector.others]
-        fed = [(one.reduced, store) for one, store in zip(each, stores, strict=True)]
         if self.reduces:
-            fed = [(each[0].raw, self.raw)]
+            fed = [(one.raw, store) for one, store in zip(each, self.raw, strict=True)]
+        else:
+            stores = [self.collector.readings, *self.collector.others]
+            fed = [(one.reduced, store) for one, store in zip(each, stores, strict=True)]
         found = [(ns, topic, data) for topic, store in fed for ns, data in store.items()]
         return sorted(found, key=lambda one: one[0])
 
@@ -64,11 +78,12 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
     """
     collector = Collector(scenario)
     imu: dict[int, bytes] = {}
-    raw: dict[int, bytes] = {}
-    adapter, *others = (adapter_of(one) for one in scenario.each_field)
+    each = [adapter_of(one) for one in scenario.each_field]
+    raw: tuple[dict[int, bytes], ...] = tuple({} for _ in each)
     aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
     scalar: dict[int, bytes] = {}
-    stores = {topics.IMU: imu, adapter.raw: raw, topics.SCALAR_FIELD: scalar, **aids}
+    stores = {topics.IMU: imu, topics.SCALAR_FIELD: scalar, **aids}
+    stores |= {one.raw: store for one, store in zip(each, raw, strict=True)}
     odometry: dict[int, bytes] = {}
     wanted = (*stores, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
@@ -78,12 +93,14 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
             odometry = odometry or {peek_ns(data): data}
         else:
             collector.take(topic, data)
-    whole = bool(raw) and not scalar and not others
-    reduces = _reduces_anew(reader.path, reader.scenario(), scenario, whole)
-    readings = (adapter.raw, raw) if reduces else (adapter.reduced, collector.readings)
-    needed = [(topics.IMU.name, imu), (readings[0].name, readings[1])]
-    more = zip(others, collector.others, strict=True)
-    needed += [(other.reduced.name, store) for other, store in more]
+    whole = all(raw) and not scalar
+    _check_reduction(reader.path, reader.scenario(), scenario, whole)
+    differs = reader.scenario() != scenario or to_seconds(min(imu, default=0)) > LATE
+    reduces = differs and whole
+    reduced = (collector.readings, *collector.others)
+    needed = [(topics.IMU.name, imu)]
+    for one, store, instead in zip(each, raw, reduced, strict=True):
+        needed.append((one.raw.name, store) if reduces else (one.reduced.name, instead))
     missing = [name for name, store in needed if not store]
     if missing:
         there = ", ".join(sorted(reader.types)) or "nothing"
@@ -94,12 +111,13 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
         )
     run = int(reader.texts.get("run", 0))
     start = recorded_start(scenario, collector.first_nav, odometry, min(imu))
-    return Recorded(scenario, run, imu, collector, aids, raw, reduces, start)
+    felt = any(one.raw is topics.FELT for one in each)
+    of_another = differs and felt and not reduces
+    return Recorded(scenario, run, imu, collector, aids, raw, reduces, start, of_another)
 
 
-def _reduces_anew(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> bool:
-    """Return whether a scenario reduces readings otherwise than the recorded one did; one that is
-    not known did not.
+def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:
+    """Look whether a scenario reduces readings otherwise than the recorded one did, and can.
 
     Parameters
     ----------
@@ -112,23 +130,22 @@ def _reduces_anew(path: Path, recorded: Scenario | None, now: Scenario, raw: boo
         It does, and cannot with this bag.
     """
     if recorded is None:
-        return False
+        return
     before, after = _keys_of(recorded), _keys_of(now)
     changed = [key for key in after if key not in before or after[key] != before[key]]
     if not changed:
-        return False
+        return
     keys = ", ".join(changed)
     if not raw:
         raise InputError(
             f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
             " has not all that the instrument measured"
         )
-    if now.gravimeter.interval < recorded.gravimeter.interval:
-        raise InputError(
-            f"{path}: a replay cannot make gravimeter.interval shorter than it was"
-            f" ({recorded.gravimeter.interval:g} s)"
-        )
-    return True
+    for key in changed:
+        if key.endswith("gravimeter.interval") and after[key] < before.get(key, 0.0):
+            raise InputError(
+                f"{path}: a replay cannot make {key} shorter than it was ({before[key]:g} s)"
+            )
 
 
 def _keys_of(scenario: Scenario) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.comparison import Comparison, compare
 from isogal_ros.graph.domain import claim_domain, local_context
-from isogal_ros.graph.plan import GraphError, node_class
+from isogal_ros.graph.plan import GraphError, instruments_of, node_class
 from isogal_ros.graph.progress import Progress, Report, ReportTimer
-from isogal_ros.graph.recorded import AIDS, Recorded, load
+from isogal_ros.graph.recorded import AIDS, LATE, Recorded, load
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -42,8 +42,6 @@ ANSWERS = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
-LATE = 60.0
-"""s after which the first IMU sample of a bag is not that of the scenario's start."""
 PATIENCE = 120.0
 """s of wall time that a step may take."""
 
@@ -75,8 +73,8 @@ def replay(
     Parameters
     ----------
     scenario : Scenario, optional
-        None = the bag's own. Where it reduces readings otherwise, the instrument's own are
-        reduced anew.
+        None = the bag's own. With another one the instrument's own readings are reduced anew
+        where the bag has them.
 
     Raises
     ------
@@ -85,7 +83,6 @@ def replay(
     GraphError
         A node did not answer.
     """
-    notes = []
     scenario = scenario or reader.scenario()
     if scenario is None:
         raise InputError(
@@ -93,20 +90,7 @@ def replay(
             " --scenario which one was run"
         )
     recorded = load(reader, scenario)
-    if reader.cut is not None:
-        last = max(recorded.imu, default=0)
-        notes.append(
-            f"the bag is not read to its end: {reader.cut}; read up to {to_seconds(last):.0f} s"
-        )
-    first = to_seconds(min(recorded.imu))
-    if first > LATE:
-        how = (
-            "as the scenario says for its start, which is true only where the vehicle did not move"
-            " before"
-            if recorded.start is None
-            else "where the recorded navigator was"
-        )
-        notes.append(f"the bag begins at {first:.0f} s: the filter starts there {how}")
+    notes = _notes(reader, recorded)
     begun = time.monotonic()
     with claim_domain() as domain, local_context(domain) as context:
         outputs, answered = _run(recorded, context, interrupt, report)
@@ -123,6 +107,31 @@ def replay(
     )
 
 
+def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
+    """Say what is missing, and what the replay does about it."""
+    notes = []
+    if reader.cut is not None:
+        last = max(recorded.imu, default=0)
+        notes.append(
+            f"the bag is not read to its end: {reader.cut}; read up to {to_seconds(last):.0f} s"
+        )
+    if recorded.first > LATE:
+        how = (
+            "as the scenario says for its start, which is true only where the vehicle did not move"
+            " before"
+            if recorded.start is None
+            else "where the recorded navigator was"
+        )
+        notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
+    if recorded.of_another:
+        notes.append(
+            "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
+            " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"
+            " the replayed one differs from it"
+        )
+    return notes
+
+
 def _run(
     recorded: Recorded,
     context: Context,
@@ -132,26 +141,29 @@ def _run(
     """Return the fresh nodes' messages and the last stamp (ns) that was answered, 0 = none."""
     executor = make_executor(context)
     nodes: dict[str, Any] = {}
+    sensors = instruments_of(recorded.scenario) if recorded.reduces else {}
     # the feeder hears everything, as a recorder does
-    names = (*NODES, topics.GRAVIMETER) if recorded.reduces else NODES
-    own = {"run": recorded.run, "recorders": 1, "peers": list(names)}
-    special: dict[str, dict[str, Any]] = {
-        topics.UKF_FUSION: {"start_time": math.nan, **_start(recorded)},
-        topics.GRAVIMETER: {"simulate": False, "recorders": 0},
-    }
+    own = {"run": recorded.run, "recorders": 1, "peers": [*NODES, *sensors]}
+    start = {"start_time": math.nan, **_start(recorded)}
+    told = dict.fromkeys(NODES, (recorded.scenario, own))
+    told[topics.UKF_FUSION] = recorded.scenario, own | start
+    for name, scenario in sensors.items():
+        told[name] = scenario, own | {"simulate": False, "recorders": 0}
     try:
-        for name in names:
+        for name, (scenario, parameters) in told.items():
             kind = node_class(name)
-            values = node_values(recorded.scenario, own | special.get(name, {}), kind.sections)
+            values = node_values(scenario, parameters, kind.sections)
             nodes[name] = kind(name, values=values, context=context)
-        values = node_values(recorded.scenario, own | {"recorders": 0}, _Feeder.sections)
+        # an instrument's own readings have one listener, however many instruments there are
+        heard = own | {"recorders": 0, "peers": [*NODES, *list(sensors)[:1]]}
+        values = node_values(recorded.scenario, heard, _Feeder.sections)
         feeder = nodes[FEEDER] = _Feeder(FEEDER, values=values, context=context)
         feeder.advertise_sensors(
             [topic for topic in AIDS if recorded.aids[topic]], recorded.reduces
         )
         for node in nodes.values():
             executor.add_node(node)
-        answered = _LockStep(recorded, nodes, executor).run(interrupt, report)
+        answered = _LockStep(recorded, nodes, tuple(sensors), executor).run(interrupt, report)
         drain(feeder, executor)
         return feeder.collector, answered
     finally:
@@ -164,7 +176,7 @@ def _start(recorded: Recorded) -> dict[str, Any]:
     """Return parameters of the filter's start: a simulated run that is recorded from its start on
     has the scenario's."""
     simulated = bool(recorded.collector.truth)
-    if simulated and to_seconds(min(recorded.imu)) <= LATE:
+    if simulated and recorded.first <= LATE:
         return {}
     return dict(recorded.start or {})
 
@@ -197,10 +209,9 @@ class _Feeder(GraphNode):
     def advertise_sensors(self, aids: Collection[topics.Topic], raw: bool) -> None:
         """Make publishers of the aids that were recorded and of raw or reduced readings."""
         self._aids = {topic: self.advertise(topic) for topic in aids}
-        of, consumer = [adapter_of(one) for one in self.scenario.each_field], topics.PMHT_MM
-        fed = [one.reduced for one in of]
-        if raw:
-            fed, consumer = [of[0].raw], topics.GRAVIMETER
+        each = [adapter_of(one) for one in self.scenario.each_field]
+        fed = [one.raw if raw else one.reduced for one in each]
+        consumer = topics.GRAVIMETER if raw else topics.PMHT_MM
         self._readings = {topic: self.advertise(topic, (consumer,)) for topic in fed}
 
     def aid(self, topic: topics.Topic, data: bytes) -> None:
@@ -226,9 +237,10 @@ class _LockStep:
         self,
         recorded: Recorded,
         nodes: dict[str, Any],
+        sensors: tuple[str, ...],
         executor: Any,
     ) -> None:
-        self._sensor = nodes.get(topics.GRAVIMETER)
+        self._sensors = [nodes[name] for name in sensors]
         self._imu = recorded.imu
         self._readings = recorded.readings()
         self._aids = [
@@ -282,7 +294,7 @@ class _LockStep:
 
     def _settled(self) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        given = self._played - (0 if self._sensor is None else self._sensor.unused)
+        given = self._played - sum(sensor.unused for sensor in self._sensors)
         done = self._matcher.taken >= given and not self._matcher.scans.waiting
         return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
 
