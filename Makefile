@@ -47,7 +47,8 @@ bench: install-development
 docs:
 	@test -x build/docs/bin/mkdocs || \
 	  { $(or $(PYTHON),python3) -m venv build/docs && \
-	    build/docs/bin/pip install --quiet "mkdocs-material>=9.5" latex2mathml; }
+	    build/docs/bin/pip install --quiet "mkdocs-material>=9.5" "mkdocstrings-python>=2.0" \
+      latex2mathml; }
 	@NO_MKDOCS_2_WARNING=1 build/docs/bin/mkdocs build --quiet
 
 # The demo, which the README begins with, and then the commands of the pages

@@ -1,7 +1,8 @@
 """The blocks that a page of documentation shows, and how its commands are run.
 
-A page's commands are its fenced blocks without a language or of `sh`; a YAML block whose first
-line is the comment ``# NAME.yaml`` is written to that file. Comments that do not show say how:
+A page's commands are its fenced blocks without a language or of `sh`; a block of YAML, TOML or
+Python whose first line is the comment ``# NAME.yaml`` (``.toml``, ``.py``) is written to that
+file. Comments that do not show say how:
 
 ``<!-- not run -->``
     before a block: it is left out.
@@ -10,6 +11,7 @@ line is the comment ``# NAME.yaml`` is written to that file. Comments that do no
 ``<!-- short: --runs 8=--runs 2; BIG=SMALL -->``
     words that are replaced by others for a quick run."""
 
+import os
 import re
 import runpy
 import shlex
@@ -22,12 +24,15 @@ from typing import NamedTuple
 import pytest
 
 from helpers.command_line import answer
+from helpers.installed import forget_plugins
 
 _NOT_RUN, _FIRST = "<!-- not run -->", "<!-- first"
 _SHORT = re.compile(r"^<!-- short: (.*?) -->$", re.M)
-_NAMED = re.compile(r"# (\S+\.yaml)\n")
+_NAMED = re.compile(r"# (\S+\.(?:yaml|toml|py))\n")
 COMMANDS = ("", "sh")
 """Languages of blocks of commands."""
+_FILES = ("yaml", "toml", "python")
+"""Those of blocks that may be files."""
 
 
 class Block(NamedTuple):
@@ -73,7 +78,9 @@ def commands(page: Path, short: bool = False) -> list[str]:
         if block.run and block.language in COMMANDS:
             lines += block.lines()
         elif block.run and (named := _named(block)):
-            lines.append(f"cat > {named} << 'END'\n{block.text}\nEND")
+            lines.append(
+                f"mkdir -p {Path(named).parent}; cat > {named} << 'END'\n{block.text}\nEND"
+            )
     if short:
         for before, after in swaps:
             assert any(before in line for line in lines), f"{page}: no command has '{before}'"
@@ -82,13 +89,13 @@ def commands(page: Path, short: bool = False) -> list[str]:
 
 
 def named_files(page: Path) -> dict[str, str]:
-    """Return the YAML blocks of a page that are files, by name."""
+    """Return the blocks of a page that are files, by name."""
     return {name: block.text for block in blocks(page) if (name := _named(block))}
 
 
 def _named(block: Block) -> str:
     """Return the name of the file that a block is, or nothing."""
-    found = _NAMED.match(block.text) if block.language == "yaml" else None
+    found = _NAMED.match(block.text) if block.language in _FILES else None
     return found[1] if found else ""
 
 
@@ -104,4 +111,6 @@ def run_here(lines: list[str]) -> None:
                 patch.setattr(sys, "argv", words[1:])
                 runpy.run_path(words[1], run_name="__main__")
         else:
-            subprocess.run(["bash", "-euc", line], check=True)
+            path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+            subprocess.run(["bash", "-euc", line], check=True, env=os.environ | {"PATH": path})
+            forget_plugins()

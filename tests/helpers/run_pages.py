@@ -5,7 +5,8 @@
 The commands of each page, one after the other as a shell runs them, in a folder of its own that
 has what the repository has; ends with 1 if one of them fails. Pages but the README and tutorials
 are run with the smaller numbers that they name. A page may use ``$ROOT``, the repository, and
-``$SHARED``, the test data beside it; without these the page is left out."""
+``$SHARED``, the test data beside it; without these the page is left out. What a page installs with
+``pip install --target out/installed`` is found."""
 
 import os
 import subprocess
@@ -16,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
+INSTALLED = "out/installed"
 LINKED = ("examples", "docs", "src", "bags", "Makefile")
 """What is linked into the folder."""
 
@@ -35,6 +37,7 @@ def run(page: Path) -> bool:
         "SHARED": str(SHARED),
     }
     with tempfile.TemporaryDirectory() as folder:
+        environment["PYTHONPATH"] = str(Path(folder) / INSTALLED)
         for name in LINKED:
             (Path(folder) / name).symlink_to(ROOT / name)
         for line in lines:
