@@ -94,7 +94,7 @@ class InsSimNode(GraphNode):
         self.begun = self._moved = time.monotonic()
         self.get_logger().info(f"begun: {self.vehicle.trajectory.time[-1]:.0f} s to go")
         if self._successors is not None:
-            self.destroy_subscription(self._diagnostics)
+            self._diagnostics.end()
             self._successors.begin()
         self.running = True
         self.advance()

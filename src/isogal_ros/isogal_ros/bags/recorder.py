@@ -81,10 +81,7 @@ class RecorderNode(GraphNode):
             except OSError as error:
                 self._failed_to_write(error)
 
-        subscription = self.create_subscription(
-            topic.type, topic.name, write, topics.LOSSLESS, raw=True
-        )
-        name = subscription.topic_name
+        name = self.hear(topic, write, raw=True).topic_name
 
     def _add(self, name: str, topic: Topic) -> None:
         """Make a topic known to the bag with what its publishers offer; the history is not part of

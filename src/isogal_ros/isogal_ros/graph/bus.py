@@ -253,7 +253,7 @@ class _BusNode(LifecycleNode):
         return self.publishers[-1]
 
     def create_subscription(
-        self, kind: Any, name: str, callback: Any, _qos: Any, *, raw: bool = False
+        self, kind: Any, name: str, callback: Any, _qos: Any, *, raw: bool = False, **_: Any
     ) -> Any:
         self.subscriptions.append(Subscription(name, kind, callback, raw, self.context))
         self.context._listeners[name].append(self.subscriptions[-1])

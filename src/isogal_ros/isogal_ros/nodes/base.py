@@ -20,6 +20,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.lifecycle import ManagedNode
+from isogal_ros.nodes.listening import Listening
 from isogal_ros.nodes.memory import Memory
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import parameter_specs
@@ -113,6 +114,7 @@ class GraphNode(ManagedNode):
         self.finished = False
         """Whether the node has nothing left to do, so that its process may end."""
         self._expected: dict[Any, tuple[str, int]] = {}
+        self._listening: dict[str, Listening] = {}
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -187,14 +189,20 @@ class GraphNode(ManagedNode):
         self._expected[publisher] = (topic.name, len(listeners))
         return publisher
 
-    def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Any:
+    def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Listening:
         """Subscribe; a message with which the handler fails is dropped and counted."""
 
         def guarded(message: Any) -> None:
             if self.active:
                 self.guard(topic, handler, message)
 
-        return self.create_subscription(topic.type, topic.name, guarded, LOSSLESS, raw=raw)
+        return self.hear(topic, guarded, raw)
+
+    def hear(self, topic: Topic, take: Callable[[Any], None], raw: bool = False) -> Listening:
+        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
+        itself."""
+        self._listening[topic.name] = Listening(self, topic, take, raw)
+        return self._listening[topic.name]
 
     def guard(self, topic: Topic, action: Callable[..., object], *arguments: Any) -> None:
         """Do what a message asks for; one with which that fails is dropped and counted."""
@@ -293,9 +301,11 @@ class GraphNode(ManagedNode):
             self.health.state(OK, "ready")
 
     def _beat(self) -> None:
-        """Publish diagnostics while no data comes; give memory back; end with the parent, if there
-        is one."""
+        """Publish diagnostics while no data comes; give memory back; hear who offers less than is
+        asked for; end with the parent, if there is one."""
         self._free_memory.give_back()
+        for listening in list(self._listening.values()):
+            listening.adapt()
         for look in self._looks:
             look()
         if self.health.publications == self._heard:
