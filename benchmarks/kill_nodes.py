@@ -39,6 +39,7 @@ def outcomes(scenario: Scenario, out: Path, times: int) -> list[dict[str, Any]]:
             if key in done:
                 continue
             found = run_process_trial(scenario, out / "running", bag, fault, run)
+            assert found is not None  # nobody stops it
             done[key] = found.document()
             path.write_text(json.dumps(done, indent=1))
             print(f"{fault.name}, run {run}: {done[key]}", flush=True)

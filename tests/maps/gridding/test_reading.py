@@ -121,6 +121,20 @@ def test_bad_files_are_refused_in_one_line(tmp_path, header, lines, message):
     assert "\n" not in str(caught.value)
 
 
+def test_netcdf_with_two_columns_of_values_asks_which(tmp_path):
+    path = tmp_path / "two.nc"
+    with netCDF4.Dataset(path, "w") as dataset:
+        dataset.createDimension("x", N)
+        named = {"latitude": LAT, "longitude": LON}
+        named |= {"gravity_disturbance": VALUE, "bouguer_disturbance": 2.0 * VALUE}
+        for name, values in named.items():
+            dataset.createVariable(name, "f8", ("x",))[:] = values
+    with pytest.raises(InputError) as error:
+        read_survey(path)
+    assert str(error.value).startswith(f"{path}: does not say which column holds the values; give")
+    assert str(error.value).count(str(path)) == 1
+
+
 def test_a_missing_and_a_binary_file_are_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.csv: no such file"):
         read_survey(tmp_path / "none.csv")

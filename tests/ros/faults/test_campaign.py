@@ -2,13 +2,14 @@
 
 import json
 import os
+import signal
 import time
 from pathlib import Path
 
 import pytest
 
 from isogal_ros import topics
-from isogal_ros.faults import campaign, trial
+from isogal_ros.faults import campaign, process_trial, trial
 from isogal_ros.faults.campaign import OUTCOMES, run_campaign
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
 from isogal_ros.faults.node_faults import NODE_FAULTS
@@ -74,3 +75,59 @@ def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
         made.wait(lambda: 108 in stamps(made, topics.NAV_FIX))
         assert stamps(made, topics.NAV_FIX) == [0, 1, 2, 3, 4, 5, 6, 107, 108]
         assert made.node.health.dropped == {"imu/data_raw": 2}
+
+
+def test_an_interrupted_campaign_keeps_nothing_that_is_not_whole(
+    scenario, tmp_path, monkeypatch
+) -> None:
+    """A recording that was cut short was once taken for the run without a fault."""
+    interrupt, short = Interrupt(), scenario("route.duration=400.0")
+
+    def cut(plan, interrupt, report) -> None:
+        plan.bag.mkdir()
+        interrupt(signal.SIGINT)
+
+    monkeypatch.setattr(campaign, "run_in_process", cut)
+    table = run_campaign(short, tmp_path, (0, 1), False, interrupt, lambda text: None)
+    assert table["trials"] == 0
+    assert not (tmp_path / "recording-0").exists()
+
+
+@pytest.mark.parametrize("kind", [Feed, Reference], ids=["simulating", "playing"])
+def test_an_interrupt_ends_the_run_that_faults_are_compared_with(
+    scenario, tmp_path, monkeypatch, kind
+) -> None:
+    interrupt, made, of = Interrupt(), [], kind.of
+
+    def interrupted(*words):
+        interrupt(signal.SIGINT)
+        made.append(of(*words))
+        return made[-1]
+
+    monkeypatch.setattr(kind, "of", interrupted)
+    short = scenario("route.duration=400.0")
+    table = run_campaign(short, tmp_path, (1, 0), False, interrupt, lambda text: None)
+    assert table["trials"] == 0
+    assert not (tmp_path / OUTCOMES).exists()
+    (cut,) = made
+    assert len(cut.truth if kind is Feed else cut.track.time) == 0
+
+
+def test_a_trial_of_processes_is_stopped(scenario, tmp_path, monkeypatch) -> None:
+    stop, seen = Interrupt(), []
+
+    def run(plan, folder, interrupt, report, meddle) -> None:
+        folder.mkdir()
+        meddle(None, -1.0)
+        seen.append(bool(interrupt))
+        stop(signal.SIGINT)
+        meddle(None, -1.0)
+        seen.append(bool(interrupt))
+
+    monkeypatch.setattr(process_trial, "run_processes", run)
+    found = process_trial.run_process_trial(
+        scenario("route.duration=400.0"), tmp_path / "run", tmp_path, PROCESS_FAULTS[0], 0, stop
+    )
+    assert found is None
+    assert seen == [False, True]
+    assert not (tmp_path / "run").exists()

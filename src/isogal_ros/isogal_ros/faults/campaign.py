@@ -2,6 +2,7 @@
 interrupted and goes on, and a table in the end."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -71,8 +72,12 @@ class Campaign:
             missing = [fault for fault in faults if (fault.name, trial) not in self._done]
             if self._interrupt or not missing:
                 continue
-            feed = Feed.of(self._scenario, trial)
-            reference = Reference.of(feed)
+            feed = Feed.of(self._scenario, trial, self._interrupt)
+            if self._interrupt:
+                return
+            reference = Reference.of(feed, self._interrupt)
+            if self._interrupt:
+                return
             if ("none", trial) not in self._done:
                 self._keep(reference.outcome(trial))
             # checkpoints take time, and only nodes that are killed need them
@@ -89,13 +94,21 @@ class Campaign:
             bag = self._out / f"recording-{trial}"
             if not bag.exists():
                 self._say(f"Recording run {trial} ...")
-                run_in_process(
-                    Plan(self._scenario, bag, run=trial), self._interrupt, lambda progress: None
-                )
+                part = bag.with_suffix(".part")
+                shutil.rmtree(part, ignore_errors=True)
+                plan = Plan(self._scenario, part, run=trial)
+                run_in_process(plan, self._interrupt, lambda progress: None)
+                if self._interrupt:
+                    return
+                part.rename(bag)
             for fault in PROCESS_FAULTS:
                 if (fault.name, trial) not in self._done and not self._interrupt:
                     folder = self._out / "running"
-                    self._keep(run_process_trial(self._scenario, folder, bag, fault, trial))
+                    outcome = run_process_trial(
+                        self._scenario, folder, bag, fault, trial, self._interrupt
+                    )
+                    if outcome is not None:
+                        self._keep(outcome)
 
     def table(self, faults: tuple[AnyFault, ...]) -> dict[str, Any]:
         """Write table and page of what has been run of some faults; return the table."""

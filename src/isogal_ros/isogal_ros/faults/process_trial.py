@@ -1,6 +1,7 @@
 """One trial of a fault of processes: a graph whose nodes are started again where they die."""
 
 import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from isogal_ros.faults.outcome import Outcome, Span, first_warning, outcome_of, 
 from isogal_ros.faults.process_faults import Meddler, ProcessFault
 from isogal_ros.faults.trial import begin_of
 from isogal_ros.graph.plan import GraphError, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.processes import Processes, run_processes
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
@@ -24,9 +25,15 @@ SECOND = 1e9
 
 
 def run_process_trial(
-    scenario: Scenario, folder: Path, reference: Path, fault: ProcessFault, trial: int
-) -> Outcome:
-    """Run a graph with a fault at a time that is drawn from seed, trial and fault.
+    scenario: Scenario,
+    folder: Path,
+    reference: Path,
+    fault: ProcessFault,
+    trial: int,
+    stop: Interrupt | None = None,
+) -> Outcome | None:
+    """Run a graph with a fault at a time that is drawn from seed, trial and fault; return its
+    outcome, None where it was stopped.
 
     Parameters
     ----------
@@ -37,6 +44,8 @@ def run_process_trial(
         lost.
     trial : int
         Index of the run.
+    stop : Interrupt, optional
+        Ends it early.
     """
     begin, _ = begin_of(scenario.seed, trial, fault.name, scenario.route.duration or 0.0)
     shutil.rmtree(folder, ignore_errors=True)
@@ -46,8 +55,17 @@ def run_process_trial(
     interrupt = Interrupt()
     meddler = Meddler(fault, begin, interrupt)
     crash, collector = None, Collector(scenario)
+
+    def meddle(processes: Processes, simulated: float) -> None:
+        if stop:
+            interrupt(signal.SIGINT)
+        meddler(processes, simulated)
+
     try:
-        run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=meddler)
+        run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=meddle)
+        if stop:
+            shutil.rmtree(folder)
+            return None
         collector.take_bag(BagReader(folder / "bag"))
     except (GraphError, InputError) as error:
         crash = f"{type(error).__name__}: {error}"

@@ -14,6 +14,7 @@ from isogal_ros.graph.plan import GraphError, Plan, node_class
 from isogal_ros.graph.recorded import AIDS
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.parameters.values import node_values
 
 NODES = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
@@ -35,8 +36,8 @@ class Feed:
     truth: dict[int, bytes]
 
     @classmethod
-    def of(cls, scenario: Scenario, run: int) -> "Feed":
-        """Simulate a run of a scenario, by the nodes themselves.
+    def of(cls, scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> "Feed":
+        """Simulate a run of a scenario, by the nodes themselves, to its end or an interrupt.
 
         Raises
         ------
@@ -51,7 +52,7 @@ class Feed:
             bus.hear(topic, _keeper(kept.setdefault(topic.name, {})))
         nodes = {name: bus.add(name, plan.values(name)) for name in plan.names}
         simulator, step, idle = nodes[topics.INS_SIM], -1, 0
-        while not simulator.finished:
+        while not (interrupt or simulator.finished):
             bus.tick()
             idle = idle + 1 if simulator.step == step else 0
             step = simulator.step

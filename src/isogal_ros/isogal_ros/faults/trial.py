@@ -85,10 +85,12 @@ class Reference:
     """What was said at WARN or ERROR, without its numbers."""
 
     @classmethod
-    def of(cls, feed: Feed) -> "Reference":
-        """Play a run without a fault."""
+    def of(cls, feed: Feed, interrupt: Interrupt | None = None) -> "Reference":
+        """Play a run without a fault, to its end or an interrupt."""
         stage = Stage(feed)
         for ns in stage.stamps():
+            if interrupt:
+                break
             stage.play(ns)
         return cls(track_of(stage.collector), frozenset(shape(text) for _, text in stage.heard))
 

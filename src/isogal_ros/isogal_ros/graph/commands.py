@@ -147,7 +147,7 @@ def faults_command(
         return FAILED
     if json:
         console.json(table)
-    else:
+    elif table["trials"]:
         console.result((out / PAGE).read_text(encoding="utf-8"))
     if interrupt:
         console.say(

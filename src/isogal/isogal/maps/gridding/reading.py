@@ -161,6 +161,8 @@ def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
             columns["value"] = numbers(name)
             said = {"name": name, "unit": text_of(flat[name], "units"), "quantity": known[name]}
             return columns, said
+    except InputError:
+        raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         raise InputError(f"{where}: cannot be read as NetCDF: {reason}") from None
