@@ -68,6 +68,17 @@ def test_a_gravimeters_sigma_is_not_taken_for_another_fields(name, unit):
         measured_field(load_scenario(None, [*ROUTE, f"field={name}"]))
 
 
+@pytest.mark.parametrize(
+    "key",
+    ["gravimeter.sigma", "gravimeter.bias", "map_error.sigma", "matcher.map_sigma"],
+)
+def test_milligals_are_not_taken_for_metres_per_second_squared(key):
+    text = rf"{key}: must be in m/s² where .* at most 0\.01; is 0\.5 \(0\.5 mGal are 5e-06\)"
+    with pytest.raises(InputError, match=text):
+        measured_field(load_scenario(None, [f"{key}=0.5"]))
+    assert measured_field(load_scenario(None, [f"{key}=1e-2"])).name == "gravity"
+
+
 @pytest.mark.parametrize("name", SCALARS)
 @given(places)
 @settings(max_examples=20)

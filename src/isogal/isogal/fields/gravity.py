@@ -3,6 +3,9 @@
 from isogal.fields.measured import MeasuredField
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 
+_LARGEST = 1e-2
+"""m/s²: 1000 mGal, as much as the largest disturbances of the Earth."""
+
 GRAVITY = MeasuredField(
     name="gravity",
     instrument="gravimeter",
@@ -11,6 +14,7 @@ GRAVITY = MeasuredField(
     least_sigma=0.0,
     sign=1.0,
     reduction=lambda scenario: GravityReduction(),
+    largest_sigma=_LARGEST,
 )
 DISTURBANCE = MeasuredField(
     name="disturbance",
@@ -20,4 +24,5 @@ DISTURBANCE = MeasuredField(
     least_sigma=0.0,
     sign=1.0,
     reduction=lambda scenario: DisturbanceReduction(),
+    largest_sigma=_LARGEST,
 )

@@ -3,6 +3,7 @@
 A field is known by an entry point of the group `isogal.fields` that names a `MeasuredField`. It
 needs a `isogal.sensors.reduction.Reduction`, and for the nodes a message adapter."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -71,6 +72,8 @@ class MeasuredField:
     """Returns how readings of this field are made and reduced in a scenario; raises InputError
     where its route cannot be driven."""
     channels: Channels | None = None
+    largest_sigma: float = math.inf
+    """Largest 1-sigma of instrument or map; a larger one must be in another unit."""
 
     @property
     def source(self) -> str:
@@ -110,8 +113,8 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     Raises
     ------
     InputError
-        `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
-        they do not count; or the scenario has several fields.
+        `gravimeter.sigma`, or another sigma, is not in this field's unit, or keys `OF_ONE_NUMBER`
+        are given where they do not count; or the scenario has several fields.
     """
     require_one_field(scenario)
     field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
@@ -128,7 +131,25 @@ def measured_field(scenario: Scenario) -> MeasuredField:
             f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least"
             f" {field.least_sigma:g}; is {sigma:g}"
         )
+    _check_largest(field, scenario)
     return field
+
+
+def _check_largest(field: MeasuredField, scenario: Scenario) -> None:
+    sigmas = {
+        "gravimeter.sigma": scenario.gravimeter.sigma,
+        "gravimeter.correlated_sigma": scenario.gravimeter.correlated_sigma,
+        "gravimeter.bias": scenario.gravimeter.bias,
+        "map_error.sigma": scenario.map_error.sigma,
+        "matcher.map_sigma": scenario.matcher.map_sigma,
+    }
+    for key, sigma in sigmas.items():
+        if sigma != "auto" and sigma > field.largest_sigma:
+            raise InputError(
+                f"{key}: must be in {field.unit} where field is {field.name}, at most"
+                f" {field.largest_sigma:g}; is {sigma:g}"
+                + (f" ({sigma:g} mGal are {sigma * 1e-5:g})" if field.unit == "m/s²" else "")
+            )
 
 
 def reading_sigma(scenario: Scenario) -> float:
