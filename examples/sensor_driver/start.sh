@@ -22,7 +22,9 @@ nodes=$(jobs -p)
 trap 'kill -INT $nodes 2> /dev/null; wait' EXIT
 
 until [ "$(cat "$folder"/log/* | grep -c '\]: ready')" -ge 3 ]; do
-  for node in $nodes; do kill -0 "$node"; done # one that cannot start says why in its log
+  for node in $nodes; do # one that cannot start says why
+    kill -0 "$node" 2> /dev/null || { cat "$folder"/log/* >&2; exit 1; }
+  done
   sleep 0.2
 done
 python "$here/driver.py" --ros-args -p "folder:=$folder" -p "speed:=$speed"
