@@ -1,6 +1,7 @@
 """The launch file, run with stand-ins for the launch packages, which the wheels do not have."""
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph import launching
 from isogal_ros.graph.domain import DOMAIN, claim_domain
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
@@ -130,6 +132,22 @@ def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
         arrival = {0: arrived} if name == topics.INS_SIM else {}
         assert reasons == died | lives_on | arrival
         assert keys["respawn"] is (respawn == "true")
+
+
+def test_checkpoints_of_no_name_are_gone_when_the_launch_ends(
+    launch, tmp_path, monkeypatch
+) -> None:
+    at_end = []
+    monkeypatch.setattr(
+        launching.atexit, "register", lambda *words, **keys: at_end.append((words, keys))
+    )
+    made = launch(bag=str(tmp_path / "bag"), respawn="true")
+    made.describe()
+    folder = Path(made.nodes[topics.PMHT_MM]["parameters"][1]["checkpoint"])
+    assert folder.is_dir()
+    (((remove, *words), keys),) = at_end
+    remove(*words, **keys)
+    assert not folder.exists()
 
 
 def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:

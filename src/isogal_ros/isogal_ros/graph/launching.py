@@ -3,10 +3,12 @@ node gets which parameters and whose end ends all.
 
 No launch here: the launch file (`isogal_bringup`) turns this into its actions."""
 
+import atexit
 import math
 import os
 import re
 import shlex
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -146,6 +148,7 @@ def check(values: Mapping[str, str]) -> Launched:
     checkpoint = values["checkpoint"]
     if respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
+        atexit.register(shutil.rmtree, checkpoint, ignore_errors=True)
     bag = values["bag"] if recorder else None
     real = _choice("vehicle", values["vehicle"], VEHICLES) == "real"
     clock = values["use_sim_time"]
