@@ -2,7 +2,7 @@
 were recorded, or reduces the instrument's own anew.
 
 Felt gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
-with that of the navigator that matches (docs/mathematics.md, section 4.1). A navigator that does
+with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator that does
 otherwise than the recorded one did needs readings of its own."""
 
 from dataclasses import dataclass
