@@ -1,5 +1,6 @@
 """What the node says of its batches: log, diagnostics, figures."""
 
+from isogal.fields.measured import unlikely_sigmas
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -23,6 +24,8 @@ class Report:
         self._health, self._logger = node.health, node.get_logger()
         self._verdict = Verdict()
         self._fixes = self._declined = 0
+        for text in unlikely_sigmas(node.scenario):
+            self._logger.warning(text)
 
     def say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Tell of a batch that ended at a stamp and took some seconds, with the matcher's own

@@ -105,6 +105,15 @@ def test_start_knows_nothing_and_scales_with_the_map(rough_map):
     assert (flat.sigma > 0.0).all()
 
 
+def test_readings_of_much_noise_make_no_map_worse(rough_map):
+    """Three per cent of their noise were once the least error that a map could have: with 1e5 mGal
+    the horizontal gravity of the map was then taken for 3000 mGal wrong."""
+    batch, _ = make_batch(rough_map)
+    poor = MapErrorEstimate.unknown(replace(batch, sigma=1e5 * batch.sigma), rough_map)
+    assert poor.sigma[0] == pytest.approx(roughness(rough_map))
+    assert poor.model(BASE).map_sigma < 6.0 * roughness(rough_map)
+
+
 def test_nothing_is_learnt_off_the_map(rough_map):
     batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.03))
     start = MapErrorEstimate.unknown(batch, rough_map)

@@ -40,10 +40,15 @@ class ScenarioChoice:
     ] = None
 
     def load(self, *changes: str) -> "Scenario":
-        """Return the scenario with the changes of ``--set``, then these; raises InputError."""
+        """Return the scenario with the changes of ``--set``, then these; raises InputError. A
+        sigma that seems to be in another unit is said."""
+        from isogal.fields.measured import unlikely_sigmas
         from isogal.scenario import load_scenario
 
-        return load_scenario(self.scenario, [*(self.set_ or ()), *changes])
+        scenario = load_scenario(self.scenario, [*(self.set_ or ()), *changes])
+        for line in unlikely_sigmas(scenario):
+            typer.echo(f"isogal: {line}", err=True)
+        return scenario
 
 
 @dataclass(frozen=True)

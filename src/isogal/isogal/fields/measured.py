@@ -73,7 +73,7 @@ class MeasuredField:
     where its route cannot be driven."""
     channels: Channels | None = None
     largest_sigma: float = math.inf
-    """Largest 1-sigma of instrument or map; a larger one must be in another unit."""
+    """Largest 1-sigma of instrument or map that is likely; a larger one is another unit's."""
 
     @property
     def source(self) -> str:
@@ -113,8 +113,8 @@ def measured_field(scenario: Scenario) -> MeasuredField:
     Raises
     ------
     InputError
-        `gravimeter.sigma`, or another sigma, is not in this field's unit, or keys `OF_ONE_NUMBER`
-        are given where they do not count; or the scenario has several fields.
+        `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
+        they do not count; or the scenario has several fields.
     """
     require_one_field(scenario)
     field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
@@ -131,25 +131,27 @@ def measured_field(scenario: Scenario) -> MeasuredField:
             f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least"
             f" {field.least_sigma:g}; is {sigma:g}"
         )
-    _check_largest(field, scenario)
     return field
 
 
-def _check_largest(field: MeasuredField, scenario: Scenario) -> None:
-    sigmas = {
-        "gravimeter.sigma": scenario.gravimeter.sigma,
-        "gravimeter.correlated_sigma": scenario.gravimeter.correlated_sigma,
-        "gravimeter.bias": scenario.gravimeter.bias,
-        "map_error.sigma": scenario.map_error.sigma,
-        "matcher.map_sigma": scenario.matcher.map_sigma,
-    }
-    for key, sigma in sigmas.items():
-        if sigma != "auto" and sigma > field.largest_sigma:
-            raise InputError(
-                f"{key}: must be in {field.unit} where field is {field.name}, at most"
-                f" {field.largest_sigma:g}; is {sigma:g}"
-                + (f" ({sigma:g} mGal are {sigma * 1e-5:g})" if field.unit == "m/s²" else "")
-            )
+def unlikely_sigmas(scenario: Scenario) -> list[str]:
+    """Return a line for each 1-sigma of a scenario that seems to be in another unit than its
+    field's; several fields are looked at one by one."""
+    found = []
+    for one in scenario.each_field:
+        field = field_named(one.measured_field)
+        sigmas = {
+            "gravimeter.sigma": one.gravimeter.sigma,
+            "gravimeter.correlated_sigma": one.gravimeter.correlated_sigma,
+            "gravimeter.bias": one.gravimeter.bias,
+            "map_error.sigma": one.map_error.sigma,
+            "matcher.map_sigma": one.matcher.map_sigma,
+        }
+        for key, sigma in sigmas.items():
+            if sigma != "auto" and sigma > field.largest_sigma:
+                unit = "mGal" if field.unit == "m/s²" else "another unit"
+                found.append(f"{key}: {sigma:g} {field.unit} is very much; is it {unit}?")
+    return found
 
 
 def reading_sigma(scenario: Scenario) -> float:

@@ -17,7 +17,7 @@ from isogal_ros.faults.outcome import Outcome, Span, first_warning, outcome_of, 
 from isogal_ros.faults.process_faults import Meddler, ProcessFault
 from isogal_ros.faults.trial import begin_of
 from isogal_ros.graph.plan import GraphError, Plan
-from isogal_ros.graph.processes import Processes, run_processes
+from isogal_ros.graph.processes import Meddle, Processes, run_processes
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
@@ -55,12 +55,7 @@ def run_process_trial(
     interrupt = Interrupt()
     meddler = Meddler(fault, begin, interrupt)
     crash, collector = None, Collector(scenario)
-
-    def meddle(processes: Processes, simulated: float) -> None:
-        if stop:
-            interrupt(signal.SIGINT)
-        meddler(processes, simulated)
-
+    meddle = _until(stop, interrupt, meddler)
     try:
         run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=meddle)
         if stop:
@@ -71,15 +66,13 @@ def run_process_trial(
         crash = f"{type(error).__name__}: {error}"
     if meddler.hung:
         crash = "the run did not arrive"
-    told = first_warning(collector, begin)
     before = Collector(scenario)
     before.take_bag(BagReader(reference))
     duration = to_seconds(max(before.truth))
     span = Span(begin, begin + 10.0, 2.0 / 3.0 * duration, duration)
     tracks = track_of(collector), track_of(before)
-    found = outcome_of(fault.name, trial, span, tracks, told)
     outcome = replace(
-        found,
+        outcome_of(fault.name, trial, span, tracks, first_warning(collector, begin)),
         crash=crash,
         restart=None if crash else _silence(folder / "bag", fault, meddler.begun_ns),
         lost=_lost(before, collector),
@@ -87,6 +80,17 @@ def run_process_trial(
     if crash is None:
         shutil.rmtree(folder)
     return outcome
+
+
+def _until(stop: Interrupt | None, interrupt: Interrupt, meddler: Meddler) -> Meddle:
+    """Return what does as the meddler, and passes `stop` on to the run."""
+
+    def meddle(processes: Processes, simulated: float) -> None:
+        if stop:
+            interrupt(signal.SIGINT)
+        meddler(processes, simulated)
+
+    return meddle
 
 
 def _lost(reference: Collector, collector: Collector) -> int:

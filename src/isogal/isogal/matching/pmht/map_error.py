@@ -84,13 +84,16 @@ class MapErrorEstimate:
         maps = channels_of(field_map)
         scale = float(np.mean([one.scale for one in maps]))
         rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
+        rough = float(np.mean([roughness(one) for one in maps]))
         least = CONSTANTS.least_sigma_noise_share * math.hypot(
             float(np.nanmedian(batch.sigma)), rounding
         )
+        if 0.0 < rough < least:  # readings of much noise make no map worse
+            least = rough
         steps = math.log(max(CONSTANTS.largest_sigma_share * scale / least, 4.0))
         count = 1 + math.ceil(steps / math.log(CONSTANTS.sigma_grid_factor))
         sigma: Array = least * np.power(CONSTANTS.sigma_grid_factor, np.arange(float(count)))
-        rough = min(max(float(np.mean([roughness(one) for one in maps])), least), sigma[-1])
+        rough = min(max(rough, least), sigma[-1])
         above = np.maximum(np.log(sigma / rough), 0.0) / math.log(CONSTANTS.unknown_sigma_factor)
         factor = CONSTANTS.unknown_length_factor
         apart = np.log(_LENGTHS / usual_length) / math.log(factor)
