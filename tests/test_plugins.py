@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from helpers.installed import forget_plugins
 from isogal import plugins
 from isogal.errors import InputError
 
@@ -16,6 +15,10 @@ def install(tmp_path, monkeypatch):
     """Install a package with entry points in the group of matchers for one test."""
     monkeypatch.syspath_prepend(tmp_path)
 
+    def forget():
+        plugins._installed.cache_clear()
+        plugins._registered.cache_clear()
+
     def install(package: str, module: str = "", **objects: str) -> None:
         metadata = tmp_path / f"{package}-1.0.dist-info"
         metadata.mkdir()
@@ -23,10 +26,10 @@ def install(tmp_path, monkeypatch):
         lines = [f"{name} = {target}" for name, target in objects.items()]
         (metadata / "entry_points.txt").write_text("\n".join(["[isogal.matchers]", *lines, ""]))
         (tmp_path / f"{package}.py").write_text(module)
-        forget_plugins()
+        forget()
 
     yield install
-    forget_plugins()
+    forget()
 
 
 def test_isogals_own_come_first_and_others_follow_in_alphabetical_order(install):

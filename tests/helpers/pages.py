@@ -24,7 +24,6 @@ from typing import NamedTuple
 import pytest
 
 from helpers.command_line import answer
-from helpers.installed import forget_plugins
 
 _NOT_RUN, _FIRST = "<!-- not run -->", "<!-- first"
 _SHORT = re.compile(r"^<!-- short: (.*?) -->$", re.M)
@@ -113,4 +112,3 @@ def run_here(lines: list[str]) -> None:
         else:
             path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
             subprocess.run(["bash", "-euc", line], check=True, env=os.environ | {"PATH": path})
-            forget_plugins()
