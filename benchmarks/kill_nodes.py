@@ -16,9 +16,7 @@ import numpy as np
 
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.faults.process_faults import PROCESS_FAULTS
-from isogal_ros.faults.process_trial import run_process_trial
-from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan
+from isogal_ros.faults.process_trial import record_reference, run_process_trial
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 1.3
@@ -33,7 +31,7 @@ def outcomes(scenario: Scenario, out: Path, times: int) -> list[dict[str, Any]]:
     for run in range(times):
         bag = out / f"run-{run}"
         if not bag.exists():
-            run_in_process(Plan(scenario, bag, run=run), Interrupt(), lambda progress: None)
+            record_reference(scenario, bag, run, Interrupt())
         for fault in kills:
             key = f"{fault.name}, {run}"
             if key in done:

@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatFix
 
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal_ros.bags.reader import BagReader
 
 
@@ -34,11 +34,9 @@ def main() -> None:
     for second in range(start + 300, max(places) + 1, 300):
         place = places[second]
         latitude, longitude = truth[float(second)]
-        north, east = metres_per_radian(np.radians(latitude))
-        error = np.hypot(
-            np.radians(place.latitude - latitude) * north,
-            np.radians(place.longitude - longitude) * east,
-        )
+        believed = np.radians([place.latitude, place.longitude])
+        apart = horizontal_difference(*believed, *np.radians([latitude, longitude]))
+        error = np.hypot(*apart)
         sigma = np.sqrt(place.position_covariance[0] + place.position_covariance[4])
         print(f"{(second - start) / 60:6.0f} {error:11.0f} {sigma:13.0f}")
 

@@ -16,6 +16,7 @@ from isogal.inertial.rotations import (
     matrix,
     multiply,
     rotate,
+    to_angles,
     to_rotation_vector,
     to_small_rotation_vector,
 )
@@ -75,6 +76,7 @@ def test_roll_pitch_and_heading_equal_scipy(roll, pitch, heading):
     expected = quaternion(Rotation.from_euler("ZYX", [heading, pitch, roll]))
     found = from_angles(roll, pitch, heading)
     np.testing.assert_allclose(found * np.sign(expected @ found), expected, atol=1e-15)
+    np.testing.assert_allclose(to_angles(matrix(found)), [roll, pitch, heading], atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1999, 2 * np.arcsin(np.sqrt(SMALL)) - 1e-9, 3.14])

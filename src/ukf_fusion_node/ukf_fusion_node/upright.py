@@ -1,16 +1,15 @@
 """Whether the accelerometers feel gravity where the navigator has it: wrong axes or units of an
 IMU, or a lost attitude, show there even where nothing else measures the height."""
 
-import numpy as np
-
 from isogal.arrays import Array
+from isogal.inertial.rotations import rotate
+from ukf_fusion_node.watch import GRAVITY
 
 LASTS = 60.0
 """s over which the specific force is averaged."""
 MOST = 3.0
 """m/s² by which the mean may differ from gravity: a vehicle that does so truly changes its
 vertical speed by 180 m/s within a minute. Banked or not does not matter."""
-GRAVITY = 9.81
 
 
 class Upright:
@@ -34,9 +33,7 @@ class Upright:
         """
         if not self._count:
             self._since = time
-        w, x, y, z = attitude
-        down = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x**2 + y**2)])
-        self._sum -= float(down @ force)
+        self._sum -= rotate(*attitude, *force)[2]
         self._count += 1
         if time - self._since >= LASTS:
             mean, self._sum, self._count = self._sum / self._count, 0.0, 0

@@ -146,6 +146,9 @@ def test_without_the_truth_no_error_is_shown(viewed, tmp_path) -> None:
         assert "true track" not in names
         assert "claimed, 1 sigma" in names
         assert browser.value(f"{MODEL}('tracks').data.x.every(Number.isNaN)")
+        assert browser.value(f"{MODEL}('states').data.unaided.every(Number.isNaN)")
+        assert browser.value(f"{MODEL}('tracks').data.unaided_x.some(Number.isFinite)")
+        assert "unaided" in " ".join(names)
         assert browser.told == []
 
 

@@ -87,7 +87,7 @@ def test_an_interrupted_campaign_keeps_nothing_that_is_not_whole(
         plan.bag.mkdir()
         interrupt(signal.SIGINT)
 
-    monkeypatch.setattr(campaign, "run_in_process", cut)
+    monkeypatch.setattr(process_trial, "run_in_process", cut)
     table = run_campaign(short, tmp_path, (0, 1), False, interrupt, lambda text: None)
     assert table["trials"] == 0
     assert not (tmp_path / "recording-0").exists()

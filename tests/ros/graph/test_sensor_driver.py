@@ -1,7 +1,6 @@
 """The example of a driver: its messages, played to the nodes, bring the vessel home."""
 
 from importlib import import_module
-from math import hypot, radians
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import yaml
 from rclpy.serialization import deserialize_message, serialize_message
 
 from helpers.packages import ROOT
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
@@ -88,11 +87,8 @@ def test_its_messages_bring_the_vessel_home(folder) -> None:
     truth = {
         row[0]: row[1:] for row in np.loadtxt(folder / "truth.csv", delimiter=",", skiprows=1)
     }
-    latitude, longitude = truth[to_seconds(last)]
-    north, east = metres_per_radian(radians(latitude))
-    error = hypot(
-        radians(place.latitude - latitude) * north, radians(place.longitude - longitude) * east
-    )
+    believed = np.radians([place.latitude, place.longitude])
+    error = np.hypot(*horizontal_difference(*believed, *np.radians(truth[to_seconds(last)])))
     sigma = np.sqrt(place.position_covariance[0] + place.position_covariance[4])
     assert len(heard.fixes) == 60 * MINUTES // 50
     assert sum(found is not None for found in heard.fix_positions().values()) >= 10

@@ -133,6 +133,14 @@ def from_angles(roll: float, pitch: float, heading: float) -> Array:
     return np.array(multiply(*pitched, cr, sr, 0.0, 0.0))
 
 
+def to_angles(rotation: Array) -> tuple[float, float, float]:
+    """Return roll, pitch and heading (rad) of a rotation matrix (3, 3) body to NED (Groves 2013,
+    eq. 2.23): the inverse of `from_angles`."""
+    pitch = -math.asin(np.clip(rotation[2, 0], -1.0, 1.0))
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
 @kernel
 def from_matrix(rotation):  # type: ignore[no-untyped-def]
     """Return the quaternion (4,) of a rotation matrix (3, 3), from its largest component (Shepperd

@@ -2,7 +2,6 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,10 @@ from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
 from isogal_ros.faults.node_faults import NODE_FAULTS, NodeFault
 from isogal_ros.faults.outcome import Outcome
 from isogal_ros.faults.process_faults import PROCESS_FAULTS, ProcessFault
-from isogal_ros.faults.process_trial import run_process_trial
+from isogal_ros.faults.process_trial import record_reference, run_process_trial
 from isogal_ros.faults.stage import Feed
 from isogal_ros.faults.table import write_table
 from isogal_ros.faults.trial import Reference, run_trials
-from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan
 from isogal_ros.nodes.signals import Interrupt
 
 OUTCOMES = "outcomes.jsonl"
@@ -94,13 +91,8 @@ class Campaign:
             bag = self._out / f"recording-{trial}"
             if not bag.exists():
                 self._say(f"Recording run {trial} ...")
-                part = bag.with_suffix(".part")
-                shutil.rmtree(part, ignore_errors=True)
-                plan = Plan(self._scenario, part, run=trial)
-                run_in_process(plan, self._interrupt, lambda progress: None)
-                if self._interrupt:
+                if not record_reference(self._scenario, bag, trial, self._interrupt):
                     return
-                part.rename(bag)
             for fault in PROCESS_FAULTS:
                 if (fault.name, trial) not in self._done and not self._interrupt:
                     folder = self._out / "running"

@@ -16,12 +16,25 @@ from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.faults.outcome import Outcome, Span, first_warning, outcome_of, track_of
 from isogal_ros.faults.process_faults import Meddler, ProcessFault
 from isogal_ros.faults.trial import begin_of
+from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import GraphError, Plan
 from isogal_ros.graph.processes import Meddle, Processes, run_processes
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
 SECOND = 1e9
+
+
+def record_reference(scenario: Scenario, bag: Path, run: int, interrupt: Interrupt) -> bool:
+    """Record a run without fault, whole or, where it is interrupted, not at all; return whether it
+    is there."""
+    part = bag.with_suffix(".part")
+    shutil.rmtree(part, ignore_errors=True)
+    run_in_process(Plan(scenario, part, run=run), interrupt, lambda progress: None)
+    if interrupt:
+        return False
+    part.rename(bag)
+    return True
 
 
 def run_process_trial(

@@ -94,8 +94,9 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
         else:
             collector.take(topic, data)
     whole = all(raw) and not scalar
-    _check_reduction(reader.path, reader.scenario(), scenario, whole)
-    differs = reader.scenario() != scenario or to_seconds(min(imu, default=0)) > LATE
+    recorded = reader.scenario()
+    _check_reduction(reader.path, recorded, scenario, whole)
+    differs = recorded != scenario or to_seconds(min(imu, default=0)) > LATE
     reduces = differs and whole
     reduced = (collector.readings, *collector.others)
     needed = [(topics.IMU.name, imu)]

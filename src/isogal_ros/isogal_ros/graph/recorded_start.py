@@ -2,9 +2,9 @@
 
 import math
 
-import numpy as np
 from rclpy.serialization import deserialize_message
 
+from isogal.inertial.rotations import to_angles
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -41,11 +41,8 @@ def recorded_start(
         return None
     sample = moved(sample, first - from_seconds(1.0 / scenario.imu.rate))
     latitude, longitude, height = sample.position
-    turn = sample.attitude
-    pitch = -math.asin(np.clip(turn[2, 0], -1.0, 1.0))
-    angles = (math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0]))
     return {
         "start_position": [math.degrees(latitude), math.degrees(longitude), float(height)],
         "start_velocity": [float(speed) for speed in sample.velocity],
-        "start_attitude": [math.degrees(angle) for angle in angles],
+        "start_attitude": [math.degrees(angle) for angle in to_angles(sample.attitude)],
     }

@@ -268,6 +268,7 @@ class GraphNode(ManagedNode):
         """Destroy what `setup` made."""
         self._expected = {key: item for key, item in self._expected.items() if key is self._said}
         self._looks.clear()
+        self._listening.clear()
         self._ready = False
         self._readiness.reset()
         return super().on_cleanup(state)

@@ -18,7 +18,7 @@ MOST_STATES = 6000
 """States that a page shows at most; of more, evenly some."""
 MOST_CANDIDATES = 400
 """Of a batch at most: those of the greatest weight."""
-_OF_TRUTH = ("error", "north", "east", "nees")
+_OF_TRUTH = ("error", "north", "east", "nees", "unaided")
 """Columns that nobody knows without the truth."""
 
 
@@ -130,11 +130,12 @@ def _readings(viewed: ViewedRun, scale: FieldScale) -> dict[str, Any]:
     if detail is None:
         return {"t": [], "reading": [], "truth": [], "navigator": [], "difference": []}
     reading = scale(detail.reading)
+    true = detail.map_value if viewed.is_true else np.full_like(detail.map_value, np.nan)
     kept = slice(None, None, -(-detail.scan_time.size // MOST_STATES))
     columns = {
         "t": _numbers((detail.scan_time - start) / 3600.0, 7),
         "reading": _numbers(reading),
-        "truth": _numbers(scale(detail.map_value) + (0.0 if viewed.is_true else np.nan)),
+        "truth": _numbers(scale(true)),
         "navigator": _numbers(scale(detail.map_value_navigator)),
         "difference": _numbers(reading - scale(detail.map_value_navigator), 4),
     }

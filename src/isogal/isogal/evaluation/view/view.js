@@ -75,7 +75,7 @@
     });
     view.texts = texts;
     view.half = fitted(s);
-    hide(data.is_true, values([all.unaided]).length > 0);
+    hide(data.is_true, values([all.unaided_x]).length > 0);
     byId("missing").replaceChildren(...data.missing.map((text) => {
       const item = document.createElement("li");
       item.textContent = text;
@@ -93,7 +93,7 @@
     for (const axis of ["North", "East"])
       byId(`figure_${axis.toLowerCase()}`).querySelector("h2").textContent =
         isTrue ? `${axis} error, and 3 sigma as claimed` : `${axis}: 3 sigma as claimed`;
-    const absent = (isTrue ? [] : ["overview.y", "close_up.y", "errors.error", "signal.truth"])
+    const absent = (isTrue ? [] : ["overview.y", "close_up.y", "errors.error", "errors.unaided", "signal.truth"])
       .concat(hasUnaided ? [] : ["overview.unaided_y", "close_up.unaided_y", "errors.unaided"]);
     for (const entry of document.querySelectorAll(".key"))
       entry.hidden = absent.includes(entry.dataset.name);
