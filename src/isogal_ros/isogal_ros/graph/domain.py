@@ -3,15 +3,21 @@
 import gc
 import os
 import socket
-from collections.abc import Iterator, Mapping
+import sys
+import time
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.messages.adapter import topics_in_use
 
 DOMAIN = "ROS_DOMAIN_ID"
 DISCOVERY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -26,6 +32,17 @@ _OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula,
 section 9.6.2.3)."""
+_LARGEST = 232
+"""The highest domain whose ports exist."""
+_PARTICIPANTS = 120
+"""Of a domain, whose ports are all below the next domain's."""
+_LAST_PORT = 65535
+_LOOKS, _MOST_LOOKS, _LOOK = 4, 15, 0.3
+"""Nodes that look one after the other for publishers in a domain that is in use, looks at most,
+and s of wall time between them. A node finds the others within 0.2 s, but one in eight loses the
+first answer, which comes again only after three seconds."""
+_RESERVED, _GRAPH = "isogal-ros-domain", "isogal-ros-graph"
+"""Names that are held: of a domain that is set aside, and of one in which a graph runs."""
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
@@ -50,27 +67,148 @@ def claim_domain() -> Iterator[int]:
     InputError
         ``ROS_DOMAIN_ID`` is no domain.
     """
-    given = os.environ.get(DOMAIN, "")
-    if given:
-        if not given.isdigit() or int(given) > 232:
-            raise InputError(f"{DOMAIN}: must be a number from 0 to 232, not {given!r}")
-        yield int(given)
+    given = _of_environment()
+    if given is not None:
+        yield given
         return
     with ExitStack() as stack:
-        start = os.getpid()
-        for offset in range(_HIGHEST):
-            domain = 1 + (start + offset) % _HIGHEST
-            if _claim(domain, stack) and not _in_use(domain):
+        for domain in _free_domains(stack):
+            yield domain
+            return
+        raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
+
+
+@contextmanager
+def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[int]:
+    """Yield a domain for one graph, held until its end, in which nobody else publishes what the
+    graph does: the one that is asked for, else the user's ``ROS_DOMAIN_ID``, else a free one.
+
+    Where ``ROS_DOMAIN_ID`` is not free of such publishers, it is another one, and a line on
+    standard error says so.
+
+    Parameters
+    ----------
+    names : collection of str
+        Topics of the graph.
+    asked : int, optional
+        Domain that must be used.
+
+    Raises
+    ------
+    InputError
+        The domain that is asked for has a publisher of these topics; or ``ROS_DOMAIN_ID`` is no
+        domain.
+    """
+    with ExitStack() as stack:
+        given = _of_environment() if asked is None else asked
+        why = None if given is None else _hold(given, names, stack)
+        if given is not None and why is None:
+            yield given
+            return
+        if asked is not None:
+            raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
+        for domain in _free_domains(stack):
+            if _hold(domain, names, stack) is None:
+                if given is not None:
+                    print(
+                        f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead",
+                        file=sys.stderr,
+                        flush=True,
+                    )
                 yield domain
                 return
         raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
 
 
-def _claim(domain: int, stack: ExitStack) -> bool:
+def names_of(scenario: Scenario) -> list[str]:
+    """Return the names of the topics that nobody else may publish where a scenario's graph runs,
+    thus not initialpose, which viewers offer to publish."""
+    used = topics_in_use(scenario)
+    return [topic.name for topic in used if topic is not topics.INITIAL_POSE]
+
+
+def _of_environment() -> int | None:
+    """Return the user's domain; None = the user has not set one."""
+    given = os.environ.get(DOMAIN, "")
+    if not given:
+        return None
+    if not given.isdigit() or int(given) > _LARGEST:
+        raise InputError(f"{DOMAIN}: must be a number from 0 to {_LARGEST}, not {given!r}")
+    return int(given)
+
+
+def _free_domains(stack: ExitStack) -> Iterator[int]:
+    """Yield domains that no participant on this machine is in, each set aside."""
+    start = os.getpid()
+    for offset in range(_HIGHEST):
+        domain = 1 + (start + offset) % _HIGHEST
+        if _claim(_RESERVED, domain, stack) and not _in_use(domain):
+            yield domain
+
+
+def _hold(domain: int, names: Collection[str], stack: ExitStack) -> str | None:
+    """Hold a domain for a graph, or say why it must not run there.
+
+    Two graphs that start at once have no publishers yet: the name that is held keeps them
+    apart."""
+    with ExitStack() as own:
+        if not _claim(_GRAPH, domain, own):
+            return "another isogal run or replay is in it"
+        if found := _published(domain, names):
+            return f"another node in it publishes {found}"
+        stack.enter_context(own.pop_all())
+    return None
+
+
+def _published(domain: int, names: Collection[str]) -> str | None:
+    """Return a topic of these that has a publisher in a domain; None = there is none."""
+    environment = DISCOVERY | os.environ
+    here = all(environment[name] == value for name, value in DISCOVERY.items())
+    here = here and not environment.get("ROS_STATIC_PEERS")
+    present = _participants(domain)
+    if here and not present:
+        return None
+    with ExitStack() as stack:
+        nodes: list[Node] = []
+        for look in range(_MOST_LOOKS):
+            if look < _LOOKS:
+                nodes.append(_node(domain, stack))
+            end = time.monotonic() + _LOOK
+            while time.monotonic() < end:
+                for node in nodes:
+                    for name in names:
+                        if node.count_publishers(name):
+                            return name
+                time.sleep(0.01)
+            known = max(_others(node) for node in nodes)
+            if look and known >= present and (here or look >= _LOOKS):
+                break
+    return None
+
+
+def _others(node: Node) -> int:
+    """Count the nodes that a node has found, but for those of this look."""
+    return sum(name != node.get_name() for name in node.get_node_names())
+
+
+def _node(domain: int, stack: ExitStack) -> Node:
+    """Make a node that nobody needs to notice, in a context of its own."""
+    node = rclpy.create_node(
+        f"isogal_domain_check_{os.getpid()}",
+        context=stack.enter_context(local_context(domain)),
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    stack.callback(node.destroy_node)
+    return node
+
+
+def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
     """Hold a name that only one process can hold: an abstract socket, gone with the process."""
     holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        holder.bind(f"\0isogal-ros-domain-{domain}")
+        holder.bind(f"\0{kind}-{domain}")
     except OSError:
         holder.close()
         return False
@@ -79,15 +217,22 @@ def _claim(domain: int, stack: ExitStack) -> bool:
 
 
 def _in_use(domain: int) -> bool:
-    """Whether a participant listens: unicast discovery ports are 7410 + 250 domain + 2
+    """Whether a participant listens on this machine."""
+    return _participants(domain) > 0
+
+
+def _participants(domain: int) -> int:
+    """Count those that listen on this machine: unicast discovery ports are 7410 + 250 domain + 2
     participant."""
-    for participant in range(4):
+    found = 0
+    first = 7410 + 250 * domain
+    for port in range(first, min(first + 2 * _PARTICIPANTS, _LAST_PORT), 2):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind(("", 7410 + 250 * domain + 2 * participant))
+                probe.bind(("", port))
             except OSError:
-                return True
-    return False
+                found += 1
+    return found
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import time
 
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.domain import graph_domain, local_context, names_of
 from isogal_ros.graph.plan import GraphError, Outcome, Plan, node_class
 from isogal_ros.graph.progress import Report, ReportTimer, progress_of
 from isogal_ros.nodes.signals import Interrupt
@@ -17,11 +17,12 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
     Raises
     ------
     InputError
-        A parameter, map or route cannot be used.
+        A parameter, map or route cannot be used, or the domain that is asked for.
     GraphError
         A node failed.
     """
-    with claim_domain() as domain, local_context(domain) as context:
+    names = names_of(plan.scenario)
+    with graph_domain(names, plan.domain) as domain, local_context(domain) as context:
         executor = make_executor(context)
         nodes = {}
         try:

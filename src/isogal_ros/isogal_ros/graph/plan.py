@@ -40,6 +40,8 @@ class Plan:
     checkpoint: Path | None = None
     """Folder of checkpoints; a node that dies is then started again. None = its end is the
     run's."""
+    domain: int | None = None
+    """ROS domain that must be used; None = as `graph_domain` finds one."""
 
     @cached_property
     def instruments(self) -> dict[str, Scenario]:

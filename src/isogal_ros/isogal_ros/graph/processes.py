@@ -18,7 +18,7 @@ from isogal.files import make_folder
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults, local_context
+from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain, local_context, names_of
 from isogal_ros.graph.plan import CLASSES, GraphError, Outcome, Plan
 from isogal_ros.graph.progress import Report, ReportTimer, progress_of
 from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
@@ -195,12 +195,12 @@ def run_processes(
     Raises
     ------
     InputError
-        A domain that the user names is none.
+        A domain that the user names is none, or must not be used.
     GraphError
         A node ended before its time, or with an error.
     """
     before = shared_memory()
-    with claim_domain() as domain:
+    with graph_domain(names_of(plan.scenario), plan.domain) as domain:
         if announce is not None:
             announce(domain)
         processes = Processes(plan, folder, domain)
