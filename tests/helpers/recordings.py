@@ -1,9 +1,10 @@
 """What a recorded graph left behind, as the library's record of a run."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import NavSatFix
 
 from isogal.evaluation.records import Runs
@@ -13,7 +14,32 @@ from isogal.scenario import Scenario
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
+from isogal_ros.bags.writer import BagWriter
 from isogal_ros.messages.position import read_position
+from isogal_ros.topics import Topic
+
+
+def rewritten(bag: Path, folder: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
+    """A copy of a bag with each message as `change` (topic, serialised message) makes it; None
+    leaves it out."""
+    reader = BagReader(bag)
+    writer = BagWriter(folder, dict(reader.texts))
+    for message in reader.messages():
+        data = change(message.topic, message.data)
+        if data is None:
+            continue
+        if not writer.knows(message.topic):
+            writer.add_topic(message.topic, reader.types[message.topic], [], "")
+        writer.write(message.topic, data, message.log_ns, message.log_ns)
+    writer.close()
+    return folder
+
+
+def in_frame(topic: Topic, data: bytes, frame: str) -> bytes:
+    """A serialised message with another frame."""
+    message = deserialize_message(data, topic.type)
+    message.header.frame_id = frame
+    return serialize_message(message)
 
 
 def collect(bag: Path) -> Collector:

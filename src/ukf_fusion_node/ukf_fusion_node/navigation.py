@@ -54,7 +54,7 @@ class Navigation:
             node.settings.manoeuvre_interval,
         )
         self._checkpoint = Checkpoint(node)
-        self._from_start = True
+        self._from_start, self._why_not = True, ""
         self._placed: FilterState | None = None
         self._gaps = 0
         matcher = node.scenario.matcher
@@ -102,7 +102,7 @@ class Navigation:
             else:
                 self._wait(first, start)
         else:
-            self._health.state(ERROR, "waits for a pose on initialpose")
+            self._health.state(ERROR, self._why_not)
         if self._stream is not None:
             self._stream.begin(self.ns)
         return fresh
@@ -118,6 +118,7 @@ class Navigation:
             f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
             f" nothing to go on from ({self._checkpoint.reason})"
         )
+        self._why_not = text
         self._log.error(text)
         self._health.state(ERROR, text)
 

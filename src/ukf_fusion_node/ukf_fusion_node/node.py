@@ -53,7 +53,7 @@ class UkfFusionNode(GraphNode):
         self._aids.use(self._navigation.model)
         self._held: deque[Any] = deque()
         """IMU samples that wait for other sensors."""
-        self._outputs = Outputs(self)
+        self.outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
         self.listen(topics.IMU, self._take_imu)
         self.listen(topics.FIX, self._take_fix)
@@ -137,7 +137,7 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        self._outputs.publish(self._navigation.ns, self._navigation.state, self._navigation.rate)
+        self.outputs.publish(self._navigation.ns, self._navigation.state, self._navigation.rate)
 
 
 main = main_of(UkfFusionNode, topics.UKF_FUSION)

@@ -28,6 +28,8 @@ class Outputs:
     """Publishers and messages; the messages are made once and overwritten."""
 
     def __init__(self, node: GraphNode) -> None:
+        self.reached = -1
+        """Stamp of the newest state published, ns; -1 = none."""
         self._frame = map_frame(node.scenario)
         self._interval = from_seconds(node.settings.path_interval)
         self._fix, self._odom = node.advertise(topics.NAV_FIX), node.advertise(topics.NAV_ODOM)
@@ -44,6 +46,7 @@ class Outputs:
 
     def publish(self, ns: int, state: FilterState, angular_rate: Array) -> None:
         """Publish a state (R = 1), and the angular rate (3,) FRD that the gyroscopes measured."""
+        self.reached = ns
         covariance = state.covariance[0]
         latitude, longitude, height = state.position[0].tolist()
         nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])

@@ -1,11 +1,50 @@
 """A ROS domain for one graph."""
 
+import re
 import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
+import rclpy
+from rclpy.node import Node
 
+from isogal.cli.main import main
 from isogal.errors import InputError
-from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults
+from isogal.scenario import Scenario
+from isogal_ros import topics
+from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults, graph_domain, names_of
+from isogal_ros.graph.domain import local_context as in_domain
+
+NAMES = names_of(Scenario())
+PUBLISHER = """
+import sys, rclpy
+from sensor_msgs.msg import Imu
+rclpy.init(domain_id=int(sys.argv[1]))
+node = rclpy.create_node("driver")
+node.create_publisher(Imu, "/imu/data_raw", 10)
+print("publishes", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def other_domain(monkeypatch) -> Iterator[int]:
+    """A domain of its own for a test, which is the user's."""
+    monkeypatch.delenv(DOMAIN)
+    with claim_domain() as number:
+        monkeypatch.setenv(DOMAIN, str(number))
+        yield number
+
+
+@contextmanager
+def node_in(domain: int) -> Iterator[Node]:
+    with in_domain(domain) as context:
+        node = rclpy.create_node("other", context=context)
+        yield node
+        node.destroy_node()
 
 
 def test_the_users_domain_is_taken(monkeypatch) -> None:
@@ -57,3 +96,81 @@ def test_the_graph_gets_what_the_user_does_not_say() -> None:
 )
 def test_a_users_own_profiles_mean_what_they_mean_elsewhere(name) -> None:
     assert list(defaults({name: "/my/profiles.xml"})) == ["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+
+
+def test_a_graph_takes_the_users_domain_where_nobody_publishes_its_topics(
+    other_domain, capsys
+) -> None:
+    """Listeners, and viewers, which offer to publish initialpose, are welcome."""
+    with graph_domain(NAMES) as domain:
+        assert domain == other_domain
+    with node_in(other_domain) as node:
+        node.create_subscription(topics.IMU.type, topics.IMU.name, print, 10)
+        node.create_publisher(topics.INITIAL_POSE.type, topics.INITIAL_POSE.name, 10)
+        with graph_domain(NAMES) as domain:
+            assert domain == other_domain
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("topic", [topics.IMU, topics.NAV_ODOM, topics.CLOCK])
+def test_a_graph_does_not_join_publishers_of_its_topics(other_domain, capsys, topic) -> None:
+    with node_in(other_domain) as node:
+        node.create_publisher(topic.type, topic.name, 10)
+        with graph_domain(NAMES) as domain:
+            assert domain != other_domain
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line == (
+            f"isogal: {DOMAIN}={other_domain}: another node in it publishes {topic.name}; taking"
+            f" domain {domain} instead"
+        )
+        said = rf"^--domain {other_domain}: another node in it publishes {topic.name}; end it"
+        with pytest.raises(InputError, match=said), graph_domain(NAMES, other_domain):
+            pass
+
+
+def test_two_graphs_that_start_at_once_are_kept_apart(other_domain, capsys) -> None:
+    """When neither has a publisher yet."""
+    with graph_domain(NAMES) as first, graph_domain(NAMES) as second:
+        assert first == other_domain != second
+        assert "another isogal run or replay is in it" in capsys.readouterr().err
+        with pytest.raises(InputError, match="another isogal run"), graph_domain(NAMES, first):
+            pass
+    with graph_domain(NAMES, other_domain) as again:
+        assert again == other_domain
+
+
+@pytest.fixture
+def driver(other_domain) -> Iterator[int]:
+    """The domain of another process that publishes IMU samples."""
+    words = [sys.executable, "-c", PUBLISHER, str(other_domain)]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "publishes\n"
+        yield other_domain
+        process.stdin.close()
+
+
+def test_the_commands_stay_out_of_a_domain_with_a_driver(
+    driver, recording, settings, tmp_path, monkeypatch, capfd
+) -> None:
+    """Two in one domain once fed each other's nodes."""
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["isogal", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code, *capfd.readouterr()
+
+    status, out, err = call("replay", recording)
+    assert status == 0, err
+    assert "disagreements: 0" in out
+    said = rf"isogal: {DOMAIN}={driver}: another node in it publishes \S+; taking domain (\d+)"
+    assert int(re.search(said, err)[1]) != driver
+    refused = f"isogal: --domain {driver}: another node in it publishes imu/data_raw; end it"
+    run = ["run", "--out", tmp_path]
+    run += [word for item in settings() for word in ("--set", item)]
+    for words in (["replay", recording], run, [*run, "--in-process"]):
+        status, out, err = call(*words, "--domain", driver)
+        assert (status, out) == (2, "")
+        assert err.splitlines()[-1].startswith(refused)

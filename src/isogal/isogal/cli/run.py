@@ -13,6 +13,18 @@ from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, ScenarioChoice
 from isogal.errors import InputError
 
+Domain = Annotated[
+    int | None,
+    typer.Option(
+        "--domain",
+        metavar="N",
+        min=0,
+        max=232,
+        help="ROS domain that must be used; the command ends with status 2 where others publish"
+        " its topics there. Default: ROS_DOMAIN_ID if none do, else one that is free.",
+    ),
+]
+
 
 @with_groups
 def run(
@@ -71,6 +83,7 @@ def run(
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="Show errors, fixes and messages in the terminal.")
     ] = False,
+    domain: Domain = None,
     json: Json = False,
 ) -> None:
     """Simulate a scenario with the navigator in the loop: four nodes and a recorder over DDS.
@@ -79,22 +92,14 @@ def run(
     bag."""
     require_ros()
     from isogal_ros.graph.commands import run_command
+    from isogal_ros.graph.session import Manner
     from isogal_ros.graph.watching import Live
 
     settings = chosen.load()
     _check(port if not live else 0, respawn and in_process)
-    raise typer.Exit(
-        run_command(
-            settings,
-            out,
-            bag,
-            in_process=in_process,
-            rate=rate,
-            respawn=respawn,
-            json=json,
-            live=Live(live, port, dashboard),
-        )
-    )
+    how = Manner(in_process, rate, respawn, domain)
+    watched = Live(live, port, dashboard)
+    raise typer.Exit(run_command(settings, out, bag, how=how, json=json, live=watched))
 
 
 def _check(unused_port: int, respawn_in_process: bool) -> None:
@@ -129,26 +134,39 @@ def replay(
             min=0.0,
             callback=finite,
             help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
-            " anything with --scenario or --set.",
+            " anything with --scenario, --set or --parameter.",
         ),
     ] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--parameter",
+            metavar="NAME=VALUE",
+            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
+        ),
+    ] = None,
+    domain: Domain = None,
     json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
     differ from the recorded ones.
 
-    The scenario is the recording's own; --scenario names another, --set changes keys of it."""
+    Exits with 1 where they differ by too much, no message of a sensor was used, or there was no
+    fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
     from isogal.scenario import load_scenario
-    from isogal_ros.graph.commands import TOLERANCE, replay_command
+    from isogal_ros.graph.commands import replay_command
 
     bag = bag / "bag" if (bag / "bag").is_dir() else bag
-    changes = chosen.set_ or []
-    other = load_scenario(chosen.scenario) if chosen.scenario is not None else None
-    if tolerance is None and other is None and not changes:
-        tolerance = TOLERANCE
     status = replay_command(
-        bag, out, scenario=other, overrides=changes, tolerance=tolerance, json=json
+        bag,
+        out,
+        scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
+        overrides=chosen.set_ or [],
+        parameters=parameter or [],
+        domain=domain,
+        tolerance=tolerance,
+        json=json,
     )
     raise typer.Exit(status)
 

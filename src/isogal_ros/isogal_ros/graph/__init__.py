@@ -8,6 +8,8 @@ in_process     how does it run in one process?
 processes      how does it run as one process for each node?
 launching      what does the launch file do with its arguments?
 replay         how is a recording fed to fresh nodes?
+filter_parameters  with which parameters of the filter beside the scenario?
+usage          what has a replay used of the recording, and why not of the rest?
 recorded       what does a replay need of a bag?
 comparison     how do a replay's fixes differ from the recorded ones?
 evaluation     how good was the navigator?

@@ -6,16 +6,19 @@ from typing import Any
 
 from isogal.files import make_folder
 from isogal.scenario import Scenario
+from isogal_ros import topics
 from isogal_ros.graph.console import Console
+from isogal_ros.graph.filter_parameters import filter_parameters
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
-from isogal_ros.graph.session import Summary, replay_session, run_session
+from isogal_ros.graph.session import Manner, Summary, replay_session, run_session
 from isogal_ros.graph.watching import Live
 from isogal_ros.nodes.signals import interrupts
 
 FAILED, INTERRUPTED = 1, 130
+NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
 TOLERANCE = 1.0
-"""m, by which the fixes of a replay may differ unless the user says otherwise."""
+"""m, by which the fixes of a replay may differ where the user has changed nothing."""
 
 
 def run_command(
@@ -23,9 +26,7 @@ def run_command(
     out: Path,
     bag: Path | None,
     *,
-    in_process: bool,
-    rate: float,
-    respawn: bool,
+    how: Manner,
     json: bool,
     live: Live | None = None,
 ) -> int:
@@ -38,16 +39,7 @@ def run_command(
     """
     console = Console()
     try:
-        result = run_session(
-            scenario,
-            out,
-            bag,
-            in_process=in_process,
-            rate=rate,
-            to=console,
-            respawn=respawn,
-            live=live,
-        )
+        result = run_session(scenario, out, bag, how, console, live)
     except GraphError as error:
         console.say(f"isogal: {error}")
         return FAILED
@@ -74,15 +66,22 @@ def replay_command(
     *,
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
-    tolerance: float | None = TOLERANCE,
+    parameters: Sequence[str] = (),
+    domain: int | None = None,
+    tolerance: float | None = None,
     json: bool,
 ) -> int:
-    """Replay a bag and print how its fixes differ; return the exit status.
+    """Replay a bag and print how its fixes differ; return the exit status: 1 where they differ by
+    too much, or the replay has used no message of a sensor, or has given no fix.
 
     Parameters
     ----------
+    overrides, parameters : sequence of str
+        Changed keys of the scenario, and own parameters of the filter's node.
     tolerance : float or None
-        m, the largest difference of fixes that is no failure; None = any difference will do.
+        m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any
+        difference where the scenario or a parameter is another, and none where the recording has
+        no fixes.
 
     Raises
     ------
@@ -91,29 +90,55 @@ def replay_command(
     """
     console = Console()
     try:
-        result, summary = replay_session(bag, out, console, scenario, overrides)
+        result, summary = replay_session(
+            bag, out, console, scenario, overrides, filter_parameters(parameters), domain
+        )
     except GraphError as error:
         console.say(f"isogal: {error}")
         return FAILED
     if json:
-        console.json(_document(bag, result, summary, evaluated=out is not None))
+        console.json(_document(bag, out, result, summary))
     else:
         _print_replay(console, result)
         if out is not None:
-            console.result(f"Report: {out / 'report.html'}")
+            console.result(_of_report(out, result, summary))
     if result.interrupted:
         console.say(f"isogal: interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
+    changed = scenario is not None or bool(overrides or parameters)
+    differs = None if result.failures else _difference(result, tolerance, changed)
+    for why in [differs] if differs else result.failures:
+        console.say(f"isogal: {bag}: {why}")
+    return FAILED if differs or result.failures else 0
+
+
+def _difference(result: Replay, tolerance: float | None, changed: bool) -> str | None:
+    """Say that the fixes differ by more than they may; None = they do not."""
     found = result.comparison
-    if tolerance is not None and (
-        found.disagreements or not found.largest_difference <= tolerance
-    ):
-        console.say(
-            f"isogal: {bag}: the fixes differ by {found.largest_difference:.3g} m (tolerance"
-            f" {tolerance:g} m), disagreements: {found.disagreements}"
-        )
-        return FAILED
-    return 0
+    if found.disagreements is None:
+        return None if tolerance is None else f"there are {NO_FIXES}: --tolerance {tolerance:g}"
+    if tolerance is None and changed:
+        return None
+    allowed = TOLERANCE if tolerance is None else tolerance
+    if found.within(allowed):
+        return None
+    apart = found.largest_difference
+    by = "have no stamp in common" if apart is None else f"differ by {apart:.3g} m"
+    return f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"
+
+
+def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
+    """Say where the report is, or why there is none."""
+    if summary is not None:
+        return f"Report: {out / 'report.html'}"
+    if result.interrupted:
+        return "No report: the replay was interrupted."
+    if not result.outputs.truth:
+        name = topics.TRUTH_FIX.name
+        return f"No report: the recording has no {name}, so errors are not known."
+    return (
+        "No report: there is no scan of which both the truth and the navigator's state are known."
+    )
 
 
 def faults_command(
@@ -159,7 +184,7 @@ def faults_command(
 
 
 def _document(
-    bag: Path, result: Replay, summary: Summary | None, evaluated: bool
+    bag: Path, out: Path | None, result: Replay, summary: Summary | None
 ) -> dict[str, Any]:
     comparison = result.comparison
     document: dict[str, Any] = {
@@ -174,9 +199,11 @@ def _document(
         "disagreements": comparison.disagreements,
         "largest_difference_m": comparison.largest_difference,
         "notes": result.notes,
+        "failures": result.failures,
     }
-    if evaluated and not result.interrupted:
+    if out is not None and not result.interrupted:
         document["summary"] = summary
+        document["report"] = None if summary is None else str(out / "report.html")
     return document
 
 
@@ -189,7 +216,12 @@ def _print_replay(console: Console, result: Replay) -> None:
         f"Fixes: {comparison.recorded} recorded, {comparison.replayed} replayed,"
         f" {comparison.common} of the same stamp."
     )
-    console.result(
-        f"Largest difference: {comparison.largest_difference:.3g} m; disagreements:"
-        f" {comparison.disagreements}."
-    )
+    if comparison.disagreements is None:
+        console.result(f"Not compared: there are {NO_FIXES}.")
+    elif comparison.largest_difference is None:
+        console.result(f"Disagreements: {comparison.disagreements}.")
+    else:
+        console.result(
+            f"Largest difference: {comparison.largest_difference:.3g} m; disagreements:"
+            f" {comparison.disagreements}."
+        )

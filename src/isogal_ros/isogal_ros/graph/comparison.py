@@ -17,10 +17,15 @@ class Comparison:
     replayed: int
     common: int
     """Stamps at which both gave a fix."""
-    disagreements: int
-    """Stamps at which one gave a fix and the other said there is none, or nothing."""
-    largest_difference: float
-    """m, between fixes of the same stamp; 0 where there is none in common."""
+    disagreements: int | None
+    """Stamps at which one gave a fix and the other said there is none, or nothing; None = the
+    recording says nothing of any batch, so that there is nothing to compare with."""
+    largest_difference: float | None
+    """m, between fixes of the same stamp; None = there is none in common."""
+
+    def within(self, tolerance: float) -> bool:
+        """Whether there is something to compare with, and no fix differs by more (m)."""
+        return self.disagreements == 0 and (self.largest_difference or 0.0) <= tolerance
 
 
 def compare(recorded: Collector, replayed: Collector, last_ns: int) -> Comparison:
@@ -36,6 +41,8 @@ def compare(recorded: Collector, replayed: Collector, last_ns: int) -> Compariso
         recorded=sum(fix is not None for fix in old.values()),
         replayed=sum(fix is not None for fix in new.values()),
         common=len(differences),
-        disagreements=sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new}),
-        largest_difference=max(differences, default=0.0),
+        disagreements=sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
+        if old
+        else None,
+        largest_difference=max(differences, default=None),
     )

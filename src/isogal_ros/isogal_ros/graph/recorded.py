@@ -27,6 +27,11 @@ _KEYS = {
     "gradiometer": ("components",),
 }
 """Keys of the reduction by section; None = all."""
+_WITHOUT = {
+    topics.BAROMETER.name: "--set height.source=scenario",
+    topics.VELOCITY.name: "--set velocity.kind=none",
+}
+"""What replays without a sensor beside the IMU, by its topic."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
 
@@ -68,8 +73,13 @@ class Recorded:
         return sorted(found, key=lambda one: one[0])
 
 
-def load(reader: BagReader, scenario: Scenario) -> Recorded:
+def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Recorded:
     """Read a bag.
+
+    Parameters
+    ----------
+    changed : bool
+        Whether the filter has other parameters than the recorded one, whatever the scenario says.
 
     Raises
     ------
@@ -96,25 +106,41 @@ def load(reader: BagReader, scenario: Scenario) -> Recorded:
     whole = all(raw) and not scalar
     recorded = reader.scenario()
     _check_reduction(reader.path, recorded, scenario, whole)
-    differs = recorded != scenario or to_seconds(min(imu, default=0)) > LATE
+    differs = changed or recorded != scenario or to_seconds(min(imu, default=0)) > LATE
     reduces = differs and whole
     reduced = (collector.readings, *collector.others)
     needed = [(topics.IMU.name, imu)]
     for one, store, instead in zip(each, raw, reduced, strict=True):
         needed.append((one.raw.name, store) if reduces else (one.reduced.name, instead))
-    missing = [name for name, store in needed if not store]
-    if missing:
-        there = ", ".join(sorted(reader.types)) or "nothing"
-        cut = f"; {reader.cut}" if reader.cut else ""
-        raise InputError(
-            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs; the bag"
-            f" has {there}{cut}"
-        )
+    needed += [(topic.name, aids[topic]) for topic in aids_of(scenario)]
+    _check_there(reader, [name for name, store in needed if not store])
     run = int(reader.texts.get("run", 0))
     start = recorded_start(scenario, collector.first_nav, odometry, min(imu))
     felt = any(one.raw is topics.FELT for one in each)
     of_another = differs and felt and not reduces
     return Recorded(scenario, run, imu, collector, aids, raw, reduces, start, of_another)
+
+
+def aids_of(scenario: Scenario) -> tuple[topics.Topic, ...]:
+    """Return which of `AIDS` the filter of a scenario takes."""
+    used = {
+        topics.BAROMETER: scenario.height.measured,
+        topics.VELOCITY: scenario.velocity.kind != "none",
+    }
+    return tuple(topic for topic in AIDS if used[topic])
+
+
+def _check_there(reader: BagReader, missing: list[str]) -> None:
+    """Raise InputError where topics are missing."""
+    if not missing:
+        return
+    there = ", ".join(sorted(reader.types)) or "nothing"
+    cut = f"; {reader.cut}" if reader.cut else ""
+    keys = "".join(f"; {key} replays without" for name, key in _WITHOUT.items() if name in missing)
+    raise InputError(
+        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; the"
+        f" bag has {there}{cut}"
+    )
 
 
 def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:

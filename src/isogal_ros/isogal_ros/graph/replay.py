@@ -3,7 +3,7 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,10 +16,11 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.comparison import Comparison, compare
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.domain import graph_domain, local_context, names_of
 from isogal_ros.graph.plan import GraphError, instruments_of, node_class
 from isogal_ros.graph.progress import Progress, Report, ReportTimer
 from isogal_ros.graph.recorded import AIDS, LATE, Recorded, load
+from isogal_ros.graph.usage import Fed, shortcomings
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -59,6 +60,9 @@ class Replay:
     wall_seconds: float
     notes: list[str]
     """What was missing, or cut off."""
+    failures: list[str]
+    """Why the replay shows nothing: sensors of which no message was used, and that there was no
+    fix; empty where it was interrupted."""
     interrupted: bool
 
 
@@ -67,6 +71,8 @@ def replay(
     interrupt: Interrupt,
     report: Report,
     scenario: Scenario | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    domain: int | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can, in lock-step.
 
@@ -75,11 +81,16 @@ def replay(
     scenario : Scenario, optional
         None = the bag's own. With another one the instrument's own readings are reduced anew
         where the bag has them.
+    parameters : mapping, optional
+        Own parameters of the filter's node by name (`isogal_ros.graph.filter_parameters`).
+    domain : int, optional
+        ROS domain that must be used; see `graph_domain`.
 
     Raises
     ------
     InputError
-        The bag lacks a topic that is needed, or a scenario, or its scenario cannot be used.
+        The bag lacks a topic that is needed, or a scenario, or its scenario cannot be used; or
+        the domain cannot.
     GraphError
         A node did not answer.
     """
@@ -89,11 +100,15 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    recorded = load(reader, scenario)
+    recorded = load(reader, scenario, changed=bool(parameters))
     notes = _notes(reader, recorded)
     begun = time.monotonic()
-    with claim_domain() as domain, local_context(domain) as context:
-        outputs, answered = _run(recorded, context, interrupt, report)
+    with (
+        graph_domain(names_of(scenario), domain) as number,
+        local_context(number) as context,
+    ):
+        outputs, fed = _run(recorded, context, interrupt, report, parameters or {})
+    answered = fed.answered
     outputs.truth, outputs.unaided = recorded.collector.truth, recorded.collector.unaided
     outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
@@ -103,6 +118,7 @@ def replay(
         to_seconds(answered - min(recorded.imu)) if answered else 0.0,
         time.monotonic() - begun,
         notes,
+        [] if interrupt else shortcomings(recorded, fed, outputs),
         bool(interrupt),
     )
 
@@ -137,22 +153,23 @@ def _run(
     context: Context,
     interrupt: Interrupt,
     report: Report,
-) -> tuple[Collector, int]:
-    """Return the fresh nodes' messages and the last stamp (ns) that was answered, 0 = none."""
+    parameters: Mapping[str, Any],
+) -> tuple[Collector, Fed]:
+    """Return the fresh nodes' messages, and what they were fed and dropped."""
     executor = make_executor(context)
     nodes: dict[str, Any] = {}
     sensors = instruments_of(recorded.scenario) if recorded.reduces else {}
     # the feeder hears everything, as a recorder does
     own = {"run": recorded.run, "recorders": 1, "peers": [*NODES, *sensors]}
-    start = {"start_time": math.nan, **_start(recorded)}
+    start = {"start_time": math.nan, **_start(recorded), **parameters}
     told = dict.fromkeys(NODES, (recorded.scenario, own))
     told[topics.UKF_FUSION] = recorded.scenario, own | start
     for name, scenario in sensors.items():
         told[name] = scenario, own | {"simulate": False, "recorders": 0}
     try:
-        for name, (scenario, parameters) in told.items():
+        for name, (scenario, of_node) in told.items():
             kind = node_class(name)
-            values = node_values(scenario, parameters, kind.sections)
+            values = node_values(scenario, of_node, kind.sections)
             nodes[name] = kind(name, values=values, context=context)
         # an instrument's own readings have one listener, however many instruments there are
         heard = own | {"recorders": 0, "peers": [*NODES, *list(sensors)[:1]]}
@@ -163,9 +180,10 @@ def _run(
         )
         for node in nodes.values():
             executor.add_node(node)
-        answered = _LockStep(recorded, nodes, tuple(sensors), executor).run(interrupt, report)
+        steps = _LockStep(recorded, nodes, tuple(sensors), executor)
+        answered = steps.run(interrupt, report)
         drain(feeder, executor)
-        return feeder.collector, answered
+        return feeder.collector, Fed.to(nodes, answered, steps.played)
     finally:
         for node in nodes.values():
             executor.remove_node(node)
@@ -250,7 +268,7 @@ class _LockStep:
         self._nodes = nodes.values()
         self._matcher, self._filter = nodes[topics.PMHT_MM], nodes[topics.UKF_FUSION]
         self._feeder = nodes[FEEDER]
-        self._samples = self._played = 0
+        self._samples = self.played = 0
         """IMU samples and readings published so far."""
 
     def run(self, interrupt: Interrupt, report: Report) -> int:
@@ -263,8 +281,8 @@ class _LockStep:
             if interrupt:
                 break
             self._play_sample(ns)
-            while self._played < len(readings) and readings[self._played][0] <= ns:
-                self._play_reading(*readings[self._played][1:], ns)
+            while self.played < len(readings) and readings[self.played][0] <= ns:
+                self._play_reading(*readings[self.played], ns)
             answered = ns
             if timer.due():
                 simulated = to_seconds(ns - stamps[0])
@@ -280,9 +298,11 @@ class _LockStep:
         self._samples += 1
         self._wait(self._advanced, f"the filter's answer at {to_seconds(ns):.3f} s")
 
-    def _play_reading(self, topic: topics.Topic, reading: bytes, now: int) -> None:
+    def _play_reading(self, ns: int, topic: topics.Topic, reading: bytes, now: int) -> None:
         self._feeder.reading(topic, reading)
-        self._played += 1
+        self.played += 1
+        if ns > self._filter.outputs.reached:
+            return  # the filter has dropped its samples, so that nobody can answer this one now
         self._wait(self._settled, f"the matcher's answer at {to_seconds(now):.3f} s")
 
     def _ready(self) -> bool:
@@ -294,7 +314,7 @@ class _LockStep:
 
     def _settled(self) -> bool:
         """Whether all readings are dealt with, and all fixes that came of them."""
-        given = self._played - sum(sensor.unused for sensor in self._sensors)
+        given = self.played - sum(sensor.unused for sensor in self._sensors)
         done = self._matcher.taken >= given and not self._matcher.scans.waiting
         return bool(done and self._filter.answered >= self._matcher.outputs.fixes)
 

@@ -1,7 +1,7 @@
 """A run of the graph, and a replay, from the check of the input to the report."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,21 @@ Summary = dict[str, Any]
 
 
 @dataclass(frozen=True)
+class Manner:
+    """How the graph is run."""
+
+    in_process: bool = False
+    """Whether all nodes are in this process."""
+    rate: float = 0.0
+    """Simulated seconds per second; 0 = as fast as the graph can."""
+    respawn: bool = False
+    """Whether nodes that were killed are started again, from checkpoints in the folder of the
+    results; of processes only."""
+    domain: int | None = None
+    """ROS domain that must be used; None = see `isogal_ros.graph.domain.graph_domain`."""
+
+
+@dataclass(frozen=True)
 class RunResult:
     """What a run leaves behind."""
 
@@ -44,11 +59,8 @@ def run_session(
     scenario: Scenario,
     out: Path,
     bag: Path | None,
-    *,
-    in_process: bool,
-    rate: float,
+    how: Manner,
     to: Console,
-    respawn: bool = False,
     live: Live | None = None,
 ) -> RunResult:
     """Run the graph, then evaluate its recording.
@@ -59,13 +71,8 @@ def run_session(
         Folder of summary, report and figures.
     bag : Path, optional
         Folder of the recording; None = ``bag`` in `out`, whose earlier one is replaced.
-    rate : float
-        Simulated seconds per second; 0 = as fast as the graph can.
     to : Console
         Is told how far it is.
-    respawn : bool
-        Whether nodes that were killed are started again, from checkpoints in `out`; of processes
-        only.
     live : Live, optional
         How the run is watched while it goes on.
 
@@ -81,12 +88,13 @@ def run_session(
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)
-    checkpoint = fresh_checkpoints(out / "checkpoint") if respawn and not in_process else None
-    plan = Plan(scenario, folder, rate=rate, checkpoint=checkpoint)
+    survives = how.respawn and not how.in_process
+    checkpoint = fresh_checkpoints(out / "checkpoint") if survives else None
+    plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
     begun = time.monotonic()
     watch = Watch(scenario, trajectory, first_map(field_map), folder)
     with interrupts() as interrupt, watching(live, watch, to) as report:
-        if in_process:
+        if how.in_process:
             outcome = run_in_process(plan, interrupt, report)
         else:
             outcome = run_processes(plan, out / "log", interrupt, report, to.announce)
@@ -117,12 +125,14 @@ def replay_session(
     to: Console,
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
+    parameters: Mapping[str, Any] | None = None,
+    domain: int | None = None,
 ) -> tuple[Replay, Summary | None]:
-    """Replay a bag and compare; evaluate the replay as well where there is a folder for it and
-    nobody interrupts.
+    """Replay a bag and compare; evaluate the replay as well where there is a folder for it, the
+    recording has the truth, and nobody interrupts.
 
     The scenario is the bag's own unless another is given, with keys changed by `overrides`
-    (``KEY=VALUE``).
+    (``KEY=VALUE``); for `parameters` and `domain` see `replay`.
 
     Raises
     ------
@@ -138,7 +148,7 @@ def replay_session(
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, to.progress() as report:
-        result = replay(reader, interrupt, report, scenario)
+        result = replay(reader, interrupt, report, scenario, parameters, domain)
     if out is None or result.interrupted:
         return result, None
     trajectory = build_trajectory(result.scenario)

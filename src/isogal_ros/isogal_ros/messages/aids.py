@@ -63,7 +63,7 @@ def read_velocity(message: Any, frame: str = BASE) -> tuple[Array, Array]:
     BadMessageError
         Of another frame, not finite, or of a negative variance.
     """
-    require_frame(message, frame)
+    require_frame(message, frame, "velocity_frame")
     linear = message.twist.twist.linear
     velocity = np.array([linear.x, linear.y, linear.z]) * FRD_FLU
     if not np.isfinite(velocity).all():

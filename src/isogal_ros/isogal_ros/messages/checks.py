@@ -24,10 +24,12 @@ def require_later(ns: int, last: int) -> None:
         )
 
 
-def require_frame(message: Any, frame: str) -> None:
-    """Raise BadMessageError unless the message is in the frame; an empty frame takes any."""
+def require_frame(message: Any, frame: str, parameter: str = "") -> None:
+    """Raise BadMessageError, which names the parameter that sets the frame if there is one, unless
+    the message is in the frame; an empty frame takes any."""
     if frame and message.header.frame_id != frame:
-        raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'")
+        key = f" (parameter {parameter})" if parameter else ""
+        raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'{key}")
 
 
 def require_covariance(covariance: Array) -> None:

@@ -47,7 +47,7 @@ def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:
         The message is of another frame, not finite, beyond any vehicle, or says that it has no
         specific force or angular rate.
     """
-    require_frame(message, frame)
+    require_frame(message, frame, "imu_frame")
     force, rate = message.linear_acceleration, message.angular_velocity
     values = np.array([[force.x, -force.y, -force.z], [rate.x, -rate.y, -rate.z]])
     if not np.isfinite(values).all():

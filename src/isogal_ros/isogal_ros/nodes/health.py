@@ -36,6 +36,8 @@ class Health:
         """Shown as key-value pairs."""
         self.dropped: dict[str, int] = {}
         """Number of dropped messages by topic."""
+        self.why: dict[str, str] = {}
+        """Why the last of them was dropped."""
         self._publisher = publisher
         self._period = period_ns
         self._level, self._message = OK, STARTING
@@ -86,7 +88,7 @@ class Health:
         """Count a message that was not used; a new topic or reason is published at once."""
         self.dropped[topic] = self.dropped.get(topic, 0) + 1
         known = self._reasons.get(topic)
-        self._reasons[topic] = reason
+        self._reasons[topic] = self.why[topic] = reason
         if known is None or _shape(known) != _shape(reason):
             self._say_drop(topic, reason)
             self.publish()

@@ -1,0 +1,174 @@
+"""A replay that has shown nothing fails, and says why; none claims what it has not done."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from helpers.recordings import in_frame, rewritten
+from isogal.cli.main import main
+from isogal_ros import topics
+
+FRAMES = {
+    "/imu/data_raw": (topics.IMU, "imu_link"),
+    "/gravimeter/data_raw": (topics.FELT, "grav"),
+    "/gravimeter/gravity": (topics.GRAVITY, "grav"),
+    "/gravimeter/disturbance": (topics.DISTURBANCE, "grav"),
+}
+OF_ISOGAL = ("/imu/data_raw", "/gravimeter/data_raw", "/gravimeter/disturbance")
+"""What a vehicle's own recording has of the graph's topics."""
+
+
+@pytest.fixture(scope="module")
+def framed(recording, tmp_path_factory):
+    """Make copies of the recording whose topics that begin with a prefix are in other frames."""
+
+    def make(prefix: str) -> Path:
+        def change(topic: str, data: bytes) -> bytes:
+            renamed = topic in FRAMES and topic.startswith(prefix)
+            return in_frame(FRAMES[topic][0], data, FRAMES[topic][1]) if renamed else data
+
+        return rewritten(recording, tmp_path_factory.mktemp("framed") / "bag", change)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def sensors_only(recording, tmp_path_factory) -> Path:
+    """The recording without what the nodes answered, and without the truth."""
+    return rewritten(
+        recording,
+        tmp_path_factory.mktemp("sensors") / "bag",
+        lambda topic, data: data if topic in OF_ISOGAL else None,
+    )
+
+
+Answer = tuple[int, str, list[str]]
+"""Exit status, standard output, and the command's own lines on standard error."""
+
+
+@pytest.fixture
+def replayed(monkeypatch, capfd) -> Callable[..., Answer]:
+    """Call the command; its nodes need a standard error stream that is a file."""
+
+    def call(*words: object) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["isogal", "replay", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        out, err = capfd.readouterr()
+        assert "Traceback" not in err
+        return end.value.code, out, [line for line in err.splitlines() if line[:8] == "isogal: "]
+
+    return call
+
+
+def test_other_frames_fail_and_are_named(framed, tmp_path, replayed) -> None:
+    """It once ended with "disagreements: 0", exit status 0 and the path of a report that was not
+    there."""
+    status, out, lines = replayed(framed("/"), "--out", tmp_path / "out")
+    assert status == 1
+    imu, gravity, fixes = lines
+    assert "imu/data_raw: none of 360 messages was used" in imu
+    assert "frame_id must be 'base_link', is 'imu_link' (parameter imu_frame)" in imu
+    assert "gravimeter/disturbance: none of 36 messages was used" in gravity
+    assert "frame_id must be 'gravimeter_link', is 'grav'" in gravity
+    assert "no fix: no batch ended" in fixes
+    assert "Largest difference" not in out
+    assert "report.html" not in out
+    assert "No report" in out
+    assert not (tmp_path / "out" / "report.html").exists()
+
+
+def test_readings_of_another_frame_fail(framed, replayed) -> None:
+    """The readings that the scenario matches, reduced when they were recorded."""
+    status, _, (gravity, fixes) = replayed(framed("/gravimeter"))
+    assert status == 1
+    assert "no parameter sets that frame" in gravity
+    assert "no fix: 6 batches gave none: only 0 of 6 scans have a reading" in fixes
+
+
+def test_the_instruments_own_readings_of_another_frame_fail(framed, replayed) -> None:
+    """Reduced anew, they were waited for in vain."""
+    status, _, lines = replayed(framed("/gravimeter"), "--set", "gravimeter.sigma=9e-5")
+    assert status == 1
+    assert "gravimeter/data_raw: none of 36 messages was used: 36 dropped: frame_id" in lines[0]
+
+
+def test_the_parameter_that_is_named_mends_it(framed, replayed) -> None:
+    status, out, lines = replayed(
+        framed("/imu"), "--parameter", "imu_frame=imu_link", "--tolerance", 1e-3
+    )
+    assert status == 0, lines
+    assert "disagreements: 0" in out
+
+
+def test_a_filter_that_never_starts_is_told_of(recording, replayed) -> None:
+    status, _, lines = replayed(recording, "--parameter", "start_time=-5000")
+    assert status == 1
+    assert "imu/data_raw: none of 360 messages was used: waits for a pose" in lines[0]
+    assert "start_time" in lines[0]
+
+
+def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path, replayed) -> None:
+    """It once waited two minutes for the answer to a reading of a time without them, and gave
+    up."""
+    number = 0
+
+    def change(topic: str, data: bytes) -> bytes:
+        nonlocal number
+        number += topic == "/imu/data_raw"
+        lost = topic == "/imu/data_raw" and 100 <= number < 150
+        return in_frame(topics.IMU, data, "imu_link") if lost else data
+
+    bag = rewritten(recording, tmp_path / "bag", change)
+    _, out, lines = replayed(bag, "--tolerance", 1000)
+    assert "Replayed 359 s" in out
+    assert not any("waited" in line for line in lines)
+
+
+def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path, replayed) -> None:
+    """It once said "disagreements" of each fix, and claimed a report."""
+    words = (sensors_only, "--out", tmp_path / "out")
+    status, out, lines = replayed(*words)
+    assert status == 0, lines
+    assert "0 recorded, 6 replayed" in out
+    assert "Not compared: there are no fixes in the recording (pmht_mm/fix)" in out
+    assert "isagreements" not in out
+    assert "No report: the recording has no ground_truth/fix" in out
+    assert "report.html" not in out
+    status, out, lines = replayed(*words, "--json")
+    document = json.loads(out)
+    assert status == 0, lines
+    assert document["fixes"] == {"recorded": 0, "replayed": 6, "common": 0}
+    keys = ("disagreements", "largest_difference_m", "summary", "report")
+    assert [document[key] for key in keys] == [None] * 4
+    status, _, lines = replayed(sensors_only, "--tolerance", "1")
+    assert status == 1
+    assert "there are no fixes in the recording (pmht_mm/fix) to compare with" in lines[0]
+
+
+def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording, replayed) -> None:
+    change = "height={source: barometer}"
+    status, _, (line,) = replayed(recording, "--set", change)
+    assert status == 2
+    assert "no messages on barometer/data_raw" in line
+    assert "--set height.source=scenario replays without" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("imu_frme=x", "--parameter imu_frme: no parameter of ukf_fusion_node; did you mean"),
+        ("run=3", "--parameter run: no parameter of ukf_fusion_node"),
+        ("max_gap", "--parameter: must be NAME=VALUE, not 'max_gap'"),
+        ("max_gap=-1", "--parameter: max_gap"),
+        ("max_gap=long", "--parameter: max_gap"),
+        ("start_position=[1.0]", "--parameter: start_position"),
+    ],
+)
+def test_a_parameter_that_is_none_is_refused(recording, text, expected, replayed) -> None:
+    status, out, (line,) = replayed(recording, "--parameter", text)
+    assert (status, out) == (2, "")
+    assert expected in line
