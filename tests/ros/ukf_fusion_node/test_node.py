@@ -47,7 +47,7 @@ def test_every_sample_is_answered(filter_bench) -> None:
 
 def test_the_path_stays_short_and_whole(filter_bench, monkeypatch) -> None:
     monkeypatch.setattr("ukf_fusion_node.outputs.PATH_POSES", 4)
-    filter_bench.node._outputs._interval = from_seconds(1.0)
+    filter_bench.node.outputs._interval = from_seconds(1.0)
     for k in range(1, 14):
         filter_bench.imu(k)
     filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 14)
