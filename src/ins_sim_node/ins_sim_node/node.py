@@ -70,10 +70,7 @@ class InsSimNode(GraphNode):
     def on_activate(self, state: Any) -> Any:
         """Go on; waiting begins anew."""
         self._moved = time.monotonic()
-        result = super().on_activate(state)
-        if self.running and self.rate == 0.0:
-            self._paced()  # what was to come next came to nothing
-        return result
+        return super().on_activate(state)
 
     def close(self, timeout: float = 1.0) -> None:
         """Forget the checkpoint only now: a successor must not begin the route again."""

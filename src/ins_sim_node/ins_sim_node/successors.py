@@ -67,8 +67,8 @@ class Successors:
             elif step.answered > self._answered:
                 self._all_again()
         if step.complete:
-            if self._changed:  # nobody answers this step; the next one follows
-                self._node.resume()
+            # nobody answers it, or it was answered while the simulator was not active
+            self._node.resume()
             return
         if waited > STALL and (self._changed or self._answers.peers_changed()):
             self._let_go()
