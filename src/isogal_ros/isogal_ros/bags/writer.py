@@ -129,8 +129,8 @@ class BagWriter:
             raise
 
     def _end_early(self) -> None:
-        """End the file behind its last whole chunk, or where that leaves no room for the end behind
-        the one before; without an index, which readers make of the chunks."""
+        """End the file behind its last whole chunk, or behind the one before where that leaves no
+        room for the end; without an index, which readers make of the chunks."""
         for position, contents in reversed(self._whole):
             self._contents = contents
             try:
