@@ -39,6 +39,7 @@ def generate_launch_description() -> LaunchDescription:
 def nodes(context: object) -> list:
     """Check the arguments, then return the nodes."""
     check_words(sys.argv, Path(__file__).name)
+    print("isogal: checking parameters, maps and folders ...", file=sys.stderr)
     launched = check({name: LaunchConfiguration(name).perform(context) for name in DESCRIBED})
     return [node(name, launched) for name in launched.names]
 

@@ -170,6 +170,8 @@ def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch, words,
         ("/*", {"route": {"sped": 3.0}}, "route.sped"),
         ("/**/pmht_mm_node", {"map": {"source": "/no/such.nc"}}, "/no/such.nc"),
         ("/**", {"publish_tf": False}, "unknown parameter 'publish_tf'"),
+        ("/**", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
+        ("/ukf_fusion_node", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
     ],
 )
 def test_what_one_node_would_refuse_ends_the_launch_before_any(

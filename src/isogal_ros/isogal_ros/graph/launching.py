@@ -274,15 +274,16 @@ def _check_params(
     nodes can use both."""
     where = f"params: {path}"
     document = read_parameters(path, where)
-    changed = document | {"/**": {**document.get("/**", {}), **keys}}
-    scenario_of({"/**": document.get("/**", {})}, "/**", where)
-    scenario = scenario_of({"/**": changed["/**"]}, "/**", "set" if keys else where)
+    of_all = {"/**": document.get("/**", {})}
+    scenario = scenario_of(of_all, "", where)
+    if keys:
+        scenario = scenario_of(of_all, "", "set", keys)
     names = _names(scenario, real, recorder)
     told: list[Scenario] = []
     for name in names:
         full_name = f"/{namespace.strip('/')}/{name}".replace("//", "/")
         check_node(document, name, full_name, where)
-        own = scenario_of(document | {full_name: keys}, full_name, f"{where}: {name}")
+        own = scenario_of(document, full_name, f"{where}: {name}", keys)
         if own not in told:
             told.append(own)
     for one in told:

@@ -44,12 +44,14 @@ def values_of(document: Document, full_name: str) -> dict[str, Any]:
     return {name: value for name, value in values.items() if not name.startswith(OF_RCLPY)}
 
 
-def scenario_of(document: Document, full_name: str, where: str) -> Scenario:
-    """Return the scenario that a file tells a node, whatever sections it has; of ``/**`` alone
-    where the node's name is ``/**``."""
+def scenario_of(
+    document: Document, full_name: str, where: str, keys: Mapping[str, Any] | None = None
+) -> Scenario:
+    """Return the scenario that a file tells a node, whatever sections it has, with some keys
+    changed; raises InputError, which begins with `where`."""
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
     sections = {name.partition(".")[0] for name in specs}
-    values = values_of(document, full_name)
+    values = values_of(document, full_name) | dict(keys or {})
     of_scenario = {
         name: value for name, value in values.items() if name.partition(".")[0] in sections
     }
@@ -74,7 +76,9 @@ def check_node(document: Document, name: str, full_name: str, where: str) -> Non
 def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
     """Return the model's values; what is no parameter stays as it is."""
     return {
-        name: specs[name].to_field(specs[name].cast(value)) if name in specs else value
+        name: specs[name].to_field(specs[name].cast(value))
+        if name in specs and not isinstance(value, dict)
+        else value
         for name, value in values.items()
     }
 
