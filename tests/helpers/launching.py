@@ -110,6 +110,8 @@ class Launch:
     died: list[tuple[str, int]] = field(default_factory=list)
     """Nodes that ended before the launch did, with their exit codes."""
     reason: str | None = None
+    exit_code: int = 0
+    """Launch's own."""
 
     def describe(self) -> None:
         """Do what launch does before it starts processes."""
@@ -170,7 +172,11 @@ class Launch:
                 self.running[kill.pop(0)].kill()
                 due = time.monotonic() + 2.5
             self._look(again)
+        died = {name for name, _ in self.died}
         self.codes |= self.end()
+        for name, code in self.codes.items():
+            if name not in died or name in self.respawned:
+                self.reason_of(name, code, ending=True)
 
     def _settled(self) -> bool:
         return all(process.poll() is None and is_up(process) for process in self.running.values())
@@ -194,9 +200,14 @@ class Launch:
                 self.respawned[name] = self.respawned.get(name, 0) + 1
                 self._start(name)
 
-    def reason_of(self, name: str, code: int) -> str | None:
+    def reason_of(self, name: str, code: int, ending: bool = False) -> str | None:
         """Why the end of a node with an exit code ends all; None = it does not."""
-        shutdown = self.nodes[name]["on_exit"](SimpleNamespace(returncode=code), None)
+        context = SimpleNamespace(is_shutdown=ending)
+        try:
+            shutdown = self.nodes[name]["on_exit"](SimpleNamespace(returncode=code), context)
+        except Exception as error:  # which launch takes as a reason to end
+            self.exit_code = 1
+            return str(error)
         return None if shutdown is None else shutdown.keys["reason"]
 
     def _start(self, name: str) -> None:

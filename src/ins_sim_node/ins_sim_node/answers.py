@@ -5,6 +5,7 @@ from functools import partial
 
 from ins_sim_node.lock_step import LockStep, reading_of
 from ins_sim_node.outputs import Outputs
+from ins_sim_node.peers import Activity
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import peek_ns
@@ -12,7 +13,8 @@ from isogal_ros.nodes.base import GraphNode
 
 
 class Answers:
-    """Listens to the answers and tells when they are complete.
+    """Listens to the answers and tells when they are complete. It does so while the simulator is
+    not active, too: an answer that it let go would be waited for in vain once it goes on.
 
     Parameters
     ----------
@@ -28,15 +30,20 @@ class Answers:
         self.lock_step = LockStep(node.scenario)
         self._outputs, self._complete = outputs, complete
         self._topics = {
-            "nav": node.listen(topics.NAV_ODOM, self._take_nav, raw=True).topic_name,
-            "fix": node.listen(topics.FIX, self._take_fix, raw=True).topic_name,
+            "nav": self._hear(node, topics.NAV_ODOM, self._take_nav),
+            "fix": self._hear(node, topics.FIX, self._take_fix),
         }
         for field, one in enumerate(node.scenario.each_field):
             take = partial(self._take_reading, field)
-            heard = node.listen(adapter_of(one).reduced, take, raw=True)
-            self._topics[reading_of(field)] = heard.topic_name
+            self._topics[reading_of(field)] = self._hear(node, adapter_of(one).reduced, take)
         self._node = node
         self._known: frozenset[bytes] | None = None
+        self.activity = Activity(node)
+
+    @staticmethod
+    def _hear(node: GraphNode, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
+        """Listen to a topic; return its resolved name."""
+        return node.hear(topic, partial(node.guard, topic, take), raw=True).topic_name
 
     def publishers(self) -> frozenset[bytes]:
         """Return what identifies the publishers of the answers: of a node that was started again
@@ -56,10 +63,8 @@ class Answers:
         return self.publishers() != self._known
 
     def absent(self) -> set[str]:
-        """Return which answers nobody publishes."""
-        return {
-            what for what, name in self._topics.items() if not self._node.count_publishers(name)
-        }
+        """Return which answers nobody publishes who is active."""
+        return {what for what, name in self._topics.items() if not self.activity.publishers(name)}
 
     def _take_nav(self, data: bytes) -> None:
         ns = peek_ns(data)

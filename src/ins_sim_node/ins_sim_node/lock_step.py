@@ -28,8 +28,11 @@ class LockStep:
         self._settings = each[self._lead].matcher
         self._nav = self._fixes = 0
         self._needs_readings: set[int] = set()
-        self._needs_fix = False
+        self._needs_fix = self._takes_fixes = False
         self._done = True
+        self._full = True
+        self.answered = 0
+        """How many steps, begun while nothing was absent, have had all their answers."""
         self.absent: set[str] = set()
         """Answers that nobody gives at present: nav, fix, and those of `reading_of`."""
 
@@ -45,8 +48,9 @@ class LockStep:
         self._needs_readings = {k for k in scanned if reading_of(k) not in self.absent}
         scans = step // self._per_scan[self._lead]
         is_end = self._lead in scanned and fix_due(scans, self._settings)
-        self._needs_fix = is_end and not self.absent
+        self._needs_fix = self._takes_fixes = is_end and not self.absent
         self._done = step == 0 or "nav" in self.absent
+        self._full = not self.absent
 
     @property
     def complete(self) -> bool:
@@ -66,8 +70,9 @@ class LockStep:
 
     def fix(self, ns: int) -> bool:
         """Count a message on ``pmht_mm/fix``; in retrodiction mode those of earlier scans come
-        first."""
-        self._fixes += 1
+        first. One of an earlier step, which was not waited for, may have been answered before
+        this step began."""
+        self._fixes += self._takes_fixes
         if ns == self.ns:
             self._needs_fix = False
         return self._check()
@@ -87,4 +92,5 @@ class LockStep:
         if self._done or self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes:
             return False
         self._done = True
+        self.answered += self._full
         return True

@@ -1,4 +1,5 @@
-"""Nodes that are killed and started again: those who answer, and the simulator itself."""
+"""Nodes that are killed and started again, or deactivated and activated: those who answer, and the
+simulator itself."""
 
 from typing import Any
 
@@ -17,7 +18,8 @@ class Successors:
 
     While a node is dead and not yet known to be, the simulation waits. As soon as another takes
     its place, or it is known to be gone, the step under way is not waited for any longer; what
-    nobody publishes is not waited for until somebody does.
+    nobody publishes is not waited for until somebody does. A node that is not active counts as one
+    that is gone.
 
     Parameters
     ----------
@@ -30,7 +32,26 @@ class Successors:
     def __init__(self, node: Any, answers: Answers) -> None:
         self._node, self._answers = node, answers
         self._changed = False
-        self._forgotten = 0
+        self._answered = self._forgotten = 0
+        self._without: set[str] = set()
+        answers.activity.told = self._note
+
+    def _note(self, name: str, active: bool) -> None:
+        """Take a node that answers as gone, or as back."""
+        self._change()
+        if active:
+            self._without.discard(name)
+            self._node.health.concern(f"without {name}", None)
+        else:
+            self._without.add(name)
+            self._node.health.concern(
+                f"without {name}", f"goes on without {name}, which is not active"
+            )
+
+    def _change(self) -> None:
+        """Note that not all may answer, until a whole step has been answered."""
+        self._changed = True
+        self._answered = self._answers.lock_step.answered
 
     def begin(self) -> None:
         """Note who answers."""
@@ -41,15 +62,13 @@ class Successors:
         step = self._answers.lock_step
         if self._changed:
             step.absent = self._answers.absent()
-        if step.complete:
-            # a step that nobody answers is followed by the next one
             if step.absent:
-                self._node.resume()
-            elif self._changed:
-                self._changed = False
-                self._answers.note_peers()
-                self._node.health.concern("waiting", None)
-                self._node.get_logger().info("all nodes answer again")
+                self._answered = step.answered
+            elif step.answered > self._answered:
+                self._all_again()
+        if step.complete:
+            # nobody answers it, or it was answered while the simulator was not active
+            self._node.resume()
             return
         if waited > STALL and (self._changed or self._answers.peers_changed()):
             self._let_go()
@@ -59,12 +78,20 @@ class Successors:
                 f" {self._node.settings.reply_timeout:g} s: {step.missing()}"
             )
 
+    def _all_again(self) -> None:
+        self._changed = False
+        self._answers.note_peers()
+        for name in ("waiting", *(f"without {name}" for name in self._without)):
+            self._node.health.concern(name, None)
+        self._without.clear()
+        self._node.get_logger().info("all nodes answer again")
+
     def _let_go(self) -> None:
         step = self._answers.lock_step
         if not self._changed:
             text = f"a node has left or was started again: {step.missing()}"
             self._node.health.concern("waiting", text)
-        self._changed = True
+        self._change()
         self._forgotten += 1
         self._node.health.figures["steps not waited for"] = self._forgotten
         step.absent = self._answers.absent()

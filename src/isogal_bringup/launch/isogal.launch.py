@@ -3,19 +3,22 @@
 ros2 launch isogal_bringup isogal.launch.py rate:=0.0 params:=my.yaml recorder:=false
 ros2 launch isogal_bringup isogal.launch.py vehicle:=real namespace:=ship set:="route.height=0.0"
 
-All arguments are checked before a node starts. Without respawn the end of any node ends the
-launch; with it, a node that dies is started again and goes on from its checkpoint, and the launch
-ends when the simulated vehicle has arrived.
+All arguments, maps and folders are checked before a node starts. Without respawn the end of any
+node ends the launch; with it, a node that dies is started again and goes on from its checkpoint,
+and the launch ends when the simulated vehicle has arrived. The launch exits with 1 where an
+argument cannot be used or a node has failed.
 """
 
+import sys
 from datetime import datetime
+from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from isogal_ros.graph.launching import DESCRIBED, Launched, check
+from isogal_ros.graph.launching import DESCRIBED, Launched, check, check_words
 from launch import LaunchDescription
 
 RESPAWN_DELAY = 1.0
@@ -35,6 +38,8 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: object) -> list:
     """Check the arguments, then return the nodes."""
+    check_words(sys.argv, Path(__file__).name)
+    print("isogal: checking parameters, maps and folders ...", file=sys.stderr)
     launched = check({name: LaunchConfiguration(name).perform(context) for name in DESCRIBED})
     return [node(name, launched) for name in launched.names]
 
@@ -43,7 +48,8 @@ def node(name: str, launched: Launched) -> Node:
     """A node with the parameters of the file and its own, which count where both say something."""
 
     def ended(event: object, context: object) -> Shutdown | None:
-        reason = launched.ends_all(name, event.returncode)
+        # what this raises ends all, and is what makes launch exit with 1
+        reason = launched.ends_all(name, event.returncode, context.is_shutdown)
         return Shutdown(reason=reason) if reason else None
 
     return Node(

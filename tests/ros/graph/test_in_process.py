@@ -1,6 +1,8 @@
 """The graph in one process: it is the library's closed loop, whatever is measured, and it ends as
 it should."""
 
+import errno
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import GraphError, Plan
 from isogal_ros.nodes.signals import Interrupt
@@ -181,6 +184,20 @@ def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
             scenario("route.end=[-35.0, 150.0]", "route.duration=10000.0", "route.speed=30.0"),
             tmp_path / "bag",
         )
+
+
+def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) -> None:
+    write = BagWriter.write
+
+    def full(self, *words) -> None:
+        if self.messages == 300:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(self, *words)
+
+    monkeypatch.setattr(BagWriter, "write", full)
+    with pytest.raises(GraphError, match=r"^isogal_recorder: .* No space left on device"):
+        run_here(scenario(), tmp_path / "bag")
+    assert len(collect(tmp_path / "bag").truth) > 10
 
 
 def test_a_node_that_stops_answering(scenario, tmp_path, monkeypatch) -> None:

@@ -80,3 +80,20 @@ def test_what_nobody_gives_is_not_waited_for(step) -> None:
     step.absent = {"nav"}
     step.begin(31, 31 * S)
     assert step.complete
+
+
+def test_a_late_fix_of_a_step_that_was_not_waited_for_needs_no_answer(step) -> None:
+    step.begin(31, 31 * S)
+    assert not step.fix(30 * S)  # the filter has answered it by nav/odom of step 30
+    assert step.nav(31 * S)
+
+
+def test_steps_with_all_their_answers_are_counted(step) -> None:
+    step.absent = {"fix"}
+    step.begin(1, S)
+    assert step.nav(S)
+    assert step.answered == 0
+    step.absent = set()
+    step.begin(2, 2 * S)
+    assert step.nav(2 * S)
+    assert step.answered == 1

@@ -1,5 +1,7 @@
 """The launch file, run with stand-ins for the launch packages, which the wheels do not have."""
 
+import re
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -94,6 +96,9 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"params": "BROKEN"}, "not valid YAML"),
         ({"params": "UNKNOWN"}, "did you mean 'route.speed'"),
         ({"params": "LIST"}, "must map names of nodes"),
+        ({"bag": "/proc/x"}, "bag: /proc/x: /proc cannot be written"),
+        ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: /proc cannot be written"),
+        ({"set": "map.source=/no/such.nc"}, "/no/such.nc"),
         ({"vehicle": "toy"}, "vehicle: must be simulated, real, not 'toy'"),
         ({"use_sim_time": "maybe"}, "use_sim_time: must be true or false"),
         ({"log_level": "loud"}, "log_level: must be debug, info"),
@@ -120,12 +125,77 @@ def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, word
     assert made.nodes == {}
 
 
+@pytest.mark.parametrize(
+    ("code", "fails"), [(0, 0), (130, 0), (-15, 0), (1, 1), (2, 1), (-9, 1), (-11, 1)]
+)
+def test_a_node_that_fails_while_all_end_fails_the_launch(launch, tmp_path, code, fails) -> None:
+    made = launch(bag=str(tmp_path / "bag"), respawn="true")
+    made.describe()
+    reason = made.reason_of(RECORDER, code, ending=True)
+    assert (made.exit_code, reason is None) == (fails, not fails)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["raet:=5.0"], "raet: no argument of isogal.launch.py; did you mean 'rate'?"),
+        (["rate:=5.0", "xyzzy:=1"], "xyzzy: no argument of isogal.launch.py; allowed: params, "),
+    ],
+)
+def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch, words, message) -> None:
+    made = launch(bag=str(tmp_path / "bag"))
+    monkeypatch.setattr(
+        sys, "argv", ["/bin/ros2", "launch", "isogal_bringup", "isogal.launch.py", *words]
+    )
+    with pytest.raises(InputError, match=re.escape(message)):
+        made.describe()
+    assert made.nodes == {}
+    # where another file includes it, the arguments are the other's
+    monkeypatch.setattr(sys, "argv", ["/bin/ros2", "launch", "ship", "ship.launch.py", *words])
+    made.describe()
+    assert made.nodes
+
+
+@pytest.mark.parametrize(
+    ("section", "parameters", "words"),
+    [
+        (
+            "/**/ukf_fusion_node",
+            {"publsh_tf": False},
+            "ukf_fusion_node: unknown parameter 'publsh_tf', did you mean 'publish_tf'",
+        ),
+        ("/**/ukf_fusion_node", {"publish_tf": "maybe"}, "ukf_fusion_node: publish_tf"),
+        ("ins_sim_node", {"rate": -1.0}, "ins_sim_node: rate"),
+        ("/**/isogal_recorder", {"compres": True}, "isogal_recorder: unknown parameter 'compres'"),
+        ("/*", {"route": {"sped": 3.0}}, "route.sped"),
+        ("/**/pmht_mm_node", {"map": {"source": "/no/such.nc"}}, "/no/such.nc"),
+        ("/**", {"publish_tf": False}, "unknown parameter 'publish_tf'"),
+        ("/**", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
+        ("/ukf_fusion_node", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
+    ],
+)
+def test_what_one_node_would_refuse_ends_the_launch_before_any(
+    launch, tmp_path, section, parameters, words
+) -> None:
+    document = {section: {"ros__parameters": parameters}}
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(document))
+    made = launch(params=str(tmp_path / "params.yaml"), bag=str(tmp_path / "bag"))
+    with pytest.raises(InputError, match=re.escape(words)):
+        made.describe()
+    assert made.nodes == {}
+
+
 @pytest.mark.parametrize("respawn", ["false", "true"])
 def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
     made = launch(bag=str(tmp_path / "bag"), respawn=respawn)
     made.describe()
     for name, keys in made.nodes.items():
-        reasons = {code: made.reason_of(name, code) for code in (0, 2, -9)}
+        reasons, failed = {}, []
+        for code in (0, 1, 2, -9):
+            made.exit_code = 0
+            reasons[code] = made.reason_of(name, code)
+            failed += [code] * made.exit_code
+        assert failed == ([1, 2, -9] if respawn == "false" else [1, 2])
         arrived = "the simulated vehicle has arrived"
         died = {code: f"{name} has ended with code {code}" for code in reasons}
         lives_on = {} if respawn == "false" else {0: None, -9: None}
@@ -197,6 +267,7 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_k
         made.run_on(kill=[topics.PMHT_MM])
     # without respawn one that dies ends all, in order
     assert made.reason == "pmht_mm_node has ended with code -9"
+    assert made.exit_code == 1
     assert made.codes.pop(topics.PMHT_MM) == -9
     assert set(made.codes.values()) == {0}, made.output()
     reader = BagReader(tmp_path / "bag")
@@ -217,6 +288,7 @@ def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(respawnin
     made, killed, run = respawning
     run.result()
     assert made.reason == "the simulated vehicle has arrived", made.output()
+    assert made.exit_code == 0
     assert made.died[:-1] == [(name, -9) for name in killed], made.output()
     assert set(made.codes.values()) == {0}, made.output()
     output = made.output()

@@ -9,6 +9,7 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.nodes.health import WARN
 
 
 def change(made: Bench, which: int) -> bool:
@@ -49,6 +50,14 @@ def test_every_transition(scenario) -> None:
         made.imu(1)
         made.wait(lambda: stamps(made, topics.NAV_FIX) == [0, 1])  # begun anew
         made.wait(lambda: made.node.ready)
+        assert change(made, Transition.TRANSITION_DEACTIVATE)
+        made.settle()
+        level, message, figures = made.says()[-1]
+        assert (level, figures["ready"]) == (WARN, "False")
+        assert "inactive: messages are let go until it is activated" in message
+        assert change(made, Transition.TRANSITION_ACTIVATE)
+        made.settle()
+        assert made.says()[-1][2]["ready"] == "True"
         assert change(made, Transition.TRANSITION_ACTIVE_SHUTDOWN)
         assert made.node.finished
 
@@ -77,3 +86,12 @@ def test_a_recorder_finishes_its_bag_when_cleaned_up(scenario, tmp_path) -> None
         reader = BagReader(tmp_path / "bag")
         assert [item.topic for item in reader.messages()].count("/imu/data_raw") == 1
         assert reader.cut is None
+
+
+def test_a_node_that_was_cleaned_up_goes_on_saying_how_it_is(scenario) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        assert change(made, Transition.TRANSITION_DEACTIVATE)
+        assert change(made, Transition.TRANSITION_CLEANUP)
+        made.settle()
+        made.heard["/diagnostics"].clear()
+        made.wait(made.says, "its heartbeat")

@@ -1,5 +1,6 @@
 """The recorder: every topic of the graph into one bag."""
 
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ import yaml
 from pydantic import Field
 from rclpy.qos import HistoryPolicy, QoSProfile
 
+from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
@@ -33,6 +35,9 @@ class RecorderSettings(NodeSettings):
         False, description="go on in a further file where there is a bag of this run already"
     )
     compress: bool = Field(True, description="zstd")
+    disk_warning: float = Field(
+        1.0, ge=0.0, description="free space on the bag's disk below which it warns, GB"
+    )
 
 
 class RecorderNode(GraphNode):
@@ -52,16 +57,15 @@ class RecorderNode(GraphNode):
             "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
             "run": str(self.settings.run),
         }
-        self.writer = BagWriter(
-            Path(self.settings.bag),
-            texts,
-            self.settings.replace,
-            self.settings.compress,
-            self.settings.resume,
-        )
+        own = self.settings
+        try:
+            self.writer = BagWriter(Path(own.bag), texts, own.replace, own.compress, own.resume)
+        except OSError as error:
+            raise InputError(f"bag: {own.bag}: cannot be written: {error.strerror}") from None
         self.get_logger().info(f"records into {self.writer.path}")
         self._now = 0
         self._written = 0
+        self.watch("short of disk space", self._disk)
         for topic in topics_in_use(self.scenario):
             self._record(topic)
 
@@ -94,7 +98,24 @@ class RecorderNode(GraphNode):
 
     def _failed_to_write(self, error: OSError) -> None:
         """End; what is in the file stays."""
-        self.fail(f"{self.writer.path}: cannot be written: {error.strerror or error}")
+        if not self.exit_code:
+            self.fail(
+                f"{self.writer.path}: cannot be written: {error.strerror or error}; the recording"
+                " ends here, and can be read"
+            )
+
+    def _disk(self) -> str | None:
+        """Say when the disk is nearly full."""
+        try:
+            free = shutil.disk_usage(self.writer.folder).free / 1e9
+        except OSError as error:
+            return f"{self.writer.folder}: {error.strerror}"
+        if free >= self.settings.disk_warning:
+            return None
+        return (
+            f"the disk of {self.writer.folder} has {free:.3g} GB left (disk_warning:"
+            f" {self.settings.disk_warning:g} GB)"
+        )
 
     def _beat(self) -> None:
         if self.active and not self.finished:
@@ -117,19 +138,21 @@ class RecorderNode(GraphNode):
 
     def on_cleanup(self, state: Any) -> Any:
         """Finish the bag."""
-        self.writer.close()
+        self._finish()
         return super().on_cleanup(state)
 
     def close(self, timeout: float = 1.0) -> None:
         """Destroy the node and finish the bag."""
         if self.configured:
+            self._finish()
             self.get_logger().info(f"{self.writer.messages} messages recorded")
         super().close(timeout)
-        if self.configured:
-            try:
-                self.writer.close()
-            except OSError as error:
-                self.exit_code, self.failure = 1, f"{self.writer.path}: not finished: {error}"
+
+    def _finish(self) -> None:
+        try:
+            self.writer.close()
+        except OSError as error:
+            self._failed_to_write(error)
 
 
 def _with_history(profile: QoSProfile) -> QoSProfile:

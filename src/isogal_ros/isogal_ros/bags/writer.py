@@ -2,11 +2,14 @@
 ``metadata.yaml``.
 
 The file is written in small chunks straight to the disk, and the scenario goes first: where the
-recorder is killed, the file can be read up to the last whole chunk (`isogal_ros.bags.reader`)."""
+recorder is killed, the file can be read up to the last whole chunk (`isogal_ros.bags.reader`).
+Where the disk is full, the file is ended there."""
 
 import errno
 import os
 import time
+from collections import deque
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -68,6 +71,7 @@ class BagWriter:
         self._writer.start(profile="ros2", library="isogal")
         if self.texts:
             self._writer.add_metadata("isogal", self.texts)
+        self._whole: deque[tuple[int, Contents]] = deque(maxlen=2)
         self._write_out()
 
     @property
@@ -92,11 +96,13 @@ class BagWriter:
         return topic in self._contents.topics
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
-        """Write one serialised message; raises OSError where the disk is full. The file can then
-        be read up to there, and nothing more can be written."""
+        """Write one serialised message; raises OSError where the disk is full. Nothing more can be
+        written then, and `close` ends the file where it was whole."""
         entry = self._contents.topics[topic]
         self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
         self._contents.count(entry, log_ns)
+        if self._stream.tell() != self._whole[-1][0]:
+            self._note_whole()
 
     def flush(self) -> None:
         """Write out what is not on the disk yet, so that a killed recorder loses little; not more
@@ -105,25 +111,54 @@ class BagWriter:
             self._write_out()
 
     def close(self) -> None:
-        """Finish the file and its metadata; of a file that could not be written to leave what is
-        there."""
+        """Finish the file and its metadata; a file that could not be written to is ended where it
+        was whole. Raises OSError where that is found only now."""
         if self._stream.broken:
-            self._stream.file.close()
+            self._end_early()
             return
-        text = yaml_text(self._contents.information())
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
-        self._writer.finish()
-        self._stream.close()
-        self._write_metadata()
+        try:
+            self._writer.flush()
+            self._note_whole()
+            text = yaml_text(self._contents.information())
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
+            self._writer.finish()
+            self._write_metadata()
+            self._stream.close()
+        except OSError:
+            self._end_early()
+            raise
+
+    def _end_early(self) -> None:
+        """End the file behind its last whole chunk, or behind the one before where that leaves no
+        room for the end; without an index, which readers make of the chunks."""
+        for position, contents in reversed(self._whole):
+            self._contents = contents
+            try:
+                self._stream.cut(position)
+                self._stream.write(_end_without_index())
+                self._write_metadata()
+                break
+            except OSError:
+                continue
+        self._stream.file.close()
+
+    def _note_whole(self) -> None:
+        """Note that the file can end here, with what it holds."""
+        self._whole.append((self._stream.tell(), deepcopy(self._contents)))
 
     def _write_out(self) -> None:
         self._flushed = time.monotonic()
         self._writer.flush()
+        self._note_whole()
         self._write_metadata()
 
     def _write_metadata(self) -> None:
         document = {"rosbag2_bagfile_information": self._contents.information()}
-        write_atomic(self.folder / "metadata.yaml", yaml_text(document))
+        try:
+            write_atomic(self.folder / "metadata.yaml", yaml_text(document))
+        except InputError as error:
+            self._stream.broken = True
+            raise OSError(errno.EIO, str(error).rpartition(": ")[2]) from None
 
 
 def prepare_folder(folder: Path, replace: bool) -> None:
@@ -149,6 +184,18 @@ def prepare_folder(folder: Path, replace: bool) -> None:
     make_folder(folder)
 
 
+def _end_without_index() -> bytes:
+    """Return what an MCAP file ends with that has no summary."""
+    from mcap.data_stream import RecordBuilder
+    from mcap.records import DataEnd, Footer
+    from mcap.writer import MCAP0_MAGIC
+
+    records = RecordBuilder()
+    DataEnd(0).write(records)
+    Footer(0, 0, 0).write(records)
+    return bytes(records.end() + MCAP0_MAGIC)
+
+
 class _Stream:
     """A file without buffer: a chunk that was written is kept even where this process is killed.
 
@@ -171,6 +218,12 @@ class _Stream:
             self.broken = True
             raise
         return len(data)
+
+    def cut(self, position: int) -> None:
+        """Go on at an earlier position, behind which the file is cut off."""
+        self.file.truncate(position)
+        self.file.seek(position)
+        self.broken = False
 
     def tell(self) -> int:
         """Return the position."""

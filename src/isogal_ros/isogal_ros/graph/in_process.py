@@ -1,6 +1,8 @@
 """The whole graph in one process on one executor."""
 
 import time
+from collections.abc import Mapping
+from typing import Any
 
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
@@ -33,16 +35,24 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
             begun, timer = time.monotonic(), ReportTimer()
             while not (interrupt or simulator.finished):
                 executor.spin_once(timeout_sec=0.2)
+                _require_well(nodes)
                 if timer.due() and (progress := progress_of(simulator.health.figures)) is not None:
                     report(progress)
             wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
             simulator.finished = True  # no further step while the recorder takes what is under way
             if RECORDER in nodes:
                 drain(nodes[RECORDER], executor)
-            if simulator.exit_code:
-                raise GraphError(f"{topics.INS_SIM}: {simulator.failure}")
-            return Outcome(bool(interrupt), wall)
+            _require_well(nodes)
         finally:
             for node in nodes.values():
                 executor.remove_node(node)
                 node.close()
+        _require_well(nodes)  # the recorder finishes its bag last
+        return Outcome(bool(interrupt), wall)
+
+
+def _require_well(nodes: Mapping[str, Any]) -> None:
+    """Raise GraphError where a node has failed."""
+    for name, node in nodes.items():
+        if node.exit_code:
+            raise GraphError(f"{name}: {node.failure}")

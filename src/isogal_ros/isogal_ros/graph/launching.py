@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,10 +22,12 @@ from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.checks import check_new_folder, checked
 from isogal_ros.graph.domain import defaults
+from isogal_ros.graph.parameter_files import check_node, read_parameters, scenario_of
 from isogal_ros.graph.plan import Plan, node_class, nodes_of
+from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.values import scenario_from
 
 DESCRIBED = {
     "params": ("", "parameter file (YAML) for all nodes"),
@@ -49,6 +52,15 @@ LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 VEHICLES = ("simulated", "real")
 _NAMESPACE = re.compile(r"/?([A-Za-z]\w*)(/[A-Za-z]\w*)*")
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+
+
+_ENDED_WHEN_ASKED = (0, INTERRUPTED, -signal.SIGINT, -signal.SIGTERM)
+"""Exit codes of a node that was asked to end."""
+
+
+class NodeFailedError(RuntimeError):
+    """A node failed; raised where launch calls back, launch ends all in order and exits with 1, as
+    it does for no other reason."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +88,7 @@ class Launched:
     @property
     def names(self) -> tuple[str, ...]:
         """The nodes, the recorder first, so that it hears everything."""
-        nodes = tuple(
-            name for name in nodes_of(self.scenario) if not (self.real and name == topics.INS_SIM)
-        )
-        return nodes if self.bag is None else (RECORDER, *nodes)
+        return _names(self.scenario, self.real, self.bag is not None)
 
     @property
     def ros_arguments(self) -> list[str]:
@@ -117,13 +126,28 @@ class Launched:
                 values |= {"simulate": False}
         return values
 
-    def ends_all(self, name: str, code: int | None) -> str | None:
-        """Return why the end of a node with an exit code ends all; None = it does not."""
+    def ends_all(self, name: str, code: int, ending: bool = False) -> str | None:
+        """Return why the end of a node with an exit code ends all; None = it does not, or all is
+        `ending` already.
+
+        Raises
+        ------
+        NodeFailedError
+            It failed, so that the launch has to fail as well.
+        """
+        reason = f"{name} has ended with code {code}"
+        if ending:
+            if code in _ENDED_WHEN_ASKED:
+                return None
+            raise NodeFailedError(reason)
         if name == topics.INS_SIM and code == 0:
             return "the simulated vehicle has arrived"
-        if self.respawn and code != 2:  # which means that its parameters cannot be used
+        # one that says that it failed would fail again
+        if self.respawn and (code <= 0 or code == INTERRUPTED):
             return None
-        return f"{name} has ended with code {code}"
+        if code == 0:
+            return reason
+        raise NodeFailedError(reason)
 
 
 def check(values: Mapping[str, str]) -> Launched:
@@ -141,17 +165,21 @@ def check(values: Mapping[str, str]) -> Launched:
     if run < 0:
         raise InputError(f"run: must be 0 or more, not {values['run']!r}")
     recorder, respawn = (_boolean(name, values[name]) for name in ("recorder", "respawn"))
-    keys = _keys(values["set"])
-    scenario = _checked_params(values["params"], keys)
+    keys, namespace = _keys(values["set"]), _namespace(values["namespace"])
+    real = _choice("vehicle", values["vehicle"], VEHICLES) == "real"
+    clock, checkpoint = values["use_sim_time"], values["checkpoint"]
+    sim_time = not real if clock == "auto" else _boolean("use_sim_time", clock)
+    log_level = _choice("log_level", values["log_level"], LOG_LEVELS)
     if recorder:
         _check_bag(values["bag"])
-    checkpoint = values["checkpoint"]
+    if checkpoint:
+        check_new_folder("checkpoint", checkpoint)
+    # last, as it takes longest
+    scenario = _check_params(values["params"], keys, namespace, real, recorder)
     if respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
         atexit.register(shutil.rmtree, checkpoint, ignore_errors=True)
     bag = values["bag"] if recorder else None
-    real = _choice("vehicle", values["vehicle"], VEHICLES) == "real"
-    clock = values["use_sim_time"]
     return Launched(
         values["params"],
         rate,
@@ -160,12 +188,33 @@ def check(values: Mapping[str, str]) -> Launched:
         respawn,
         checkpoint,
         scenario,
-        namespace=_namespace(values["namespace"]),
+        namespace=namespace,
         real=real,
-        sim_time=not real if clock == "auto" else _boolean("use_sim_time", clock),
-        log_level=_choice("log_level", values["log_level"], LOG_LEVELS),
+        sim_time=sim_time,
+        log_level=log_level,
         keys=keys,
     )
+
+
+def check_words(words: Sequence[str], file: str) -> None:
+    """Raise InputError for an argument that a launch file does not have, which launch would take
+    without a word.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The command line; where it does not name the file, another file includes it, and the
+        arguments are the other's.
+    file : str
+        The launch file's name.
+    """
+    names = [Path(word).name for word in words]
+    for word in words[names.index(file) :] if file in names else ():
+        name, assigned, _ = word.partition(":=")
+        if assigned and name not in DESCRIBED:
+            near = get_close_matches(name, DESCRIBED, 1, 0.5)
+            hint = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(DESCRIBED)}"
+            raise InputError(f"{name}: no argument of {file}; {hint}")
 
 
 def _choice(name: str, text: str, allowed: Sequence[str]) -> str:
@@ -218,52 +267,38 @@ def _boolean(name: str, text: str) -> bool:
     return value
 
 
-def _checked_params(path: str, keys: Mapping[str, Any]) -> Scenario:
-    """Return the scenario of a parameter file with some keys changed; raises InputError unless it
-    can be used."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"params: {path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"params: {path}: is not a text in UTF-8 ({error.reason})") from None
-    document = parse_yaml(text, f"params: {path}")
-    if not isinstance(document, dict) or not all(
-        isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
-        for entry in document.values()
-    ):
-        raise InputError(f"params: {path}: must map names of nodes, or /**, to ros__parameters")
-    of_all = document.get("/**", {}).get("ros__parameters", {})
-    known = {spec.name.split(".")[0] for spec in parameter_specs(Scenario)}
-    sections = {key: value for key, value in of_all.items() if key in known}
-    scenario = scenario_from(_flat(sections), f"params: {path}")
+def _check_params(
+    path: str, keys: Mapping[str, Any], namespace: str, real: bool, recorder: bool
+) -> Scenario:
+    """Return the scenario of a parameter file with some keys changed; raises InputError unless all
+    nodes can use both."""
+    where = f"params: {path}"
+    document = read_parameters(path, where)
+    of_all = {"/**": document.get("/**", {})}
+    scenario = scenario_of(of_all, "", where)
     if keys:
-        specs = {spec.name: spec for spec in parameter_specs(Scenario)}
-        changed = {key: specs[key].to_field(value) for key, value in keys.items()}
-        scenario = scenario_from(_flat(sections) | changed, "set")
-    nodes_of(scenario)
+        scenario = scenario_of(of_all, "", "set", keys)
+    names = _names(scenario, real, recorder)
+    told: list[Scenario] = []
+    for name in names:
+        full_name = f"/{namespace.strip('/')}/{name}".replace("//", "/")
+        check_node(document, name, full_name, where)
+        own = scenario_of(document, full_name, f"{where}: {name}", keys)
+        if own not in told:
+            told.append(own)
+    for one in told:
+        checked(one, simulated=not real)
     return scenario
 
 
-def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
-    values: dict[str, Any] = {}
-    for key, value in document.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            values |= {name: value} if name in specs else _flat(value, f"{name}.")
-        else:
-            spec = specs.get(name)
-            values[name] = value if spec is None else spec.to_field(spec.cast(value))
-    return values
+def _names(scenario: Scenario, real: bool, recorder: bool) -> tuple[str, ...]:
+    """Return the nodes, the recorder first, so that it hears everything."""
+    nodes = tuple(name for name in nodes_of(scenario) if not (real and name == topics.INS_SIM))
+    return (RECORDER, *nodes) if recorder else nodes
 
 
 def _check_bag(path: str) -> None:
     folder = Path(path)
     if not path or folder.exists():
         raise InputError(f"bag: {path!r}: there is something already; give a new folder")
-    parent = folder.absolute().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not os.access(parent, os.W_OK):
-        raise InputError(f"bag: {path}: {parent} cannot be written")
+    check_new_folder("bag", path)

@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from isogal.fields.scenario_map import maps_for_scenario, true_map
-from isogal.fields.simulator import true_readings
+from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.maps.several import RunMap, each_map, first_map
-from isogal.matching.registry import build_run_matcher
+from isogal.maps.several import first_map
 from isogal.scenario import Scenario, changed_scenario
-from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import prepare_folder
+from isogal_ros.graph.checks import checked
 from isogal_ros.graph.console import Console
 from isogal_ros.graph.evaluation import evaluate
 from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan, nodes_of
+from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.watching import Live, Watch, watching
@@ -84,7 +83,7 @@ def run_session(
         A node failed.
     """
     to.say("Preparing the map and the route ...")
-    trajectory, field_map = _checked(scenario)
+    trajectory, field_map = checked(scenario)
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)
@@ -106,17 +105,6 @@ def run_session(
     collector.take_bag(BagReader(folder))
     summary = evaluate(collector, scenario, trajectory, field_map, out, outcome.wall_seconds)
     return RunResult(folder, False, seconds, summary)
-
-
-def _checked(scenario: Scenario) -> tuple[Trajectory, RunMap]:
-    """Return route and map of a scenario; raises InputError where a node would fail with it."""
-    trajectory = build_trajectory(scenario)
-    build_run_matcher(scenario)
-    field_map = maps_for_scenario(scenario, trajectory)
-    for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
-        true_readings(one.world, trajectory, true_map(one, trajectory, its_map))
-    nodes_of(scenario)
-    return trajectory, field_map
 
 
 def replay_session(

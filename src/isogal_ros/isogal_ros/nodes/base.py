@@ -127,17 +127,18 @@ class GraphNode(ManagedNode):
                 self.log,
             )
             on_change(self, specs, self._change)
+            self._heard = 0
+            self._parent = os.environ.get(PARENT)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._free_memory = Memory()
+            # made before `setup` makes anything, so that they outlive a cleanup
+            self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
+            self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
             if self.settings.autostart:
                 self.start()
         except BaseException:
             self.destroy_node()
             raise
-        self._heard = 0
-        self._parent = os.environ.get(PARENT)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._free_memory = Memory()
-        self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
-        self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
 
     def _declare(self, name: str) -> list[ParameterSpec]:
         """Declare the parameters, set `settings` and `scenario`, and return the parameters."""
@@ -263,6 +264,20 @@ class GraphNode(ManagedNode):
         """Count the messages taken so far; None = the node need not take what is under way when it
         ends."""
         return None
+
+    def on_activate(self, state: Any) -> Any:
+        """Deal with messages from now on."""
+        result = super().on_activate(state)
+        if self._ready:
+            self.health.figures["ready"] = True
+        self.health.concern("inactive", None)
+        return result
+
+    def on_deactivate(self, state: Any) -> Any:
+        """Let messages go from now on, and say so."""
+        self.health.figures["ready"] = False
+        self.health.concern("inactive", "inactive: messages are let go until it is activated")
+        return super().on_deactivate(state)
 
     def on_cleanup(self, state: Any) -> Any:
         """Destroy what `setup` made."""

@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal_ros.parameters.spec import ParameterSpec, yaml_line
 from isogal_ros.parameters.values import nested
 
-_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def declare(
@@ -38,13 +38,12 @@ def declare(
     overrides = {
         name: parameter.value
         for name, parameter in node.get_parameters_by_prefix("").items()
-        if not name.startswith(_OF_RCLPY)
+        if not name.startswith(OF_RCLPY)
     }
     for name in overrides:
         node.undeclare_parameter(name)
-    overrides = _folded(overrides, {spec.name for spec in specs} | set(known))
     try:
-        _require_known(overrides, {spec.name for spec in specs}, known)
+        overrides = known_overrides(overrides, specs, known)
         values = {spec.name: _declare(node, spec, overrides) for spec in specs}
     except InputError as error:
         raise InputError(f"{node.get_name()}: {error}") from None
@@ -52,6 +51,17 @@ def declare(
         lambda parameters: [_recast(parameter, specs) for parameter in parameters]
     )
     return values
+
+
+def known_overrides(
+    overrides: dict[str, Any], specs: Sequence[ParameterSpec], known: Collection[str] = ()
+) -> dict[str, Any]:
+    """Return overrides by the names of parameters; raises InputError for one that neither is a
+    parameter nor `known`, see `declare`."""
+    names = {spec.name for spec in specs}
+    folded = _folded(overrides, names | set(known))
+    _require_known(folded, names, known)
+    return folded
 
 
 def on_change(

@@ -66,6 +66,12 @@ def subscribed(name: str, scenario: Scenario) -> set[Topic]:
     return set(own[name])
 
 
+def states_heard(name: str, scenario: Scenario) -> set[str]:
+    """Return the names of the topics by which a node hears the states of others."""
+    others = set(nodes_of(scenario)) - {name} if name == topics.INS_SIM else set()
+    return {f"{other}/transition_event" for other in others}
+
+
 def _transforms() -> tuple[Topic, ...]:
     return tuple(topic for topic in (topics.TF, topics.TF_STATIC) if topic is not None)
 
@@ -92,6 +98,7 @@ def policy(scenario: Scenario) -> ET.ElementTree:
         answered = [f"~/{service}" for service in services(name)]
         _allow(profile, "services", "reply", "service", answered)
         names = sorted(topic.name for topic in subscribed(name, scenario))
+        names += sorted(states_heard(name, scenario))
         _allow(profile, "topics", "subscribe", "topic", names)
         names = sorted(topic.name for topic in published(name, scenario))
         _allow(profile, "topics", "publish", "topic", [*COMMON_PUBLISHED, *names])

@@ -1,0 +1,104 @@
+"""What a parameter file says to each node of a graph, checked before the first one starts."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from isogal.errors import InputError
+from isogal.scenario import Scenario
+from isogal.yaml_text import parse_yaml
+from isogal_ros.graph.plan import node_class
+from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
+from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.values import scenario_from, settings_from
+
+Document = dict[str, Mapping[str, Any]]
+"""Parameters by the pattern of the nodes' names."""
+
+
+def read_parameters(path: str, where: str) -> Document:
+    """Return the sections of a parameter file; raises InputError, which begins with `where`."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: is not a text in UTF-8 ({error.reason})") from None
+    document = parse_yaml(text, where)
+    if not isinstance(document, dict) or not all(
+        isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
+        for entry in document.values()
+    ):
+        raise InputError(f"{where}: must map names of nodes, or /**, to ros__parameters")
+    return {str(name): entry["ros__parameters"] for name, entry in document.items()}
+
+
+def values_of(document: Document, full_name: str) -> dict[str, Any]:
+    """Return what a file says to a node, by dotted name; what comes later counts."""
+    values: dict[str, Any] = {}
+    for pattern, parameters in document.items():
+        if _matches(pattern, full_name):
+            values |= _leaves(parameters)
+    return {name: value for name, value in values.items() if not name.startswith(OF_RCLPY)}
+
+
+def scenario_of(
+    document: Document, full_name: str, where: str, keys: Mapping[str, Any] | None = None
+) -> Scenario:
+    """Return the scenario that a file tells a node, whatever sections it has, with some keys
+    changed; raises InputError, which begins with `where`."""
+    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
+    sections = {name.partition(".")[0] for name in specs}
+    values = values_of(document, full_name) | dict(keys or {})
+    of_scenario = {
+        name: value for name, value in values.items() if name.partition(".")[0] in sections
+    }
+    return scenario_from(_fields(of_scenario, specs), where)
+
+
+def check_node(document: Document, name: str, full_name: str, where: str) -> None:
+    """Raise InputError where a file tells a node what it would refuse."""
+    kind = node_class(name)
+    own = parameter_specs(kind.settings_model)
+    specs = own + parameter_specs(Scenario, sections=kind.sections)
+    known = {spec.name for spec in parameter_specs(Scenario)}
+    try:
+        values = known_overrides(values_of(document, full_name), specs, known)
+    except InputError as error:
+        raise InputError(f"{where}: {name}: {error}") from None
+    names = {spec.name: spec for spec in own}
+    told = {key: value for key, value in values.items() if key in names}
+    settings_from(kind.settings_model, _fields(told, names), f"{where}: {name}")
+
+
+def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
+    """Return the model's values; what is no parameter stays as it is."""
+    return {
+        name: specs[name].to_field(specs[name].cast(value))
+        if name in specs and not isinstance(value, dict)
+        else value
+        for name, value in values.items()
+    }
+
+
+def _leaves(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return values by dotted name; those inside a parameter that holds YAML stay together."""
+    yaml = {spec.name for spec in parameter_specs(Scenario)}
+    values: dict[str, Any] = {}
+    for key, value in document.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict) and name not in yaml:
+            values |= _leaves(value, f"{name}.")
+        else:
+            values[name] = value
+    return values
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    """Whether a section of a parameter file is a node's: ``*`` stands for one part of its name,
+    ``**`` for any number."""
+    wild = {"*": "/[^/]+", "**": "(/[^/]+)*"}
+    parts = (wild.get(part, f"/{re.escape(part)}") for part in pattern.strip("/").split("/"))
+    return re.fullmatch("".join(parts), full_name) is not None

@@ -1,0 +1,112 @@
+"""A node that is deactivated counts for the lock-step as one that is gone, until it is activated
+again."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from isogal_ros import topics
+from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.spin import make_executor
+
+PATIENCE = 60.0
+
+
+class Graph:
+    """The nodes of a graph in this process, and what the simulator has logged."""
+
+    def __init__(self, plan: Plan, context: Any) -> None:
+        self.executor, self.nodes = make_executor(context), {}
+        for name in plan.names:
+            self.nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
+            self.executor.add_node(self.nodes[name])
+        self.simulator = self.nodes[topics.INS_SIM]
+        self.logged: list[tuple[bytes, str]] = []
+        log = self.simulator.health._log
+
+        def note(level: bytes, text: str) -> None:
+            self.logged.append((level, text))
+            log(level, text)
+
+        self.simulator.health._log = note
+
+    def spin(self, condition: Callable[[], Any], what: str) -> None:
+        """Spin until a condition holds."""
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert not self.simulator.exit_code, self.simulator.failure
+            assert time.monotonic() < end, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def steps(self, count: int, what: str) -> None:
+        """Spin until some more steps have come."""
+        last = self.simulator.step + count
+        self.spin(lambda: self.simulator.step >= last, what)
+
+
+@pytest.fixture(scope="module")
+def graph(scenario) -> Iterator[Graph]:
+    plan = Plan(scenario("route.duration=1500.0"), None)
+    with claim_domain() as domain, local_context(domain) as context:
+        made = Graph(plan, context)
+        try:
+            yield made
+        finally:
+            for node in made.nodes.values():
+                made.executor.remove_node(node)
+                node.close()
+
+
+@pytest.mark.parametrize("name", [topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION])
+def test_the_simulation_goes_on_without_it_and_with_it_again(graph, name) -> None:
+    before = graph.simulator._successors._forgotten
+    node, words = graph.nodes[name], f"goes on without {name}, which is not active"
+    graph.steps(70, "the first steps")
+    node.trigger_deactivate()
+    graph.steps(30, f"steps without {name}")
+    if name == topics.GRAVIMETER:  # one that is configured anew has other publishers
+        node.trigger_cleanup()
+        node.trigger_configure()
+        graph.steps(30, f"steps without {name}")
+    assert graph.logged.count((WARN, words)) == 1
+    assert node.health.figures["ready"] is False
+    assert graph.simulator._successors._forgotten <= before + 1
+    node.trigger_activate()
+    health = graph.simulator.health
+    followers = graph.simulator._successors
+    graph.spin(lambda: not (health._concerns or followers._changed), f"the answers of {name}")
+    # as long as it lasts until all have found their way back, and no step is let go any more
+    graph.steps(70, f"steps with {name}")
+    forgotten = health.figures["steps not waited for"]
+    graph.steps(130, f"whole batches with {name}")
+    assert health.figures["steps not waited for"] == forgotten
+    assert not followers._answers.absent()
+    if name != topics.GRAVIMETER:  # configured anew it looks for its listeners anew
+        assert node.health.figures["ready"] is True
+
+
+def test_deactivated_for_less_than_anybody_notices(graph) -> None:
+    graph.steps(1, "steps")
+    node = graph.nodes[topics.GRAVIMETER]
+    node.trigger_deactivate()
+    end = time.monotonic() + 0.3
+    graph.spin(lambda: time.monotonic() > end, "some time")
+    node.trigger_activate()
+    graph.steps(100, "steps afterwards")
+
+
+def test_the_simulator_itself(graph) -> None:
+    graph.steps(1, "steps")
+    node = graph.simulator
+    node.trigger_deactivate()
+    step, end = node.step, time.monotonic() + 0.5
+    graph.spin(lambda: time.monotonic() > end, "some time")
+    assert node.step == step
+    forgotten = node.health.figures.get("steps not waited for", 0)
+    node.trigger_activate()
+    graph.steps(100, "steps afterwards")
+    assert node.health.figures.get("steps not waited for", 0) == forgotten
