@@ -13,7 +13,6 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.tracks.integrated.noise_models import Correlation, NoiseModels
 
-
 _ROUNDING = 1e-9
 """Of the largest eigenvalue of a covariance, by which the least may be below 0."""
 
@@ -23,8 +22,8 @@ class Surroundings:
     """What noise models need to know of a batch's rows."""
 
     distance: Array
-    """(p, p) m, between points; where the map's error holds together over lengths of its own, times the map's
-    usual one over them."""
+    """(p, p) m, between points; where the map's error holds together over lengths of its own,
+    times the map's usual one over them."""
     known: Array
     """(m, m) W."""
     shapes: dict[str, Array]
