@@ -108,16 +108,8 @@ def test_any_track_gives_a_result_or_one_line(
     map_file, tmp_path, shape, count, readings, off, length, more, seed
 ):
     write_track(tmp_path / "track.csv", shape, count, readings, off, seed)
-    words = (
-        "--track",
-        tmp_path / "track.csv",
-        "--track-unit",
-        "mGal",
-        "--sensor-sigma",
-        "1mGal",
-        "--json",
-    )
-    options = ("--batch-length", length, "--prior-sigma", 1000, *more)
+    words = ("--track", tmp_path / "track.csv", "--track-unit", "mGal", "--json")
+    options = ("--sensor-sigma", "1mGal", "--batch-length", length, "--prior-sigma", 1000, *more)
     status, out, err = call("match", "--map", map_file, *words, *options)
     assert "Traceback" not in err
     if status:
