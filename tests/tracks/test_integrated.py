@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from helpers.batches import make_batch
+from helpers.batches import ORIGIN, make_batch
 from helpers.tracks import field_of, made_track
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
@@ -199,3 +200,48 @@ def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
     found_mean, found = posterior.moments
     np.testing.assert_allclose(found_mean, mean)
     assert (np.linalg.eigvalsh(found - covariance) > 0.0).all()
+
+
+def _there_and_back(scans, width):
+    """A batch whose track goes to and fro, north and south, and slowly east."""
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=scans, velocity=(0.0, 0.1))
+    step = np.arange(scans)
+    north = 0.1 * width * np.where(step % 20 < 10, step % 20, 20 - step % 20)
+    return replace(batch, latitude=batch.latitude[0] + north / metres_per_radian(ORIGIN[0])[0])
+
+
+def test_errors_of_averaged_readings_have_a_covariance():
+    """Some correlation functions of averaged distances are no covariances: those of smooth errors
+    had eigenvalues down to -0.03 here, with a nugget."""
+    shifts, weight = np.zeros((1, 2)), np.ones(1)
+    for scans, width, per_row, length in (
+        (60, 300.0, 1, 500.0),
+        (400, 500.0, 4, 500.0),
+        (1500, 1e3, 7, 2e3),
+    ):
+        readings = readings_of(_there_and_back(scans, width), continued(DISTURBANCE, 5000.0))
+        assert (readings.average > 0.0).sum(axis=1).max() == per_row
+        around = surroundings(readings, shifts, weight)
+        model = Correlation(length, smooth=True)
+        covariance = around.map_covariance(model, "even")
+        assert covariance.shape == (len(readings),) * 2
+        assert np.linalg.eigvalsh(covariance)[0] > 0.0
+        if per_row == 4:  # and four points to a row: every reading is one
+            each = model.matrix(readings.distance, np.ones(scans))
+            np.testing.assert_allclose(
+                covariance, readings.average @ each @ readings.average.T, rtol=1e-12, atol=0.0
+            )
+        left = np.arange(len(readings)) % 5 != 2
+        some = surroundings(readings.without(~left), shifts, weight)
+        expected = covariance[np.ix_(left, left)]
+        np.testing.assert_allclose(some.map_covariance(model, "even"), expected)
+        first = around.part(7).map_covariance(model, "even")
+        np.testing.assert_allclose(first, covariance[:7, :7])
+
+
+def test_what_is_no_covariance_is_not_taken_for_one():
+    distance = np.array([[0.0, 1.0, 9e4], [1.0, 0.0, 1.0], [9e4, 1.0, 0.0]])  # of no places
+    around = Surroundings(distance, 1e-2 * np.eye(3), {"even": np.ones(3), "gradient": np.ones(3)})
+    models = noise_models(Told(), own_sigma=False, spread=10.0)
+    with pytest.raises(np.linalg.LinAlgError, match="no covariance"):
+        log_likelihoods(np.zeros((3, 1)), models, around)

@@ -41,7 +41,13 @@ FIXED, DECLINED = a_match(), a_match("ambiguous: 2 places fit")
 
 def test_keys_of_objects_with_and_without_a_fix():
     fixed, none = as_objects([FIXED, DECLINED])
-    assert list(fixed) == ["time", "latitude", "longitude", "covariance_enu", "status", "reason"]
+    own = ["time", "latitude", "longitude", "covariance_enu", "status", "reason"]
+    with_prior = [f"with_prior_{name}" for name in own[1:4]]
+    assert list(fixed) == own + with_prior
+    assert fixed.pop("with_prior_latitude") == pytest.approx(-36.5 - 0.001, abs=3e-6)  # 111 m
+    assert fixed.pop("with_prior_longitude") == -170.0
+    assert fixed.pop("with_prior_covariance_enu") == [[1.0, 0.0], [0.0, 1.0]]
+    assert none["with_prior_covariance_enu"] == [[1.0, 0.0], [0.0, 1.0]]
     assert fixed == {
         "time": 12.5,
         "latitude": -36.5,
@@ -62,6 +68,7 @@ def test_chained_objects_hold_the_aided_position():
     )  # an error of 111 m north
     assert entry["aided_longitude"] == -170.0
     assert entry["aided_covariance_enu"] == [[1.0, 0.0], [0.0, 1.0]]
+    assert not any(name.startswith("with_prior") for name in entry)
 
 
 def test_json_is_an_array_without_nan():

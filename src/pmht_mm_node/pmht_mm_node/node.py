@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, ClassVar
 
+from isogal.errors import InputError
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
+from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
@@ -133,12 +135,10 @@ class PmhtMmNode(GraphNode):
             return declined(batch, f"the first batch is not whole: it has {len(batch)} scans")
         try:
             near = self._near(self._lead, batch)
-            fix, self._memory = self._matcher.match(batch, near, self._memory)
-            self._batches.learn(fix)
-        except Exception as error:
-            reason = f"the matcher failed: {type(error).__name__}: {error}"
-            self.get_logger().error(reason)
-            fix, self._memory = declined(batch, reason), None
+        except InputError as error:
+            return declined(batch, f"no map around the batch: {error}")
+        fix, self._memory = match_or_decline(self._matcher, batch, near, self._memory)
+        self._batches.learn(fix)
         return fix
 
 

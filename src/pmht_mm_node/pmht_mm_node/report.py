@@ -1,6 +1,7 @@
 """What the node says of its batches: log, diagnostics, figures."""
 
 from isogal.fields.measured import unlikely_sigmas
+from isogal.matching.failures import has_failed
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -23,7 +24,7 @@ class Report:
     def __init__(self, node: GraphNode) -> None:
         self._health, self._logger = node.health, node.get_logger()
         self._verdict = Verdict()
-        self._fixes = self._declined = 0
+        self._fixes = self._declined = self._failed = 0
         for text in unlikely_sigmas(node.scenario):
             self._logger.warning(text)
 
@@ -32,9 +33,11 @@ class Report:
         figures."""
         self._fixes += fix.published
         self._declined += not fix.published
+        self._failed += has_failed(fix.reason)
         self._health.figures |= {
             "fixes published": self._fixes,
             "fixes declined": self._declined,
+            "matcher failures": self._failed,
         }
         self._verdict.take(fix)
         if self._verdict.found:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from isogal.matching.failures import has_failed
 from isogal.matching.interfaces import Fix
 from isogal.matching.pmht.constants import CONSTANTS
 from isogal_ros.messages.stamps import to_seconds
@@ -26,7 +27,7 @@ class Verdict:
         self.text = "matching"
         self.found = False
         """Whether the last batch has found a navigator that was lost."""
-        self._without = self._misfits = 0
+        self._without = self._misfits = self._failures = 0
         self._lost = False
         self._agreed: int | None = None
         """Fixes since it was found; None = it was not lost."""
@@ -36,6 +37,7 @@ class Verdict:
         self.found = fix.published and (self._lost or fix.reset)
         self._lost = (self._lost or fix.reset) and not fix.published
         self._without = 0 if fix.published else self._without + 1
+        self._failures = self._failures + 1 if has_failed(fix.reason) else 0
         misfit = not fix.published and MISFIT in (fix.reason or "")
         self._misfits = self._misfits + 1 if misfit else 0
         self._count(fix)
@@ -60,9 +62,9 @@ class Verdict:
             return WARN, "the navigator was lost and has been told where it is"
         if "search_readings" in fix.diagnostics:
             return WARN, "the navigator may be lost: its place is being searched for"
-        if self._misfits >= FEW or self._without >= MANY:
+        if max(self._misfits, self._failures) >= FEW or self._without >= MANY:
             return ERROR, why
-        if self._misfits or self._without >= FEW:
+        if self._misfits or self._failures or self._without >= FEW:
             return WARN, why
         if (doubt := _doubt(fix)) is not None:
             return WARN, doubt

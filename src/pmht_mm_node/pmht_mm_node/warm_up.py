@@ -8,6 +8,7 @@ import numpy as np
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
+from isogal.matching.failures import match_or_decline
 from isogal.matching.registry import build_matcher
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -40,4 +41,4 @@ def _match(scenario: Scenario, field_map: RouteMap) -> None:
         )
     sigma = np.array([100.0, 100.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4])
     batch = builder.build(np.diag(sigma**2))
-    matcher.match(batch, field_map.near(batch.latitude, batch.longitude), None)
+    match_or_decline(matcher, batch, field_map.near(batch.latitude, batch.longitude), None)

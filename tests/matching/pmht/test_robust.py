@@ -169,10 +169,14 @@ class Vague:
         ), None
 
 
-def test_a_fix_far_less_certain_than_the_prior_is_none():
+def test_a_fix_less_certain_than_the_prior_is_none():
     track, _, _ = made_track(DISTURBANCE, count=30)
     prior = Uncertainty(position=1000.0)
     empty = match_track(track, DISTURBANCE, Matcher(), prior, matcher=Vague((6e3, 1e5)))[0].fix
-    assert empty.reason == "tells next to nothing: 1-sigma of 6 km and more, where 1 km were known"
-    one_way = match_track(track, DISTURBANCE, Matcher(), prior, matcher=Vague((300.0, 1e5)))[0].fix
-    assert one_way.published
+    assert empty.reason == "wider than the prior: 1-sigma of 100 km where 1 km were known"
+    (one_way,) = match_track(track, DISTURBANCE, Matcher(), prior, matcher=Vague((300.0, 1e5)))
+    assert one_way.fix.reason == empty.reason
+    # but it tells something
+    assert np.sqrt(one_way.covariance[0, 0]) == pytest.approx(300.0, rel=0.05)
+    good = match_track(track, DISTURBANCE, Matcher(), prior, matcher=Vague((300.0, 999.0)))[0].fix
+    assert good.published

@@ -124,10 +124,12 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
     class Broken:
         context = 0
 
-        def match(*_):
+        def match(self, batch, field_map, memory):
             raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(matcher_bench.node, "_matcher", Broken())
+    node = matcher_bench.node
+    monkeypatch.setattr(node, "_matcher", Broken())
+    monkeypatch.setattr(node, "_memory", "of earlier batches")
     for scan in range(1, 7):
         drive(scan)
     matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
@@ -139,7 +141,11 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
         for item in array.status
         if item.name.endswith("batch")
     ]
-    assert batch[0].message == "the matcher failed: ZeroDivisionError: division by zero"
+    assert batch[0].message.startswith("the matcher failed: ZeroDivisionError: division by zero (")
+    assert node._memory == "of earlier batches"
+    level, text, figures = matcher_bench.says()[-1]
+    assert level == WARN and text.startswith("1 batches without a fix: the matcher failed: ")
+    assert (figures["fixes declined"], figures["matcher failures"]) == ("1", "1")
 
 
 def test_settings_may_change_between_batches(matcher_bench) -> None:

@@ -9,6 +9,7 @@ from pmht_mm_node.verdict import AGREED, FEW, MANY, Verdict, line
 
 GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
 FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
+FAILED = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "the matcher failed: LinAlgError: Singular")
 MISFIT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "readings and map do not agree")
 LOST = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "do not agree; navigator lost", reset=True)
 SEARCH = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"search_readings": 2.0})
@@ -20,6 +21,7 @@ DOUBT = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={
 @pytest.mark.parametrize(("fixes", "levels"), [
     ([GOOD, FLAT, GOOD], [OK, OK, OK]),
     ([FLAT] * MANY, [OK] * (FEW - 1) + [WARN] * (MANY - FEW) + [ERROR]),
+    ([FAILED] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
     ([MISFIT] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
     ([LOST, FLAT, *[GOOD] * (AGREED + 1)], [ERROR, ERROR, *[WARN] * AGREED, OK]),
     ([LOST, *[GOOD] * AGREED, MISFIT, *[GOOD] * AGREED], [ERROR, *[WARN] * (2 * AGREED), OK]),

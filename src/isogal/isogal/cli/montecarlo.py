@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isogal.cli.errors import INTERRUPTED, fail
+from isogal.cli.errors import INTERRUPTED, fail, note
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import ScenarioChoice, StudyResults, Workers
 
@@ -142,4 +142,6 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     table.add_row("fixes, declined", f"{fixes['published']}, {fixes['declined']}", "")
     console = Console()
     console.print(table)
+    if failed := fixes["failed"]:
+        note(f"the matcher failed on {failed} batches; the report says why")
     console.print(f"{page}", highlight=False, soft_wrap=True)

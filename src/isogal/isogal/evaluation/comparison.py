@@ -36,6 +36,7 @@ _MERITS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("diverged", ("diverged",)),
     ("fixes published", ("fixes", "published")),
     ("fixes declined", ("fixes", "declined")),
+    ("of these the matcher failed", ("fixes", "failed")),
     ("computing time of a fix (ms)", ("time", "fix_ms_median")),
 )
 

@@ -13,6 +13,7 @@ from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
+from isogal.matching.failures import has_failed
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
@@ -64,7 +65,7 @@ def summarise(
     if bound_rms.shape != runs.time.shape:
         raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
-    settled, published, astray = runs.elapsed > SETTLED_AFTER, runs.published, diverged(runs)
+    settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     result = {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
@@ -79,7 +80,7 @@ def summarise(
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         **_consistency(runs, astray, scenario),
-        "fixes": {"published": int(published.sum()), "declined": int((~published).sum())},
+        "fixes": _fixes(runs),
         "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
         "rms_over_time": _rms_over_time(runs, bound_rms),
     }
@@ -94,6 +95,15 @@ def _consistency(runs: Runs, astray: Booleans, scenario: Scenario) -> dict[str, 
         "judgement": judge(runs, astray).as_json(),
         "integrity": integrity(runs, scenario.integrity),
     }
+
+
+def _fixes(runs: Runs) -> dict[str, int]:
+    """Return how many batches gave a fix and how many did not; on how many of these the matcher
+    has failed (`isogal.matching.failures`)."""
+    every = [reason for reasons in runs.fix_reason for reason in reasons]
+    published = sum(reason is None for reason in every)
+    failed = sum(map(has_failed, every))
+    return {"published": published, "declined": len(every) - published, "failed": failed}
 
 
 def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:

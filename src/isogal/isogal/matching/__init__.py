@@ -14,6 +14,7 @@
     several                matchers of several fields as one
     joint_batches          from scans of several fields to batches with a common end
     usability              whether a batch can be used at all
+    failures               a matcher that raises declines the batch
     monitoring             what watches a matcher, and what it may ask of it
     information            from a posterior back to what the measurements alone said
     local_plane            north and east metres about a place

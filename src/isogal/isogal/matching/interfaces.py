@@ -327,8 +327,8 @@ class Matcher(Protocol):
         The map is a `FieldMap`; for readings of several channels a `ChannelMap`, which not every
         matcher takes (`takes_channels`).
 
-        Pure: the same batch, map and memory give the same fix. Never raises on odd data: it
-        declines with a reason.
+        Pure: the same batch, map and memory give the same fix. Should not raise on odd
+        data but decline with a reason; those who ask it decline for it (`failures`).
         """
         ...
 

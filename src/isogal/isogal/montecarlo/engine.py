@@ -26,6 +26,7 @@ from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
+from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
@@ -208,7 +209,8 @@ class _ClosedLoop:
         task = self.batches[run].build(self.state.batch_prior[run], self._near)
         start = clock.perf_counter()
         near = self._near(self.lead, task)
-        fix, self.memories[run] = self.matcher.match(task, near, self.memories[run])
+        memory = self.memories[run]
+        fix, self.memories[run] = match_or_decline(self.matcher, task, near, memory)
         self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
         self.batches[run].learn(fix)
         return fix

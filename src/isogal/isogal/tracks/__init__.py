@@ -14,6 +14,7 @@ Matching
 - `batches`: where do batches end, and what does a matcher get for each?
 - `fields`: what has been read along a track, of one field or several?
 - `matching`: which fixes does a track give, batch by batch?
+- `informative`: does a fix say anything as a position?
 - `integrated/`: what does a rigid batch say when nobody knows the noise?
 - `map_error`: how wrong is a map, by tracks whose positions are known?
 

@@ -90,6 +90,9 @@ def _fixes(matches: Sequence[Match]) -> Table:
             ]
         else:
             row += ["–", "–", "–", "–", str(fix.reason)]
+        latitude, longitude = np.degrees(match.position)
+        axes = np.sqrt(np.linalg.eigvalsh(match.covariance[:2, :2]))
+        row[-1:-1] = [f"{latitude:.5f}, {longitude:.5f}", f"{number(axes[1])} × {number(axes[0])}"]
         rows.append(row)
     header = (
         "time (s)",
@@ -97,9 +100,11 @@ def _fixes(matches: Sequence[Match]) -> Table:
         "longitude (deg)",
         "long half-axis, 1σ (m)",
         "short half-axis, 1σ (m)",
+        "with the prior (deg)",
+        "its half-axes, 1σ (m)",
         "no fix because",
     )
-    return Table("Fixes, from the measurements alone", header, rows)
+    return Table("Fixes, from the measurements alone, and positions with the prior", header, rows)
 
 
 def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:

@@ -21,7 +21,6 @@ No reading counts twice: the rows that a matcher gets as context are conditioned
 information of an ambiguous batch, which is carried on as hypotheses, is published with the batch
 that resolves it."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,20 +31,19 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.fusion.fix import apply_fix
 from isogal.maps.tiled_map import ScalarMap
+from isogal.matching.failures import has_failed, match_or_decline
 from isogal.matching.information import informed, position_information
-from isogal.matching.interfaces import Batch, Fix, Information, Matcher, declined
+from isogal.matching.interfaces import Batch, Fix, Information, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import batch_ends, between_batches
 from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
+from isogal.tracks.informative import contradicts, wider_than, without_fix
 from isogal.tracks.integrated.matcher import RIGID, IntegratedMatcher
 from isogal.tracks.integrated.search import ShiftPosterior
 from isogal.tracks.track import Track
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
-_EMPTY = 5.0
-"""A fix whose least 1-sigma is this many times the prior's largest is declined: it narrows no
-direction by more than 2 %."""
 _LONGEST = 4
 """Batches that an unresolved one may grow to: its readings are matched again with the next."""
 _LEAST_VELOCITY = 1e-6
@@ -97,7 +95,8 @@ class Match:
     """Result of one batch of a track."""
 
     fix: Fix
-    """From the measurements of the batch alone."""
+    """From the measurements of the batch alone; declined where they say less of the place than the
+    prior, or contradict it."""
     rows: slice
     """The new readings of the batch, indices into the track."""
     error: Array
@@ -202,17 +201,23 @@ def _matched(
             for one, jacobian in zip(fields, jacobians, strict=True)
         ]
         batch, near = joint_batch(fields, batches, edge=not integrated)
-        fix, memory = matching.match(batch, near, memory)
+        before = memory
+        fix, memory = match_or_decline(matching, batch, near, memory)
         known = _TrackError(batch, error, covariance)
-        apply_fix(fix := _unless_empty(fix, batch), known)
+        fix, counted = _judged(fix, batch, prior)
+        apply_fix(counted, known)
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        shifts = memory.posterior if integrated else None
+        shown = integrated and not has_failed(fix.reason)
+        shifts = memory.posterior if shown else None
         rows = slice(previous, end)
         matches.append(Match(fix, rows, known.error, known.covariance, *here, shifts))
-        if fix.published or end - unresolved >= _LONGEST * settings.batch_length:
+        told = counted if chained else fix
+        if told.published or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
+        elif counted.published and integrated:  # these readings will be matched again
+            memory = replace(memory, log_weight=before.log_weight if before else ())
         if progress is not None:
             progress(len(matches), len(ends))
     return matches
@@ -231,19 +236,20 @@ def _bend(track: Track, ends: Sequence[int], uncertainty: Uncertainty) -> float:
     return float(uncertainty.velocity * longest)
 
 
-def _unless_empty(fix: Fix, batch: Batch) -> Fix:
-    """Return the fix; declined if it is far less certain than the prior in every direction."""
+def _judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
+    """Return a fix as it is published, and as it counts for the track's error: one that is wider
+    than the prior (4, 4) still tells something of it, one that contradicts it does not."""
     if not fix.published:
-        return fix
-    known = math.sqrt(float(np.linalg.eigvalsh(batch.prior[:2, :2])[-1]))
-    least = math.sqrt(float(np.linalg.eigvalsh(fix.covariance)[0]))
-    if least < _EMPTY * known:
-        return fix
-    reason = (
-        f"tells next to nothing: 1-sigma of {least / 1e3:.0f} km and more, where {known / 1e3:.3g}"
-        " km were known"
-    )
-    return replace(declined(batch, reason, **fix.diagnostics), reset=fix.reset)
+        return fix, fix
+    if reason := contradicts(fix, batch):
+        none = without_fix(fix, batch, reason)
+        return none, none
+    widening = 0.0 if fix.widening is None else fix.widening[:2, :2]
+    # of chained batches what is known now may be more or less than at the start
+    least, most = sorted((prior[:2, :2], batch.prior[:2, :2]), key=np.trace)
+    if wider_than(fix, least + widening) and (reason := wider_than(fix, most + widening)):
+        return without_fix(fix, batch, reason), fix
+    return fix, fix
 
 
 @dataclass(slots=True, eq=False)

@@ -33,8 +33,9 @@ def as_objects(
     """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
     (None = no fix), status, reason.
 
-    Without a fix the position is that of the track. Objects of chained batches also hold the
-    aided position and its covariance, from all fixes so far. Where noise was integrated out they
+    Without a fix the position is that of the track. Objects also hold the position and its
+    covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
+    (`aided_*`). Where noise was integrated out they
     hold what was estimated, in units of which one has `factor` units inside, and m. `line` is
     that of the track's file. `others` are the factors of further fields by name, of which
     NAME_estimated is told."""
@@ -54,10 +55,9 @@ def _object(
         "status": FIX if fix.published else NO_FIX,
         "reason": fix.reason,
     }
-    if chained:
-        place = _place(*match.position)
-        result["aided_latitude"], result["aided_longitude"] = place["latitude"], place["longitude"]
-        result["aided_covariance_enu"] = _enu(match.covariance[:2, :2])
+    name = "aided" if chained else "with_prior"
+    result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
+    result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
     numbers = fix.diagnostics
     if match.shifts is None:
         return result

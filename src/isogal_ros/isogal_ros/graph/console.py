@@ -84,6 +84,8 @@ class Console:
             terminal.print(f"This run: {', '.join(faults)}")
         median = took["fix_ms_median"]
         each = "" if median is None else f", {median:.1f} ms each (median)"
+        if fixes["failed"]:
+            each += f"; the matcher failed on {fixes['failed']} batches"
         terminal.print(
             f"Fixes: {fixes['published']} published, {fixes['declined']} declined{each}; wall time"
             f" {took['wall_s']:.1f} s"

@@ -10,8 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.tracks.integrated.noise_models import Correlation, NoiseModels
+
+_ROUNDING = 1e-9
+"""Of the largest eigenvalue of a covariance, by which the least may be below 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,30 +22,50 @@ class Surroundings:
     """What noise models need to know of a batch's rows."""
 
     distance: Array
-    """(m, m) m; where the map's error holds together over lengths of its own, times the map's
-    usual one over them."""
+    """(p, p) m, between points; where the map's error holds together over lengths of its own,
+    times the map's usual one over them."""
     known: Array
     """(m, m) W."""
     shapes: dict[str, Array]
     """(m,) 1-sigma of the map's error along the track by each shape, for a scale of 1."""
     alike: Array | float = 1.0
-    """(m, m) factor of the correlations: below 1 where lengths differ from row to row."""
+    """(p, p) factor of the correlations: below 1 where lengths differ from row to row."""
+    point_row: Integers | None = None
+    """(p,) row of each point, in order; None = points are rows. The covariance of rows is that of
+    their points averaged."""
 
     def part(self, rows: int) -> "Surroundings":
         """Return what they need to know of the first rows alone."""
-        alike = self.alike if isinstance(self.alike, float) else self.alike[:rows, :rows]
+        points, of = rows, self.point_row
+        if of is not None:
+            points = int(np.searchsorted(of, rows))
+            of = of[:points]
+        alike = self.alike if isinstance(self.alike, float) else self.alike[:points, :points]
         shapes = {name: shape[:rows] for name, shape in self.shapes.items()}
-        return Surroundings(self.distance[:rows, :rows], self.known[:rows, :rows], shapes, alike)
+        distance = self.distance[:points, :points]
+        return Surroundings(distance, self.known[:rows, :rows], shapes, alike, of)
 
     def map_covariance(self, correlation: Correlation, shape: str) -> Array:
         """Return K (m, m)."""
-        return self.alike * correlation.matrix(self.distance, self.shapes[shape])
+        of, deviation = self.point_row, self.shapes[shape]
+        at_points = deviation if of is None else deviation[of]
+        return row_means(self.alike * correlation.matrix(self.distance, at_points), of)
 
     def covariance(
         self, correlation: Correlation, shape: str, scale: float, offset: float
     ) -> Array:
         """Return R (m, m)."""
         return scale**2 * self.map_covariance(correlation, shape) + self.known + offset**2
+
+
+def row_means(covariance: Array, point_row: Integers | None) -> Array:
+    """Return (m, m) the covariance of rows by that of their points (p, p), averaged."""
+    if point_row is None or len(point_row) == point_row[-1] + 1:
+        return covariance
+    first = np.flatnonzero(np.diff(point_row, prepend=-1))
+    count = np.bincount(point_row)
+    sums = np.add.reduceat(np.add.reduceat(covariance, first, axis=0), first, axis=1)
+    return np.asarray(sums / np.outer(count, count))
 
 
 def log_likelihoods(residual: Array, models: NoiseModels, around: Surroundings) -> Array:
@@ -58,6 +81,8 @@ def log_likelihoods(residual: Array, models: NoiseModels, around: Surroundings) 
             covariance = around.map_covariance(correlation, shape)
             relative = inverse @ covariance @ inverse.T
             values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
+            if not values[0] >= -_ROUNDING * max(values[-1], 1.0):
+                raise np.linalg.LinAlgError("the map's errors at the rows have no covariance")
             rotated, level = vectors.T @ whitened, vectors.T @ ones
             precision = 1.0 / (models.scales[:, None] ** 2 * np.maximum(values, 0.0) + 1.0)
             along = ((precision * level) @ rotated) ** 2  # (scales, S)

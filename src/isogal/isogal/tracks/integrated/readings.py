@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.error_ellipses import joint
@@ -22,6 +22,8 @@ MOST_ROWS = 220
 _ENOUGH_ROWS = 90
 """With more, residuals closer together than the map's resolution are averaged: how errors are
 correlated over less than that is known least, and says least about the place."""
+_MOST_POINTS = 440
+"""Places by which rows are told apart, all together: the time grows with the square."""
 _RESOLUTION_NODES = 2.0
 """Nodes of a map between which it can tell."""
 _LEAST_ON_MAP = 0.05
@@ -35,7 +37,9 @@ _PLACES = 400
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """Rows are means of one or several neighbouring readings: the residual of a row is that of
-    its readings averaged, each with the map at its own place."""
+    its readings averaged, each with the map at its own place. What the errors of two rows have in
+    common is averaged likewise, over points: a covariance of averages is a covariance, a
+    correlation function of averaged distances is none."""
 
     map: ContinuedMap
     latitude: Array
@@ -50,8 +54,13 @@ class Readings:
     """(m, n) weights of the readings in each row."""
     white: Array
     """(m,) variance of each row's sensor noise and of the map's rounding."""
+    point: Array
+    """(p, n) weights of the readings in each of the points that stand for the rows: neighbouring
+    readings of one row, in the order of the rows."""
+    point_row: Integers
+    """(p,) row of each point."""
     distance: Array
-    """(m, m) m, between rows."""
+    """(p, p) m, between points."""
     first_new: int
     """Row of the first reading that no earlier batch has used."""
     off_map: int
@@ -88,21 +97,15 @@ class Readings:
         return field.error_ellipses is not None and field.correlation_length is not None
 
     def in_lengths(self, shifts: Array, weight: Array) -> tuple[Array, Array]:
-        """Return (m, m) distances between rows over the lengths by which the map's error holds
-        together there, times the map's usual one (m), and (m, m) the factor of correlations
+        """Return (p, p) distances between points over the lengths by which the map's error holds
+        together there, times the map's usual one (m), and (p, p) the factor of correlations
         (`isogal.maps.error_ellipses.joint`); with the mean ellipses over weighted shifts."""
         usual = self.map.field.correlation_length or 1.0
         ellipses = self._mean(self.map.field.error_ellipse_at, shifts, weight)
         ellipses[~(ellipses > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        apart = displacements(self.average @ self.latitude, self.average @ self.longitude)
-        metres = np.hypot(apart[..., 0], apart[..., 1])
-        metres[metres == 0.0] = np.inf
-        relative, alike = joint(apart, ellipses)
-        factor = relative / metres
-        # readings of one row lie in the direction of the next row
-        index = np.arange(len(factor))
-        factor[index, index] = factor[index, metres.argmin(axis=1)]
-        return usual * factor * self.distance, alike
+        apart = displacements(self.point @ self.latitude, self.point @ self.longitude)
+        relative, alike = joint(apart, ellipses[self.point_row])
+        return usual * relative, alike
 
     def _mean(self, at: Callable[[Array, Array], Array], shifts: Array, weight: Array) -> Array:
         """Return (m, k) the mean of k numbers (..., k) that are known of places, at each row over
@@ -118,6 +121,7 @@ class Readings:
         """Return the readings without some rows (m,)."""
         left = ~rows
         keep = self.average[left].sum(axis=0) > 0.0
+        points = left[self.point_row]
         return replace(
             self,
             latitude=self.latitude[keep],
@@ -126,7 +130,9 @@ class Readings:
             jacobian=self.jacobian[keep],
             average=self.average[np.ix_(left, keep)],
             white=self.white[left],
-            distance=self.distance[np.ix_(left, left)],
+            point=self.point[np.ix_(points, keep)],
+            point_row=(np.cumsum(left) - 1)[self.point_row[points]],
+            distance=self.distance[np.ix_(points, points)],
             first_new=int(left[: self.first_new].sum()),
         )
 
@@ -143,15 +149,15 @@ def readings_of(batch: Batch, continued_map: ContinuedMap) -> Readings:
     rows = np.flatnonzero(np.isfinite(batch.reading) & _may_be_on(batch, continued_map))
     new = int(np.searchsorted(rows, len(batch) - batch.new))
     latitude, longitude = batch.latitude[rows], batch.longitude[rows]
-    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-    distance = symmetric(np.hypot(apart[..., 0], apart[..., 1]))
-    per_row = _per_row(distance, continued_map)
+    per_row = _per_row(latitude, longitude, continued_map)
     first_new = math.ceil(new / per_row)
     row = np.arange(rows.size) // per_row
     row[new:] = first_new + np.arange(rows.size - new) // per_row
-    average = np.zeros((int(row.max(initial=-1)) + 1, rows.size))
-    average[row, np.arange(rows.size)] = 1.0
-    average /= average.sum(axis=1, keepdims=True)
+    average = _means(row)
+    each = math.ceil(per_row / max(1, _MOST_POINTS // max(len(average), 1)))
+    within = np.arange(rows.size) - np.searchsorted(row, row)
+    begins = np.diff(row, prepend=-1) + (within % each == 0) > 0
+    point = _means(np.cumsum(begins) - 1)
     rounding = continued_map.original.quantisation**2 / 12.0
     return Readings(
         map=continued_map,
@@ -161,18 +167,34 @@ def readings_of(batch: Batch, continued_map: ContinuedMap) -> Readings:
         jacobian=batch.reading_jacobian[rows, :2],
         average=average,
         white=average**2 @ (batch.sigma[rows] ** 2 + rounding),
-        distance=average @ distance @ average.T,
+        point=point,
+        point_row=row[begins],
+        distance=_distances(point @ latitude, point @ longitude),
         first_new=first_new,
         off_map=int(np.isfinite(batch.reading[-batch.new :]).sum()) - (rows.size - new),
     )
 
 
-def _per_row(distance: Array, continued_map: ContinuedMap) -> int:
-    """Return how many neighbouring readings make a row, by the distances (n, n) between them."""
-    count = len(distance)
+def _means(group: Integers) -> Array:
+    """Return (g, n) weights that average readings by the group that each belongs to (n,)."""
+    weights = np.zeros((int(group.max(initial=-1)) + 1, group.size))
+    weights[group, np.arange(group.size)] = 1.0
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _distances(latitude: Array, longitude: Array) -> Array:
+    """Return (p, p) m, between places (rad)."""
+    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
+    return symmetric(np.hypot(apart[..., 0], apart[..., 1]))
+
+
+def _per_row(latitude: Array, longitude: Array, continued_map: ContinuedMap) -> int:
+    """Return how many neighbouring readings make a row, by their places (n,), rad."""
+    count = len(latitude)
     original = continued_map.original
     node = math.sqrt(math.prod(original.cell_size_m(float(np.mean(original.latitude)))))
-    step = float(np.median(np.diag(distance, 1))) if count > 1 else math.inf
+    steps = horizontal_difference(latitude[:-1], longitude[:-1], latitude[1:], longitude[1:])
+    step = float(np.median(np.hypot(steps[..., 0], steps[..., 1]))) if count > 1 else math.inf
     resolved = round(_RESOLUTION_NODES * node / step) if step > 0.0 else count
     return max(1, math.ceil(count / MOST_ROWS), min(resolved, count // _ENOUGH_ROWS))
 

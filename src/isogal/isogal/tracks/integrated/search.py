@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.tracks.integrated.evidence import Surroundings, log_likelihoods
+from isogal.tracks.integrated.evidence import Surroundings, log_likelihoods, row_means
 from isogal.tracks.integrated.noise_models import GRADIENT_SHARE, NoiseModels
 from isogal.tracks.integrated.readings import Readings
 
@@ -238,7 +238,10 @@ def surroundings(readings: Readings, shifts: Array, weight: Array) -> Surroundin
     continued = readings.mean_square(doubt, shifts, weight)
     deviation = np.sqrt(continued)
     known = np.diag(readings.white + 1e-3 * continued)
-    known += np.outer(deviation, deviation) * np.exp(-readings.distance / _DOUBT_CORRELATION)
+    row = readings.point_row
+    at_points = deviation[row]
+    near = np.exp(-readings.distance / _DOUBT_CORRELATION)
+    known += row_means(np.outer(at_points, at_points) * near, row)
     own = np.ones(len(readings))
     if not isinstance(field.sigma, float):
         own = readings.mean_square(field, shifts, weight)
@@ -247,9 +250,9 @@ def surroundings(readings: Readings, shifts: Array, weight: Array) -> Surroundin
     mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * float(own.mean()) * gradient
     shapes = {"even": np.sqrt(own), "gradient": np.sqrt(mixed)}
     if not readings.own_lengths:
-        return Surroundings(readings.distance, known, shapes)
+        return Surroundings(readings.distance, known, shapes, point_row=row)
     distance, alike = readings.in_lengths(shifts, weight)
-    return Surroundings(distance, known, shapes, alike)
+    return Surroundings(distance, known, shapes, alike, row)
 
 
 def _normalised(log_density: Array) -> Array:

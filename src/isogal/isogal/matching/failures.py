@@ -1,0 +1,74 @@
+"""A batch that a matcher cannot cope with costs that batch, never the run.
+
+Readings and maps of the world outside hold what nobody has thought of: a matrix that is not
+positive definite, an array without elements. Whoever matches batches one after the other asks a
+matcher through `match_or_decline`: the Monte Carlo engine, the node and `isogal match`."""
+
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from isogal.matching.interfaces import Batch, Fix, Matcher, declined
+
+FAILED = "the matcher failed: "
+"""Begins the reason of a batch on which the matcher has raised an exception, or whose fix is not
+finite."""
+_NUMERICAL = ("numpy", "scipy", "numba")
+"""Packages whose own lines say nothing of where a matcher has failed."""
+
+
+def match_or_decline(
+    matcher: Matcher, batch: Batch, field_map: Any, memory: Any
+) -> tuple[Fix, Any]:
+    """Match a batch; where the matcher raises, decline it with the reason, and with the memory as
+    it was before.
+
+    Any exception counts, not those of arithmetic alone: which one a matrix or an empty array leads
+    to depends on the line that meets it first. The reason names the exception and that line, so
+    that a defect can be found. A fix that is published with numbers that are not finite, or with a
+    covariance that is none, counts as raised.
+
+    Parameters
+    ----------
+    matcher, batch, field_map, memory
+        See `interfaces.Matcher.match`.
+    """
+    try:
+        fix, after = matcher.match(batch, field_map, memory)
+        _check(fix)
+    except Exception as error:
+        text = " ".join(str(error).split())
+        words = f"{type(error).__name__}: {text}" if text else type(error).__name__
+        return declined(batch, f"{FAILED}{words}{_place(error.__traceback__)}"), memory
+    return fix, after
+
+
+def has_failed(reason: str | None) -> bool:
+    """Whether a batch's reason for no fix is that the matcher failed."""
+    return reason is not None and reason.startswith(FAILED)
+
+
+def _check(fix: Fix) -> None:
+    """Raise ValueError where a published fix is not a position with a covariance."""
+    if not fix.published:
+        return
+    told = fix.information
+    numbers = [np.array([fix.time, fix.latitude, fix.longitude]), fix.covariance.ravel()]
+    numbers += [] if told is None else [told.vector, told.matrix.ravel()]
+    if not np.isfinite(np.concatenate(numbers)).all():
+        raise ValueError("its fix is not finite")
+    (nn, ne), (_, ee) = fix.covariance
+    if not (nn > 0.0 and ee > 0.0 and nn * ee > ne**2):
+        raise ValueError("the covariance of its fix is not positive definite")
+
+
+def _place(trace: TracebackType | None) -> str:
+    """Return where an exception comes from: the last line outside of packages of numbers."""
+    where = ""
+    while trace is not None:
+        module = str(trace.tb_frame.f_globals.get("__name__", ""))
+        if module != __name__ and module.partition(".")[0] not in _NUMERICAL:
+            where = f" ({module}, line {trace.tb_lineno})"
+        trace = trace.tb_next
+    return where

@@ -1,0 +1,151 @@
+"""`isogal match` of any track: a result, or one line; never a traceback."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.command_line import answer, call
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.tracks.integrated.matcher import IntegratedMatcher
+
+HALF = 12e3
+NORTH, EAST = (math.radians(1.0) * metre for metre in metres_per_radian(ORIGIN[0]))
+
+
+def straight(step):
+    return 12.0 * step, 9.0 * step
+
+
+def repeated(step):
+    """Each place seven times."""
+    return straight(7 * (step // 7))
+
+
+def standing(step):
+    return 0.0 * step, 0.0 * step
+
+
+def loop(step):
+    return 2e3 * np.sin(0.05 * step), 2e3 * np.cos(0.05 * step)
+
+
+def there_and_back(step):
+    return 100.0 * np.where(step % 20 < 10, step % 20, 20 - step % 20), 1.0 * step
+
+
+def gap(step):
+    """A jump of 8 km half-way."""
+    return 5.0 * step, np.where(step > step.max() / 2, 4e3, -4e3)
+
+
+SHAPES = {shape.__name__: shape for shape in (straight, repeated, standing, loop, gap)} | {
+    "there_and_back": there_and_back
+}
+READINGS = {
+    "true": lambda true, random: true + random.normal(0.0, 1.0, true.size),
+    "constant": lambda true, random: np.full(true.size, 3.0),
+    "noise": lambda true, random: random.normal(0.0, 30.0, true.size),
+    "huge": lambda true, random: np.full(true.size, 1e6),
+    "one huge": lambda true, random: np.where(np.arange(true.size) == true.size // 2, 1e6, true),
+    "none": lambda true, random: np.where(np.arange(true.size) < 3, true, np.nan),
+}
+OFF = {"on": 0.0, "one off": 1.0, "half off": 2.0}
+
+
+@pytest.fixture(scope="module")
+def map_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("any") / "map.nc"
+    write_netcdf(field_map_of(wavy, half=HALF, step=500.0), path)
+    return path
+
+
+def write_track(path, shape, count, readings, off):
+    random = np.random.default_rng(count)
+    north, east = (np.asarray(axis, dtype=float) for axis in SHAPES[shape](np.arange(count)))
+    true = 1e5 * wavy(north, east)
+    value = READINGS[readings](true, random)
+    if off == "one off":
+        north = np.where(np.arange(count) == count // 3, 3.0 * HALF, north)
+    if off == "half off":
+        east = east - east.mean() + HALF
+    # the navigator was 600 m off
+    latitude, longitude = np.degrees(ORIGIN[0]) + (north + 600.0) / NORTH, east / EAST
+    rows = [
+        f"{10 * i},{a:.9f},{np.degrees(ORIGIN[1]) + o:.9f},{'' if np.isnan(v) else f'{v:.6g}'}"
+        for i, (a, o, v) in enumerate(zip(latitude, longitude, value, strict=True))
+    ]
+    path.write_text("\n".join(["time,latitude,longitude,value", *rows]) + "\n")
+
+
+@settings(
+    max_examples=8,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@example("there_and_back", 5000, "true", "on", "all", ())
+@example("there_and_back", 400, "constant", "one off", "all", ())
+@example("repeated", 300, "noise", "half off", "30", ("--velocity-sigma", 0.5))
+@example("standing", 200, "huge", "on", "all", ("--chain",))
+@example("straight", 2, "true", "on", "30", ())
+@given(
+    shape=st.sampled_from(sorted(SHAPES)),
+    count=st.sampled_from([3, 5, 31, 62, 95]),
+    readings=st.sampled_from(sorted(READINGS)),
+    off=st.sampled_from(sorted(OFF)),
+    length=st.sampled_from(["4", "30", "all"]),
+    more=st.sampled_from([(), ("--chain",), ("--velocity-sigma", 0.5)]),
+)
+def test_any_track_gives_a_result_or_one_line(
+    map_file, tmp_path, shape, count, readings, off, length, more
+):
+    write_track(tmp_path / "track.csv", shape, count, readings, off)
+    words = ("--track", tmp_path / "track.csv", "--track-unit", "mGal", "--json")
+    options = ("--sensor-sigma", "1mGal", "--batch-length", length, "--prior-sigma", 1000, *more)
+    status, out, err = call("match", "--map", map_file, *words, *options)
+    assert "Traceback" not in err
+    if status:
+        assert (status, out) == (2, "")
+        assert err.count("\n") == 1 and err.startswith("isogal: ")
+        return
+    fixes = json.loads(out)
+    assert fixes
+    for fix in fixes:
+        assert (fix["status"] == "fix") == (fix["reason"] is None)
+        # what ends in an exception is a defect, even if it costs one batch only
+        assert "the matcher failed" not in (fix["reason"] or "")
+        if fix["status"] == "fix":
+            widest = np.linalg.eigvalsh(fix["covariance_enu"])[-1]
+            assert 0.0 < math.sqrt(widest) <= 1000.0
+        name = "aided" if "--chain" in more else "with_prior"
+        assert np.linalg.eigvalsh(fix[f"{name}_covariance_enu"])[0] > 0.0
+
+
+def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_path, monkeypatch):
+    write_track(tmp_path / "track.csv", "straight", 90, "true", "on")
+    match, calls = IntegratedMatcher.match, []
+
+    def raising(self, batch, field_map, memory):
+        calls.append(memory)
+        if len(calls) % 3 == 1:  # the first batch: there is no memory yet
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        return match(self, batch, field_map, memory)
+
+    monkeypatch.setattr(IntegratedMatcher, "match", raising)
+    words = ("match", "--map", map_file, "--track", tmp_path / "track.csv")
+    words = (*words, "--track-unit", "mGal", "--sensor-sigma", "1mGal", "--prior-sigma", 1000)
+    fixes = json.loads(answer(*words, "--json", "--report", tmp_path / "report"))
+    assert len(fixes) == 3
+    reason = "the matcher failed: LinAlgError: Matrix is not positive definite ("
+    assert fixes[0]["reason"].startswith(reason)
+    assert calls[1] is None
+    assert reason in (tmp_path / "report" / "report.html").read_text()
+    assert not any("failed" in (fix["reason"] or "") for fix in fixes[1:])
+    assert " of 3 batches; the matcher failed on 1 of them" in answer(*words)
