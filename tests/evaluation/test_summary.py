@@ -27,7 +27,7 @@ CONTRACT = {
     "nees_all_scans": {"mean", "interval"},
     "judgement": {"share", "runs"},
     "integrity": {"risk", "run_hours", "correlation_time", "level", "exceedances", "alert_limit"},
-    "fixes": {"published", "declined", "failed"},
+    "fixes": {"published", "declined", "failed", "rejected"},
     "time": {"wall_s", "fix_ms_median"},
     "rms_over_time": {"time", "aided", "unaided", "bound"},
 }
@@ -107,7 +107,8 @@ def test_nees_is_that_of_the_navigator_after_published_fixes(make_runs):
     assert summarise(spoilt, Scenario(), np.ones(121))["nees_per_axis"]["mean"] > 1e3
     kept = summarise(with_declined(spoilt, 5), Scenario(), np.ones(121))
     assert kept["nees_per_axis"]["mean"] < 1.1
-    assert kept["fixes"] == {"published": 200 * 23, "declined": 200, "failed": 0}
+    fixes = {"published": 200 * 23, "declined": 200, "failed": 0, "rejected": 0}
+    assert kept["fixes"] == fixes
     assert np.isnan(posterior_nees(with_declined(runs, 5))[:, 5]).all()
 
 

@@ -66,7 +66,7 @@ def test_known_height_equals_filterpy():
         padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
     )  # down
     work = np.zeros(16), np.zeros(16)
-    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, reading_of(()), *work)
+    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, np.inf, reading_of(()), *work)
     np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
     np.testing.assert_allclose(
         padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9

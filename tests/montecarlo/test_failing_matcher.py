@@ -41,4 +41,4 @@ def test_a_matcher_that_raises_costs_one_batch_of_one_run():
     assert [first, *others] == ["nothing"] * 3
     assert failed.startswith("the matcher failed: LinAlgError: Matrix is not positive definite (")
     fixes = summarise(runs, SCENARIO, np.full(runs.time.shape, np.nan))["fixes"]
-    assert fixes == {"published": 0, "declined": 8, "failed": 1}
+    assert fixes == {"published": 0, "declined": 8, "failed": 1, "rejected": 0}

@@ -132,7 +132,7 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     fixes = json.loads((out / "summary.json").read_text())["fixes"]
-    assert fixes == {"published": 1, "declined": 0, "failed": 0}
+    assert fixes == {"published": 1, "declined": 0, "failed": 0, "rejected": 0}
     bag = (out / "bag" / "metadata.yaml").read_text()
     assert "gravimeter/free_air_anomaly" in bag
 

@@ -144,4 +144,6 @@ def _print(summary: dict[str, Any], page: Path) -> None:
     console.print(table)
     if failed := fixes["failed"]:
         note(f"the matcher failed on {failed} batches; the report says why")
+    if rejected := fixes["rejected"]:
+        note(f"the navigator rejected {rejected} fixes; the report says why")
     console.print(f"{page}", highlight=False, soft_wrap=True)

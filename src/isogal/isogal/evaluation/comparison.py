@@ -37,6 +37,7 @@ _MERITS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("fixes published", ("fixes", "published")),
     ("fixes declined", ("fixes", "declined")),
     ("of these the matcher failed", ("fixes", "failed")),
+    ("of these the navigator rejected", ("fixes", "rejected")),
     ("computing time of a fix (ms)", ("time", "fix_ms_median")),
 )
 

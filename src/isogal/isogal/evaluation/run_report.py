@@ -130,6 +130,7 @@ def _key_figures(summary: dict[str, Any]) -> Table:
         integrity_row(summary["integrity"]),
         ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
         ("Batches on which the matcher failed", str(fixes["failed"]), ""),
+        ("Fixes that the navigator rejected", str(fixes["rejected"]), ""),
         ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
         ("Wall time (s)", number(time["wall_s"]), ""),
     ]

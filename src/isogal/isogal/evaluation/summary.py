@@ -13,6 +13,7 @@ from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
+from isogal.fusion.gate import REJECTED
 from isogal.matching.failures import has_failed
 from isogal.scenario import Scenario
 
@@ -99,11 +100,16 @@ def _consistency(runs: Runs, astray: Booleans, scenario: Scenario) -> dict[str, 
 
 def _fixes(runs: Runs) -> dict[str, int]:
     """Return how many batches gave a fix and how many did not; on how many of these the matcher
-    has failed (`isogal.matching.failures`)."""
+    has failed (`isogal.matching.failures`) or the navigator rejected the fix (`fusion.gate`)."""
     every = [reason for reasons in runs.fix_reason for reason in reasons]
     published = sum(reason is None for reason in every)
     failed = sum(map(has_failed, every))
-    return {"published": published, "declined": len(every) - published, "failed": failed}
+    return {
+        "published": published,
+        "declined": len(every) - published,
+        "failed": failed,
+        "rejected": sum(reason is not None and reason.startswith(REJECTED) for reason in every),
+    }
 
 
 def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:

@@ -14,9 +14,6 @@ from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.rotations import cross_matrix, matrix
 from isogal.scenario import Velocity
 
-_GATE = (37.3, 41.4, 44.8)
-"""Normalised innovations squared of 1, 2 and 3 axes that one reading in 10^9 exceeds."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovation:
@@ -26,6 +23,8 @@ class Innovation:
     """Whether it was used; False = so far from what was expected that it cannot be right."""
     nis: float
     """Normalised innovation squared."""
+    allowed: float
+    """The largest that is used (`isogal.fusion.gate`)."""
     expected: Array
     """(m,) what the navigator expected in the measured axes."""
     measured: Array
@@ -56,7 +55,7 @@ def update_height(
     H[0, 2], H[0, FILTER_STATES:] = -1.0, contents
     expected = np.array([up + contents @ state.auxiliary[run]])
     R = np.array([[variance or model.height_sigma**2]])
-    return _applied(state, run, H, expected, np.array([height]), R)
+    return _applied(state, model, run, (H, expected), np.array([height]), R)
 
 
 def update_velocity(
@@ -87,30 +86,38 @@ def update_velocity(
     if np.linalg.norm(measured) < settings.standstill_speed:
         standing = np.eye(3) * settings.standstill_sigma**2
         H, expected = _at_rest(state, run)
-        return _applied(state, run, H, expected, np.zeros(3), standing)
+        return _applied(state, model, run, (H, expected), np.zeros(3), standing)
     H, expected = _through(state, model, run)
     if state.contradicted[run]:
-        return Innovation(False, 0.0, expected[axes], measured, contradicted=True)
+        allowed = model.gate(len(axes))
+        return Innovation(False, 0.0, allowed, expected[axes], measured, contradicted=True)
     R = np.eye(len(axes)) * settings.number("sigma") ** 2
     if covariance is not None:
         told = np.asarray(covariance)[np.ix_(axes, axes)]
         known = np.flatnonzero(np.diag(told) > 0.0)
         R[np.ix_(known, known)] = told[np.ix_(known, known)]
-    return _applied(state, run, H[axes], expected[axes], measured, R)
+    return _applied(state, model, run, (H[axes], expected[axes]), measured, R)
 
 
 def _applied(
-    state: FilterState, run: int, H: Array, expected: Array, measured: Array, R: Array
+    state: FilterState,
+    model: FilterModel,
+    run: int,
+    reading: tuple[Array, Array],
+    measured: Array,
+    R: Array,
 ) -> Innovation:
+    H, expected = reading
     innovation = measured - expected
     if not np.isfinite(innovation).all():
         raise ValueError("measurement is not finite")
     S = H @ state.covariance[run] @ H.T + R
     nis = float(innovation @ np.linalg.solve(S, innovation))
-    accepted = nis <= _GATE[len(measured) - 1]
+    allowed = model.gate(len(measured))
+    accepted = nis <= allowed
     if accepted:
         update_linear(state, run, H, innovation, R)
-    return Innovation(accepted, nis, expected, measured)
+    return Innovation(accepted, nis, allowed, expected, measured)
 
 
 def _at_rest(state: FilterState, run: int) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.gate import RejectedError
 from isogal.fusion.navigator import update_information
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
@@ -32,6 +33,28 @@ Update = Callable[[FilterState], tuple[Array, float]]
 ValueError where it cannot be used."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdateResult:
+    """What became of a fix."""
+
+    accepted: bool
+    reason: str | None
+    """Why it was not accepted; None = accepted."""
+    innovation: Array
+    """(2,) m, north, east, at the fix's stamp."""
+    nis: float
+    """Normalised innovation squared."""
+    late: float
+    """s, age of the fix when it came."""
+    rejected: bool = False
+    """Whether it was not accepted because it is beyond the gate (`isogal.fusion.gate`)."""
+
+    @classmethod
+    def refused(cls, reason: str, late: float) -> "UpdateResult":
+        """Return that of a fix that cannot be used."""
+        return cls(False, reason, np.full(2, np.nan), np.nan, late)
+
+
 @dataclass(slots=True, eq=False)
 class InformationUpdate:
     """A likelihood in information form (`isogal.fusion.navigator.update_information`)."""
@@ -42,12 +65,14 @@ class InformationUpdate:
     """(n, n)."""
     relative_to: Estimate | None
     """The estimate that the error is that of; None = that of the first state it is applied to."""
+    gate: float = math.inf
+    """See `isogal.fusion.navigator.update_information`."""
 
     def __call__(self, state: FilterState) -> tuple[Array, float]:
         """See `Update`."""
         # with x = x_old + moved, v' x_old - x_old' M x_old / 2 has the vector v + M moved
         vector = self.vector + self.matrix @ self._moved(state)
-        correction, nis = update_information(state, 0, vector, self.matrix)
+        correction, nis = update_information(state, 0, vector, self.matrix, self.gate)
         return correction[:2], nis
 
     def log_evidence(self, state: FilterState) -> float:
@@ -70,7 +95,8 @@ class InformationUpdate:
         kept = vectors[:, values > 0.0] / scale[:, None]
         across = vectors[:, values > 0.0] * scale[:, None]
         matrix = (kept * values[values > 0.0]) @ kept.T
-        return InformationUpdate(kept @ (across.T @ self.vector), matrix, self.relative_to)
+        vector = kept @ (across.T @ self.vector)
+        return InformationUpdate(vector, matrix, self.relative_to, self.gate)
 
     def _moved(self, state: FilterState) -> Array:
         estimate = state.estimate_of(0)
@@ -135,6 +161,8 @@ class Belief:
         ------
         ValueError
             No state can be updated.
+        RejectedError
+            It is beyond the gate of all that can; nothing is changed.
         """
         if len(self) == 1:
             return update(self.state)
@@ -146,17 +174,25 @@ class Belief:
         found: list[tuple[Array, float] | None] = []
         evidence = np.full(len(self), -math.inf)
         refused: ValueError | None = None
+        rejected: dict[int, RejectedError] = {}
         for row, state in enumerate(self.each()):
             try:
                 evidence[row], result = _updated(state, update)
                 found.append(result)
+            except RejectedError as error:
+                rejected[row] = error
+                found.append(None)
             except ValueError as error:
                 refused = error
                 found.append(None)
-        if refused is not None and not any(found):
-            raise refused
+        if not any(found):
+            if rejected:
+                raise min(rejected.values(), key=lambda error: error.nis)
+            if refused is not None:
+                raise refused
         # a state for which a fix is of no use is neither more nor less probable by it
         evidence[[result is None for result in found]] = evidence.max()
+        evidence[list(rejected)] = -math.inf  # another foretold the fix: this one is not true
         self.log_weight = self.log_weight + evidence
         self.log_weight -= np.logaddexp.reduce(self.log_weight)
         best = max(

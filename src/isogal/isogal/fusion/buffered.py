@@ -7,33 +7,20 @@ come on time."""
 
 from bisect import bisect_left
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.belief import Belief, InformationUpdate, Update
+from isogal.fusion.belief import Belief, InformationUpdate, Update, UpdateResult
+from isogal.fusion.gate import RejectedError
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import FilterDivergenceError, NavigatorRun, propagate
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UpdateResult:
-    """What became of a fix."""
-
-    accepted: bool
-    reason: str | None
-    """Why it was not accepted; None = accepted."""
-    innovation: Array
-    """(2,) m, north, east, at the fix's stamp."""
-    nis: float
-    """Normalised innovation squared."""
-    late: float
-    """s, age of the fix when it came."""
 
 
 @dataclass(slots=True, eq=False)
@@ -215,9 +202,8 @@ class BufferedNavigator:
         if relative_to is not None and (ahead := self._ahead(time)) > 0.0:
             place = dead_reckoned(relative_to.position, relative_to.velocity, ahead)
             relative_to = relative_to._replace(position=place)
-        return self.update(
-            time, InformationUpdate(np.array(vector), np.array(matrix), relative_to)
-        )
+        told, gate = (np.array(vector), np.array(matrix)), self.model.gate(len(vector))
+        return self.update(time, InformationUpdate(*told, relative_to, gate))
 
     def widen(self, time: float, covariance: Array) -> UpdateResult:
         """Add (7, 7) to the covariance of a batch's states at any stamp within the horizon: the
@@ -243,29 +229,35 @@ class BufferedNavigator:
         times = [step.time for step in self._steps]
         late = self.time - time
         if not np.isfinite(time) or time < times[0] - 0.5 * self.model.dt:
-            return _refused(
+            return UpdateResult.refused(
                 f"fix of {time:.1f} s is older than the buffer ({times[0]:.1f} s)", late
             )
         index = bisect_left(times, time - 0.5 * self.model.dt)
         if index == len(times):
-            return _refused(
+            return UpdateResult.refused(
                 f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)", late
             )
         target = self._steps[index]
         gap = target.missing if target.missing > HELD and self._ahead(time) > 0.0 else 0.0
         if gap > 0.0 and time < times[index - 1] + gap:
-            return _refused(f"fix of {time:.1f} s: there are no inertial data of then", late)
+            return UpdateResult.refused(
+                f"fix of {time:.1f} s: there are no inertial data of then", late
+            )
         before = target.belief.copy()
         try:
             innovation, nis = target.belief.apply(update)
             target.fixes.append(update)
             self._replay(index)
+        except RejectedError as error:
+            # kept: with an older fix that comes later it may be within the gate
+            target.fixes.append(update)
+            return UpdateResult(False, str(error), error.innovation, error.nis, late, True)
         except (ValueError, FilterDivergenceError) as error:
             if target.fixes and target.fixes[-1] is update:
                 target.fixes.pop()
             target.belief = before
             self._replay(index)
-            return _refused(str(error), late)
+            return UpdateResult.refused(str(error), late)
         return UpdateResult(True, None, innovation, nis, late)
 
     def _replay(self, index: int) -> None:
@@ -274,7 +266,8 @@ class BufferedNavigator:
             current.belief = self._steps[i - 1].belief.copy()
             self._apply(current, self._steps[i - 1].time)
             for update in current.fixes:
-                current.belief.apply(update)
+                with suppress(RejectedError):
+                    current.belief.apply(update)
 
     def _apply(self, step: _Step, start: float) -> None:
         interval = step.time - start
@@ -309,10 +302,6 @@ class BufferedNavigator:
             motions.append(manoeuvre)
         for row, motion in enumerate(motions):
             grow(step.belief.state, row, step.missing, motion)
-
-
-def _refused(reason: str, late: float) -> UpdateResult:
-    return UpdateResult(False, reason, np.full(2, np.nan), np.nan, late)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

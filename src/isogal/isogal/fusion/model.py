@@ -9,10 +9,11 @@ import numpy as np
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion import gravity_states, height_states, imu_states, velocity_states
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
+from isogal.fusion.gate import quantile
 from isogal.fusion.height_states import HeightReading
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
-from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.error_state import BATCH, FILTER_STATES
 from isogal.inertial.strapdown import MEANS, ROTATIONS
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma, noise_density
@@ -52,11 +53,19 @@ class FilterModel:
     """What is known of horizontal gravity: what the strapdown takes off and what is left."""
     preintegrated: bool = False
     """Whether inertial data are pre-integrated samples rather than means over an interval."""
+    false_rejection: float = 1e-9
+    """How probable it is that the innovation gate does not use a measurement that is as good as it
+    says; 0 = no gate."""
+    height_measured: bool = False
+    """Whether the height is a sensor's; one that is known passes no gate."""
+    gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
     """The same as the compiled filter takes it."""
 
     def __post_init__(self) -> None:
         scaling = self.alpha, self.beta, self.kappa
+        gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
@@ -67,13 +76,20 @@ class FilterModel:
             self.gravity.compensation,
             self.height_reading,
             ROTATIONS if self.preintegrated else MEANS,
+            gates[0] if self.height_measured else math.inf,
+            gates[1],
         )
+        object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
 
     @property
     def height_reading(self) -> HeightReading:
         """What a reading of the height contains of the auxiliary states."""
         return height_states.reading_of(self.auxiliary)
+
+    def gate(self, dimensions: int) -> float:
+        """Return the largest normalised innovation squared of so many dimensions that is used."""
+        return self.gates[dimensions - 1]
 
     @property
     def states(self) -> int:
@@ -122,4 +138,6 @@ class FilterModel:
             ),
             gravity=gravity,
             preintegrated=scenario.samples_per_step > 1,
+            false_rejection=scenario.fusion.false_rejection,
+            height_measured=height.measured,
         )

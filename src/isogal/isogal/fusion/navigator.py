@@ -10,6 +10,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.fusion import ukf
+from isogal.fusion.gate import RejectedError
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
@@ -72,7 +73,7 @@ def propagate(
 
 
 def update_information(
-    state: FilterState, run: int, vector: Array, matrix: Array
+    state: FilterState, run: int, vector: Array, matrix: Array, gate: float = math.inf
 ) -> tuple[Array, float]:
     """Update one run with the likelihood of its error in information form, in place
     (docs/mathematics.md, section 3.6).
@@ -83,6 +84,9 @@ def update_information(
         log p = vector' x - x' matrix x / 2 of the error x in a batch's states, n = 7, or its
         position and velocity, n = 4. Where the matrix is negative the estimate becomes less
         certain, by a factor of four in variance at most.
+    gate : float
+        The largest squared correction, in the navigator's own sigmas, that is made
+        (`FilterModel.gate` of n dimensions).
 
     Returns
     -------
@@ -95,6 +99,8 @@ def update_information(
     ------
     ValueError
         Not finite, or more negative than `LEAST_INFORMATION`; the state is as it was.
+    RejectedError
+        It is beyond the gate; likewise.
     """
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
@@ -106,6 +112,9 @@ def update_information(
         raise np.linalg.LinAlgError("Matrix is not positive definite")
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
+    size = float(((told / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
+    if size > gate:
+        raise RejectedError(error[:2], size, gate)
     state.covariance[run] = reduced
     move(state.nominal_of(run), error)
     up = (values > 0.0) & (told != 0.0)
@@ -229,6 +238,8 @@ def update_position(
     ------
     ValueError
         The fix is not finite or its covariance not positive definite; the state is as it was.
+    RejectedError
+        It is beyond the gate; likewise.
     """
     if not (
         math.isfinite(latitude) and math.isfinite(longitude) and np.isfinite(covariance).all()
@@ -250,7 +261,10 @@ def update_position(
     )
     if math.isnan(nis):
         raise ValueError("innovation covariance is not positive definite")
-    return np.array([north, east]), nis
+    innovation, allowed = np.array([north, east]), model.gate(2)
+    if nis > allowed:
+        raise RejectedError(innovation, nis, allowed)
+    return innovation, nis
 
 
 def widen(state: FilterState, run: int, covariance: Array) -> None:
@@ -296,7 +310,8 @@ class NavigatorRun:
 
     def update_information(self, vector: Array, matrix: Array) -> tuple[Array, float]:
         """See `update_information`."""
-        return update_information(self.state, self.run, vector, matrix)
+        gate = self.model.gate(len(vector))
+        return update_information(self.state, self.run, vector, matrix, gate)
 
     def update_position(
         self, latitude: float, longitude: float, covariance: Array

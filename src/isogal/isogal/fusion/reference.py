@@ -42,8 +42,7 @@ def advance(
             try:
                 end = _predict(unscented, state, force[run, k], rate[run, k], assumptions)
                 if assumptions.height_sigma > 0.0 and not np.isnan(known):
-                    seen = _height_reading(end, assumptions)
-                    unscented.update([known], hx=seen)
+                    _take_height(unscented, float(known), end, assumptions)
             except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
                 done[run] = k
                 break
@@ -63,8 +62,8 @@ def update_position(
     assumptions: Assumptions,
 ) -> tuple[float, float, float]:
     """Update one run with a horizontal position fix (rad; (2, 2) m²), in place; return (innovation
-    north, east, normalised innovation squared), NaN for the last where nothing is changed, as
-    `ukf.update_position` does."""
+    north, east, normalised innovation squared), NaN for the last where there is none, as
+    `ukf.update_position` does: nothing is changed then, nor beyond the gate."""
     north, east = metres_per_radian(nominal.position[0], nominal.position[2])
     turns = np.round((longitude - nominal.position[1]) / (2.0 * np.pi))
     seen = np.array(
@@ -79,9 +78,21 @@ def update_position(
         unscented.update(seen, R=0.5 * (fix_covariance + fix_covariance.T), hx=lambda x: x[:2])
     except (np.linalg.LinAlgError, ValueError):
         return float(seen[0]), float(seen[1]), np.nan
-    covariance[:] = 0.5 * (unscented.P + unscented.P.T)
-    move(nominal, unscented.x)
-    return float(seen[0]), float(seen[1]), float(seen @ unscented.SI @ seen)
+    nis = float(seen @ unscented.SI @ seen)
+    if nis <= assumptions.position_gate:
+        covariance[:] = 0.5 * (unscented.P + unscented.P.T)
+        move(nominal, unscented.x)
+    return float(seen[0]), float(seen[1]), nis
+
+
+def _take_height(
+    unscented: UnscentedKalmanFilter, height: float, state: Nominal, assumptions: Assumptions
+) -> None:
+    """Update with a height (m), unless it is beyond the gate."""
+    x, P = unscented.x.copy(), unscented.P.copy()
+    unscented.update([height], hx=_height_reading(state, assumptions))
+    if float(unscented.y @ unscented.SI @ unscented.y) > assumptions.height_gate:
+        unscented.x, unscented.P = x, P
 
 
 def _height_reading(state: Nominal, assumptions: Assumptions) -> Callable[[Array], list[float]]:

@@ -63,6 +63,10 @@ class Assumptions(NamedTuple):
     """What a reading of the height contains beside it."""
     coning: float
     """Of the strapdown's step: `MEANS` or `ROTATIONS` of `isogal.inertial.strapdown`."""
+    height_gate: float
+    """The largest normalised innovation squared of a height that is used."""
+    position_gate: float
+    """Of a position."""
 
 
 @kernel(**INLINE)
@@ -84,10 +88,10 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 @kernel(**INLINE)
 def update_height(  # type: ignore[no-untyped-def]
-    n, nominal, covariance, height, sigma, reading, gain, error
+    n, nominal, covariance, height, sigma, gate, reading, gain, error
 ):
-    """Update one run with a known or measured height (m), in place; `gain` (W,) and `error` (W,)
-    are work space."""
+    """Update one run with a known or measured height (m), in place, unless it is beyond the gate;
+    `gain` (W,) and `error` (W,) are work space."""
     up = nominal.position[2]
     innovation = up - height  # measured minus predicted, positive down
     for i in range(columns(n)):
@@ -101,6 +105,8 @@ def update_height(  # type: ignore[no-untyped-def]
     for j in range(n - N):
         variance -= (reading.offset[j] + reading.share[j] * up) * gain[N + j]
     inverse = 1.0 / (variance + sigma * sigma)
+    if innovation * innovation * inverse > gate:
+        return
     for i in range(columns(n)):
         error[i] = gain[i] * (innovation * inverse)
     for a in range(n):
@@ -118,7 +124,8 @@ def update_position(  # type: ignore[no-untyped-def]
     north, east, normalised innovation squared).
 
     NaN for the last where fix plus prior covariance is not positive definite: nothing is changed
-    then. The update is linear and needs none of the assumptions; filterpy's does."""
+    then, nor where it is beyond the gate. The update is linear and needs none of the other
+    assumptions; filterpy's does."""
     position, R = nominal.position, fix_covariance
     m, n = curvature(math.sin(position[0]))
     wrap = 2.0 * math.pi
@@ -132,6 +139,8 @@ def update_position(  # type: ignore[no-untyped-def]
         return y0, y1, math.nan
     i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
     a0, a1 = i00 * y0 + i01 * y1, i01 * y0 + i11 * y1
+    if y0 * a0 + y1 * a1 > assumptions.position_gate:
+        return y0, y1, y0 * a0 + y1 * a1
     size = covariance.shape[0]
     error = np.empty(size)
     column = np.empty((size, 2))
@@ -160,7 +169,9 @@ def advance(  # type: ignore[no-untyped-def]
     `FilterState` has it. A run whose covariance is no
     longer positive definite stops at that step."""
     runs, steps = force.shape[0], force.shape[1]
-    dt, noise, height_sigma, weights, _, every, compensation, reading, coning = assumptions
+    dt, noise, height_sigma, weights, _, every, compensation, reading, coning, gate, _ = (
+        assumptions
+    )
     n = covariance.shape[1]
     width = columns(n)
     done = np.empty(runs, np.int64)
@@ -215,7 +226,7 @@ def advance(  # type: ignore[no-untyped-def]
             add_noise(q, noise, dt, P)
             move(state, mean)
             if height_sigma > 0.0 and not math.isnan(height[r, k]):
-                update_height(n, state, P, height[r, k], height_sigma, reading, gain, mean)
+                update_height(n, state, P, height[r, k], height_sigma, gate, reading, gain, mean)
         for i in range(n):
             for j in range(n):
                 covariance[r, i, j] = 0.5 * (P[i, j] + P[j, i])

@@ -18,6 +18,7 @@ from isogal.fields.gravity_vector import felt_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.fix import apply_fix
+from isogal.fusion.gate import RejectedError
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import NavigatorRun
 from isogal.fusion.state import FilterState
@@ -232,9 +233,16 @@ class _ClosedLoop:
         ]
         for run, fix in enumerate(fixes):
             if run not in each_scan:
-                apply_fix(fix, NavigatorRun(self.state, self.model, run))
+                self._apply(fix, self.state, run, run)
         if each_scan:
             self._retrodict(each_scan, fixes, scan)
+
+    def _apply(self, fix: Fix, state: FilterState, row: int, run: int) -> None:
+        """Apply a fix of a run, which is a row of the state."""
+        try:
+            apply_fix(fix, NavigatorRun(state, self.model, row))
+        except RejectedError as error:
+            self.recorder.write_rejection(run, str(error))
 
     def _retrodict(self, runs: list[int], fixes: list[Fix], scan: int) -> None:
         """Go back to the last batch end and take each scan's fix where it belongs."""
@@ -247,7 +255,7 @@ class _ClosedLoop:
                 count = 0 if fix.scan_position is None else len(fix.scan_position)
                 share = fix.of_scan(count - 1 - (scan - past))
                 if share is not None:
-                    apply_fix(share, NavigatorRun(part, self.model, row))
+                    self._apply(share, part, row, run)
             if self.revised is not None:
                 self.revised(past, runs, part)
         for target, source in zip(self.state.arrays(), part.arrays(), strict=True):

@@ -5,6 +5,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.fusion.gate import REJECTED
 from isogal.fusion.state import FilterState
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.matching.interfaces import Candidates, Fix
@@ -67,6 +68,10 @@ class Recorder:
             self._candidates.append(fix.candidates)
             variability = fix.diagnostics.get("feature_variability", np.nan)
             self._variability[end - 1] = variability
+
+    def write_rejection(self, run: int, reason: str) -> None:
+        """Write that a run's navigator did not take its newest fix, or a share of it."""
+        self._reasons[run][-1] = f"{REJECTED}{reason}"
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""

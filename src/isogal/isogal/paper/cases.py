@@ -119,6 +119,7 @@ class Plan:
             # in the paper the map holds where the vehicle goes
             "map": {"source": self.map_path or "synthetic", "continuation": "none"},
             "gravity": {"field": "normal"},  # which the paper's vehicle feels
+            "fusion": {"false_rejection": 0.0},  # the paper's filter takes every fix
             "matcher": {
                 "name": setting.matcher,
                 "batch_length": setting.batch_length,

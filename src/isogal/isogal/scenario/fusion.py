@@ -23,3 +23,12 @@ class Fusion(Section):
             " Hz on for a faster IMU"
         ),
     )
+    false_rejection: float = Field(
+        1e-9,
+        ge=0.0,
+        le=0.01,
+        description=(
+            "innovation gate: how probable it is that a measurement which is as good as it says is"
+            " not used; 0 = no gate"
+        ),
+    )
