@@ -9,6 +9,7 @@ watch           what is wrong with IMU samples that could each be right
 pose            a pose that a user gives
 fixes           which fixes are to be used, each stamp once
 corrections     fixes applied to the filter
+rejections      measurements beyond the innovation gate, counted
 outputs         messages on nav/*
 """
 

@@ -11,6 +11,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.aiding import Innovation, update_height, update_velocity
 from isogal.fusion.buffered import BufferedNavigator
+from isogal.fusion.gate import beyond
 from isogal.fusion.state import FilterState
 from isogal.scenario import Height
 from isogal.sensors.barometer import height_of
@@ -19,6 +20,7 @@ from isogal_ros.messages.aids import read_pressure, read_velocity
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
+from ukf_fusion_node.rejections import Rejections
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
@@ -61,6 +63,7 @@ class Aids:
     def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
         self._scenario, self._health, self._advance = node.scenario, node.health, advance
         self._frame = node.settings.velocity_frame
+        self._rejections = Rejections(node.health)
         self._counts: dict[str, int] = {}
         self._sources: list[_Source] = []
         self._first = sys.maxsize
@@ -119,7 +122,13 @@ class Aids:
         result = navigator.update(to_seconds(stamp), update)
         if not result.accepted:
             self._health.drop(name, result.reason or "refused")
-        elif seen and not seen[0].accepted:
+            return
+        rejected = bool(seen) and not (seen[0].accepted or seen[0].contradicted)
+        self._rejections.note(name, rejected)
+        if rejected:
+            gate = beyond(seen[0].nis, seen[0].allowed)
+            self._health.drop(name, f"{describe(seen[0])} ({gate})")
+        elif seen and seen[0].contradicted:
             self._health.drop(name, describe(seen[0]))
         else:
             self._counts[name] = self._counts.get(name, 0) + 1

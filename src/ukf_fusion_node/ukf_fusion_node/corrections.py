@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
-from isogal.fusion.buffered import BufferedNavigator, UpdateResult
+from isogal.fusion.belief import UpdateResult
+from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.fix import apply_fix
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.checks import BadMessageError
@@ -14,6 +15,8 @@ from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
 from isogal_ros.nodes.health import Health
+from isogal_ros.topics import FIX
+from ukf_fusion_node.rejections import Rejections
 
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
@@ -39,6 +42,7 @@ class Corrections:
         self, health: Health, log: Any = None, unfit: Callable[[], None] = lambda: None
     ) -> None:
         self._health, self._log, self._unfit = health, log, unfit
+        self._rejections = Rejections(health)
         self._odd = 0
         self._accepted = self._refused = 0
 
@@ -79,7 +83,9 @@ class Corrections:
 
     def _judge(self, result: UpdateResult) -> None:
         """Say where the fixes do not fit the navigator, one after the other."""
-        odd = result.accepted and result.nis > IMPROBABLE
+        if result.accepted or result.rejected:
+            self._rejections.note(FIX.name, result.rejected)
+        odd = result.rejected or (result.accepted and result.nis > IMPROBABLE)
         self._odd = self._odd + 1 if odd else 0
         if odd:
             self._unfit()
