@@ -1,11 +1,11 @@
-"""A matcher that raises costs a batch, not the study."""
+"""A matcher that raises, or is wrong, costs a batch, not the study."""
 
 import numpy as np
 
 from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE
 from isogal.evaluation.summary import summarise
-from isogal.matching.interfaces import declined
+from isogal.matching.interfaces import Fix, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Gravimeter, Gravity, Matcher, Scenario
 
@@ -42,3 +42,31 @@ def test_a_matcher_that_raises_costs_one_batch_of_one_run():
     assert failed.startswith("the matcher failed: LinAlgError: Matrix is not positive definite (")
     fixes = summarise(runs, SCENARIO, np.full(runs.time.shape, np.nan))["fixes"]
     assert fixes == {"published": 0, "declined": 8, "failed": 1, "rejected": 0}
+
+
+class Wrong:
+    """A matcher whose fix of one batch of the second run is 78 km off."""
+
+    name, context = "false", 0
+
+    def __init__(self):
+        self.calls = 0
+
+    def match(self, batch, field_map, memory):
+        self.calls += 1
+        if self.calls != 4:
+            return declined(batch, "nothing"), None
+        return Fix(batch.time[-1], batch.latitude[-1] + 0.0122, batch.longitude[-1], np.eye(2)), 0
+
+
+def test_a_false_fix_is_rejected_counted_and_moves_nothing():
+    field_map = field_map_of(wavy)
+    runs, without = (simulate(SCENARIO, [0, 1], field_map, it) for it in (Wrong(), Raising(99)))
+    np.testing.assert_array_equal(runs.error, without.error)
+    np.testing.assert_array_equal(runs.covariance, without.covariance)
+    reason = runs.fix_reason[1][1]
+    assert reason.startswith("rejected by the navigator: 77.")
+    assert "normalised innovation squared" in reason
+    none = np.full(runs.time.shape, np.nan)
+    fixes = summarise(runs, SCENARIO, none)["fixes"]
+    assert fixes == {"published": 0, "declined": 8, "failed": 0, "rejected": 1}

@@ -5,6 +5,7 @@ state           mean and covariance of many runs
 navigator       prediction and updates, for many runs at once
 buffered        a navigator of one run that takes fixes of any age
 fix             the one order in which a fix is applied
+gate            which measurements are rejected
 sample_stream   samples of a fast IMU, one by one, as steps of the navigator
 imu_states      auxiliary states of the inertial sensors
 aiding          readings of height and velocity sensors
