@@ -23,6 +23,7 @@ from isogal.matching.transitions import (
     condition,
     reading_rate,
 )
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matrices import symmetric
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
@@ -88,6 +89,7 @@ class BatchBuilder:
         self._unused = 0
         self._bridge: Bridge | None = None
         self._track: Track | None = None
+        self._correction: Array | None = np.zeros(BATCH_STATES)
         self.gravity = UNMOVED
         """What moves the navigator within a batch; nothing, unless it is set."""
 
@@ -134,7 +136,7 @@ class BatchBuilder:
         self._scans = Scans(self._most)
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
-        self._bridge = collected.bridge
+        self._bridge, self._correction = collected.bridge, None
         self.gravity = collected.gravity or self.gravity
 
     def begin(self, earlier: int) -> None:
@@ -203,6 +205,8 @@ class BatchBuilder:
             positions move by what the jump means back then, and readings by what their reduction
             would have been with the better estimate.
         """
+        if self._correction is not None:
+            self._correction = self._correction + jump
         which = self._scans.until(time + 1e-9)
         if which.start == which.stop:
             return
@@ -235,6 +239,7 @@ class BatchBuilder:
         sigma, reading = self._scans.sigmas(scans), self._scans.readings(scans)
         new = min(self._unused, len(times))
         self._unused = 0
+        correction, self._correction = self._correction, np.zeros(BATCH_STATES)
         before = len(times) - new - 1
         batch = Batch(
             time=times,
@@ -258,6 +263,7 @@ class BatchBuilder:
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=reading_rate(at_scan, velocity, times),
+            correction=correction,
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
         if self.covariance is None:

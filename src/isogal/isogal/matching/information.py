@@ -110,10 +110,25 @@ def position_information(
 
 def informed(prior: Array, information: Information) -> tuple[Array, Array]:
     """Return mean (4,) and covariance (4, 4) of xi ~ N(0, prior) given information about it."""
-    vector, matrix = information.vector[:4], information.matrix[:4, :4]
+    return informed_state(prior, Information(information.vector[:4], information.matrix[:4, :4]))
+
+
+def informed_state(prior: Array, information: Information) -> tuple[Array, Array]:
+    """Return mean and covariance of x ~ N(0, prior) given information about it, (n,) and
+    (n, n)."""
     # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    covariance = np.linalg.solve(np.eye(4) + prior @ matrix, prior)
-    return np.asarray(covariance @ vector, dtype=np.float64), symmetric(covariance)
+    covariance = np.linalg.solve(np.eye(len(prior)) + prior @ information.matrix, prior)
+    covariance = symmetric(covariance)
+    return np.asarray(covariance @ information.vector), covariance
+
+
+def positive_part(information: Information, scale: Array) -> Information:
+    """Return information without the directions in which it is negative, in units (n,) of x."""
+    values, vectors = np.linalg.eigh(information.matrix * scale * scale[:, None])
+    kept = vectors[:, values > 0.0]
+    back = kept / scale[:, None]
+    matrix = (back * values[values > 0.0]) @ back.T
+    return Information(back @ (kept.T @ (scale * information.vector)), matrix)
 
 
 def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:

@@ -107,6 +107,9 @@ class Batch:
     """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
     those of what they tell of; None = those of the last row."""
+    correction: Array | None = None
+    """(7,) by how much the navigator's estimate was changed at the end of the last batch, its fix
+    taken or not; None = not known."""
     beside: "tuple[Beside, ...]" = ()
     """What other fields have read up to the same batch end."""
 

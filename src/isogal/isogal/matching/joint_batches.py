@@ -12,7 +12,6 @@ from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity, residual_gravity
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Batch, Beside, Fix, Matcher
-from isogal.matching.registry import contexts_of
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
 from isogal.matching.several import Rhythm
@@ -65,9 +64,9 @@ class JointBatches:
         if gravity is None:
             gravity = residual_gravity(scenario.felt_field, build_trajectory(scenario))
         each = scenario.each_field
-        rhythm, contexts = Rhythm.of(each), contexts_of(matcher, len(each))
+        rhythm = Rhythm.of(each)
         builders = [
-            BatchBuilder.of(one, contexts[field], rhythm.marks(field, one))
+            BatchBuilder.of(one, matcher.context, rhythm.marks(field, one))
             for field, one in enumerate(each)
         ]
         return cls(builders, rhythm.lead, gravity)

@@ -1,6 +1,6 @@
 """Matchers by name, found by `isogal.plugins`, built from a scenario's section ``matcher``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -9,63 +9,37 @@ from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
-from isogal.matching.monitoring import Monitor, Monitored
-from isogal.matching.several import JointMatcher, Rhythm
+from isogal.matching.several import Rhythm
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.scenario import Scenario, describe
 
 
-def build_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
-    """Return the matcher that the scenario names, watched for a navigator that is lost where the
-    matcher can be watched (`monitoring.Monitored`).
-
-    Parameters and errors as for `load_matcher`.
-    """
-    matcher = load_matcher(settings, channels)
-    if not isinstance(matcher, Monitored):
-        return matcher
-    return _watched(matcher, settings.map_sigma == 0.0)
-
-
-def _watched(matcher: Monitored, exact: bool) -> Matcher:
-    """Return a matcher with its monitors; `exact`: the map is said to have no error."""
-    from isogal.matching.pmht.assumptions_monitor import AssumptionsMonitor
-    from isogal.matching.pmht.lost_navigator import LostNavigatorMonitor
-
-    watched = LostNavigatorMonitor(matcher)
-    # who says that the map is exact leaves what else may be wrong no way to show
-    return watched if exact else AssumptionsMonitor(watched)
-
-
 def build_run_matcher(scenario: Scenario) -> Matcher:
-    """Return the matcher of a scenario's field, or of its several fields as one
-    (`several.JointMatcher`), watched as one.
+    """Return the matcher of a scenario's field, or of its several fields.
 
     Raises
     ------
     InputError
-        See `load_matcher`.
+        See `load_matcher` and `matcher_of_fields`.
     """
     each = scenario.each_field
     channels = [field_named(one.measured_field).channels is not None for one in each]
     if len(each) == 1:
-        return build_matcher(each[0].matcher, channels[0])
-    matchers = tuple(
-        load_matcher(one.matcher, several) for one, several in zip(each, channels, strict=True)
-    )
-    joint = JointMatcher(matchers, scenario.field_names, Rhythm.of(each).lead)
-    exact = any(one.matcher.map_sigma == 0.0 for one in each)
-    return _watched(joint, exact) if isinstance(joint.first, Monitored) else joint
+        return load_matcher(each[0].matcher, channels[0])
+    settings = [one.matcher for one in each]
+    return matcher_of_fields(settings, scenario.field_names, Rhythm.of(each).lead)
 
 
-def contexts_of(matcher: Matcher, fields: int) -> tuple[int, ...]:
-    """Return how many older scans a matcher wants of each field."""
-    inner: Any = matcher
-    while isinstance(inner, Monitor):
-        inner = inner.matcher
-    if isinstance(inner, JointMatcher):
-        return tuple(one.context for one in inner.matchers)
-    return (matcher.context,) * fields
+def matcher_of_fields(
+    settings: Sequence[MatcherSettings], names: Sequence[str], lead: int
+) -> Matcher:
+    """Return the matcher of several fields together, `lead` the one whose batch ends are
+    everybody's; raises InputError where a matcher matches one field only."""
+    for one in settings:
+        require(one.name, "of_fields", "fields")
+    kind = plugins.load(plugins.MATCHERS, settings[lead].name)
+    matcher: Matcher = kind.of_fields(settings, names, lead)
+    return matcher
 
 
 def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:

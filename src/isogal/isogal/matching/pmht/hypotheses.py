@@ -1,9 +1,7 @@
-"""Update of several hypotheses about the navigator's error by one batch.
+"""The bank: a Gaussian sum over models and places.
 
-Each hypothesis is a Gaussian prior of its own: the batch gives it a posterior, perhaps in several
-pieces, and its evidence; weights go with evidence, negligible pieces are dropped, pieces that have
-come to the same place are joined. Hypotheses that overlap are one prior; those that do not are
-never sampled together, since a sampler does not come across a light one far from the others.
+docs/mathematics.md, section 6. Alspach & Sorenson (1972, IEEE TAC 17:439) for Gaussian sums,
+Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) for the models.
 """
 
 import math
@@ -12,325 +10,346 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.matching.pmht.acquisition import acquire, search_share
-from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.gaussian_mixture import Mixture, largest_sigma, overlapping
-from isogal.matching.pmht.importance_sampling import Posterior, Sampling, sample
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.nearly_linear import nearly_linear
-from isogal.matching.quasi_random import standard_normal
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.interpolation import Grid
+from isogal.matching.information import positive_part
+from isogal.matching.interfaces import Information
+from isogal.matching.pmht import kernels
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import UNKNOWN, Rows, States
+
+CURVED = 0.25
+"""Share of its change by which a hypothesis may depart from linear before it is split."""
+REACH = 2.0
+"""1-sigma at which that is looked at."""
+SPLIT = ((0.2252246249, 0.5495507502, 0.2252246249), (-1.0575154615, 0.0, 1.0575154615), 0.6715662887)
+"""Weights, means and 1-sigma of three Gaussians for one (DeMars, Bishop & Jah 2013, JGCD 36:1047,
+table 1)."""
+ROUNDS = 8
+"""Of splits of splits, at most."""
+MOST = 4000
+"""Hypotheses at most: bounds the time of a fix."""
+NEGLIGIBLE = 12.0
+"""Log of how much less probable than all together a place may be before it is dropped."""
+LIGHT, LIGHT_MERGE = 5.0, 16.0
+"""Models less probable by this log have one place only, and merge over this squared distance."""
+LEAST = -600.0
+"""Of a log weight: its exponential is not 0."""
+FLOOR = 15.0
+"""No model falls further below the best than this log: what was wrong for hours may become
+right."""
+FEW, SURE, NEAR_M = 12, 0.99, 700.0
+"""A place is known where so many hypotheses have this probability, within so many m."""
+CREDIBLE = 0.1
+"""A fault has to be this probable to be published: a wide model of a few percent would widen what
+is published for ever."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Update:
-    """What a batch makes of the hypotheses."""
+class Hypotheses:
+    """K hypotheses: which model, and a Gaussian of the augmented state (see `kernels`)."""
 
-    mixture: Mixture
-    """Heaviest first."""
-    log_evidence: float
-    """Of the batch, without the likelihood's own constant."""
-    likelihood: BatchLikelihood
-    """Linearised at the heaviest hypothesis."""
-    misfit: float
-    """Chi-square of the new readings there; of a place known to a cell only, with what the map may
-    change within it."""
-    resolved: bool
-    """Whether the heaviest hypothesis was sampled at full likelihood with enough samples."""
-    effective: float
-    """Effective share of the samples of the heaviest hypothesis."""
-    rounds: int
-    drawn: tuple[Array, Array] | None = None
-    """(S, 4) samples of the posterior and (S,) their weights, where all hypotheses were sampled
-    together."""
+    models: Models
+    which: Integers
+    """(K,)."""
+    log_weight: Array
+    """(K,)."""
+    mean: Array
+    """(K, N)."""
+    covariance: Array
+    """(K, N, N)."""
 
+    @classmethod
+    def before(cls, models: Models, prior: Array) -> "Hypotheses":
+        """Return those of a navigator of covariance (7, 7), one for each model, before any
+        reading."""
+        count, rest = models.initial.shape
+        n = BATCH_STATES
+        covariance = np.zeros((count, n + rest, n + rest))
+        covariance[:, :n, :n] = models.start[:, None, None] * prior
+        diagonal = np.arange(n, n + rest)
+        covariance[:, diagonal, diagonal] = models.initial**2
+        return cls(
+            models, np.arange(count), models.log_prior.copy(), np.zeros((count, n + rest)), covariance
+        )
 
-def update(
-    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int
-) -> Update | None:
-    """Return the posterior of all hypotheses, or None where none of them lies on the map.
+    def __len__(self) -> int:
+        return len(self.which)
 
-    Parameters
-    ----------
-    prior : Mixture
-    sampling : Sampling
-        For a single hypothesis; many share the points.
-    most : int
-        Hypotheses at most.
-    """
-    groups = _groups(prior)
-    pieces: list[_Piece] = []
-    if len(groups) > CONSTANTS.sampled_hypotheses:
-        prior, pieces = _screened(likelihood, prior)
-        groups = _groups(prior)
-    samples = _points(sampling.samples, len(groups))
-    share = sampling if samples == sampling.samples else replace(sampling, samples=samples)
-    effort, later = _Effort(likelihood), []
-    for group in groups:
-        if effort.spent:
-            later.append(group)
-        else:
-            pieces += _update_group(likelihood, prior.part(group), share, most, effort)
-    if later:
-        pieces += _screened(likelihood, prior.part(np.concatenate(later)), 0)[1]
-    return _joined(pieces, most) if pieces else None
+    def part(self, which: Array) -> "Hypotheses":
+        """Return some of them, by indices or a mask."""
+        return replace(
+            self,
+            which=self.which[which],
+            log_weight=self.log_weight[which],
+            mean=self.mean[which],
+            covariance=self.covariance[which],
+        )
 
+    def propagated(
+        self, before: Array, back: Array, prior: Array, aided: bool = True
+    ) -> "Hypotheses":
+        """Carry them to a batch end.
 
-class _Effort:
-    """What an update has taken so far, by the readings looked up in the map. Once it is too much
-    the hypotheses that are left, the least likely ones, are told apart by a few points each: the
-    next batches may bring them forward."""
+        What the navigator's covariance has grown by joins each hypothesis; where it has learnt
+        from other aids, each is narrowed as it was.
 
-    def __init__(self, likelihood: BatchLikelihood) -> None:
-        self._rows = len(likelihood.rows)
-        new = likelihood.new_count
-        self._round = new * new // CONSTANTS.readings_squared_of_point
-        self._left = search_share(likelihood) * CONSTANTS.update_look_ups
+        Parameters
+        ----------
+        before, prior : (7, 7) arrays
+            The navigator's covariance at the last batch end after its fix, and at this one.
+        back : (7, 7) array
+            Error there per unit of error here.
+        aided : bool
+            Whether what other aids have told the navigator is theirs as well.
+        """
+        scale = np.sqrt(np.diag(prior))
+        unit = np.outer(scale, scale)
+        forward = np.linalg.inv(back)
+        dynamic = forward @ before @ forward.T
+        values, vectors = np.linalg.eigh((prior - dynamic) / unit)
+        growth = (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
+        learnt = np.eye(BATCH_STATES)
+        if aided and values[0] < -1e-9:
+            learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
+        transition = np.ascontiguousarray(learnt @ forward)
+        growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        kernels.propagated(
+            self.which, self.models.growth, transition, growth, mean, covariance
+        )
+        return replace(self, mean=mean, covariance=covariance)
+
+    def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
+        """Split those over which the map is not nearly linear, along the worst axis."""
+        whole, done = self, []
+        top = self.log_weight.max()
+        for _ in range(ROUNDS):
+            heavy = whole.log_weight > top - NEGLIGIBLE
+            if not heavy.any():
+                break
+            worst, axes = np.zeros(len(whole)), np.zeros((len(whole), 2))
+            some = np.flatnonzero(heavy)
+            part = whole if len(some) == len(whole) else whole.part(some)
+            found, along = np.zeros(len(part)), np.zeros((len(part), 2))
+            kernels.curvature(
+                grid, rows, self.models, part.which, part.mean, part.covariance,
+                int(np.argmax(part.log_weight)), CURVED, REACH, found, along,
+            )  # fmt: skip
+            worst[some], axes[some] = found, along
+            cut = worst > CURVED
+            room = (MOST - sum(len(one) for one in done) - len(whole)) // 2
+            if cut.sum() > room:
+                order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
+                kept = np.zeros(len(cut), bool)
+                kept[order] = True
+                cut &= kept
+            if not cut.any():
+                break
+            done.append(whole.part(~cut))
+            whole = whole.part(cut)._thirds(axes[cut])
+        return _joined([*done, whole]) if done else whole
+
+    def _thirds(self, direction: Array) -> "Hypotheses":
+        """Return three for each, along a 1-sigma vector of its position (K, 2)."""
+        weights, means, sigma = SPLIT
+        # all states move with position as by regression: u = P[:, :2] Ppp^-1 direction
+        inverse = np.linalg.inv(self.covariance[:, :2, :2])
+        u = np.einsum("kia,kab,kb->ki", self.covariance[:, :, :2], inverse, direction)
+        less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
+        return _joined(
+            [
+                replace(
+                    self,
+                    log_weight=self.log_weight + math.log(w),
+                    mean=self.mean + c * u,
+                    covariance=less,
+                )
+                for w, c in zip(weights, means, strict=True)
+            ]
+        )
+
+    def observed(self, grid: Grid, rows: Rows) -> "Hypotheses":
+        """Take new readings; none that leaves the map is left."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        evidence = np.empty(len(self))
+        kernels.observed(grid, rows, self.models, self.which, mean, covariance, evidence)
+        result = replace(
+            self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
+        )
+        kept = np.isfinite(result.log_weight) & np.isfinite(mean).all(axis=1)
+        return result if kept.all() else result.part(kept)
 
     @property
-    def spent(self) -> bool:
-        """Whether it is too much."""
-        return self._left < 0.0
+    def log_evidence(self) -> float:
+        """The log of the sum of their weights: of readings that they have taken since it was 0."""
+        return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
-    def add(self, points: int, rounds: int = 1) -> None:
-        """Take note of rounds with so many points each."""
-        self._left -= rounds * (points + self._round) * self._rows
+    def informed(self, told: Information, prior: Array) -> "Hypotheses":
+        """Return them after what others' readings tell of the navigator's error; of directions in
+        which that is negative, nothing. `prior` (7, 7) is the navigator's covariance, for scale."""
+        if not told.matrix.any():
+            return self
+        n = BATCH_STATES
+        told = positive_part(told, np.sqrt(np.diag(prior)))
+        M, mean = told.matrix, self.mean[:, :n]
+        P, across = self.covariance[:, :n, :n], self.covariance[:, :, :n]
+        less = np.linalg.solve(np.eye(n) + M @ P, np.broadcast_to(M, P.shape))
+        left = told.vector - mean @ M
+        right = np.linalg.solve(np.eye(n) + M @ P, left[..., None])[..., 0]
+        evidence = mean @ told.vector - 0.5 * np.einsum("ki,ij,kj->k", mean, M, mean)
+        evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
+        evidence -= 0.5 * np.linalg.slogdet(np.eye(n) + M @ P)[1]
+        return replace(
+            self,
+            log_weight=self.log_weight + evidence,
+            mean=self.mean + np.einsum("kij,kj->ki", across, right),
+            covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
+        )
 
-    def sample(
-        self, likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, *proposal: Mixture
-    ) -> tuple[Posterior | None, BatchLikelihood]:
-        """Return what `importance_sampling.sample` does."""
-        result = sample(likelihood, prior, sampling, *proposal)
-        rounds = 1 if result[0] is None else result[0].rounds
-        self.add(sampling.samples, rounds + sampling.first - 1)
-        return result
-
-
-def _update_group(
-    likelihood: BatchLikelihood, prior: Mixture, sampling: Sampling, most: int, effort: _Effort
-) -> list["_Piece"]:
-    """Return what the batch makes of hypotheses that overlap, whose weights need not add up to
-    1.
-    """
-    total = float(prior.weight.sum())
-    if len(prior) > 1 and total > 0.0:
-        own = replace(prior, weight=prior.weight / total)
-        if largest_sigma(own.moments()[1]) < CONSTANTS.very_wide_prior_m:
-            # as one prior, whose posterior is split again only where it has separate modes
-            posterior, linearised = effort.sample(
-                likelihood,
-                own,
-                replace(sampling, samples=CONSTANTS.more_samples * sampling.samples),
+    def reduced(self, most: int = MOST) -> "Hypotheses":
+        """Merge places, drop what is negligible, keep the best of each model."""
+        them = self
+        if len(them) > most:
+            them = them.part(np.argsort(-them.log_weight)[:most])
+        log_weight = them.log_weight - np.logaddexp.reduce(them.log_weight)
+        log_weight = np.maximum(log_weight, LEAST)
+        order = np.lexsort((-log_weight, them.which))
+        which, log_weight = them.which[order], log_weight[order]
+        total = them._of_models(which, log_weight)
+        light = total[which] < -LIGHT
+        first = np.r_[True, which[1:] != which[:-1]]
+        kept = first | (log_weight > np.where(light, -LIGHT, -NEGLIGIBLE))
+        them = replace(them, log_weight=np.zeros(len(them))).part(order[kept])
+        log_weight, light = log_weight[kept], light[kept]
+        if len(them) > len(np.unique(them.which)):
+            mean, covariance = them.mean.copy(), them.covariance.copy()
+            stay = kernels.merged(
+                them.which, log_weight, mean, covariance, np.where(light, LIGHT_MERGE, 1.0)
             )
-            if posterior is not None and _resolved(posterior):
-                joint = _piece(posterior, linearised)
-                return [replace(joint, log_weight=joint.log_weight + math.log(total))]
-    pieces: list[_Piece] = []
-    if len(prior) > CONSTANTS.sampled_hypotheses:
-        prior, pieces = _screened(likelihood, prior)
-    share = replace(sampling, samples=_points(sampling.samples, len(prior)))
-    for k, weight in enumerate(prior.weight):
-        if effort.spent:
-            left = prior.part(np.arange(k, len(prior)))
-            return [*pieces, *_screened(likelihood, left, 0)[1]]
-        if weight > 0.0:
-            one = prior.mean[k], prior.covariance[k]
-            piece = _update_one(likelihood, *one, share, most, effort)
-            if piece is not None:
-                pieces.append(replace(piece, log_weight=piece.log_weight + math.log(weight)))
-    return pieces
+            them = replace(them, mean=mean, covariance=covariance).part(stay)
+            log_weight = log_weight[stay]
+        total = them._of_models(them.which, log_weight)
+        lift = np.maximum(total.max() - FLOOR - total, 0.0)
+        log_weight = log_weight + lift[them.which]
+        return replace(them, log_weight=log_weight - np.logaddexp.reduce(log_weight))
+
+    def pruned(self, most: int) -> "Hypotheses":
+        """Merge places and drop what is negligible, whatever its model; weights stay as they
+        are."""
+        kept = np.argsort(-self.log_weight)[:most]
+        kept = kept[self.log_weight[kept] > self.log_weight[kept[0]] - NEGLIGIBLE]
+        them = self.part(kept[np.argsort(self.which[kept], kind="stable")])
+        mean, covariance = them.mean.copy(), them.covariance.copy()
+        weight = them.log_weight.copy()
+        stay = kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
+        return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether what is probable is few places that are near each other."""
+        order = np.argsort(-self.log_weight)[:FEW]
+        weight = np.exp(self.log_weight[order] - np.logaddexp.reduce(self.log_weight))
+        if weight.sum() < SURE:
+            return False
+        apart = self.mean[order, :2] - weight @ self.mean[order, :2] / weight.sum()
+        inner = self.covariance[order][:, [0, 1], [0, 1]].sum(axis=1)
+        return bool(weight @ ((apart**2).sum(axis=1) + inner) < NEAR_M**2)
+
+    def spread_over(self, models: Models) -> "Hypotheses":
+        """Return the same places under other models, of which nothing is known yet."""
+        order = np.argsort(-self.log_weight)[:FEW]
+        count, m, n = len(order), len(models.sigma), BATCH_STATES
+        base = Hypotheses.before(models, np.eye(n))
+        covariance = np.tile(base.covariance, (count, 1, 1))
+        covariance[:, :n, :n] = np.repeat(self.covariance[order, :n, :n], m, axis=0)
+        mean = np.zeros((count * m, covariance.shape[1]))
+        mean[:, :n] = np.repeat(self.mean[order, :n], m, axis=0)
+        weight = (self.log_weight[order, None] + models.log_prior).ravel()
+        return Hypotheses(models, np.tile(np.arange(m), count), weight, mean, covariance)
+
+    def _of_models(self, which: Array, log_weight: Array) -> Array:
+        """Return (M,) the log weights of models."""
+        total = np.full(len(self.models.sigma), -np.inf)
+        top = log_weight.max()
+        sums = np.bincount(which, np.exp(log_weight - top), len(total))
+        there = sums > 0.0
+        total[there] = np.log(sums[there]) + top
+        return total
+
+    def moved(self, by: Array) -> "Hypotheses":
+        """Return them relative to a navigator that has taken an error (7,) off its estimate."""
+        mean = self.mean.copy()
+        mean[:, :BATCH_STATES] -= by
+        return replace(self, mean=mean)
+
+    def normalised(self) -> "Hypotheses":
+        """Return them with weights whose sum is 1."""
+        return replace(self, log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
+
+    def carried(self, transition: Array, shift: Array) -> "Hypotheses":
+        """Return them about another error of the navigator, (7, 7) x + (7,)."""
+        whole = np.eye(self.mean.shape[1])
+        whole[:BATCH_STATES, :BATCH_STATES] = transition
+        mean = self.mean @ whole.T
+        mean[:, :BATCH_STATES] += shift
+        return replace(self, mean=mean, covariance=whole @ self.covariance @ whole.T)
+
+    def credible(self) -> "Hypotheses":
+        """Return them without faults that are not likely."""
+        family = self.models.family[self.which]
+        share = np.bincount(family, np.exp(self.log_weight))
+        kept = share[family] > CREDIBLE * share.sum()
+        return self if kept.all() else self.part(kept)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean (7,) and covariance (7, 7) of the navigator's error."""
+        n = BATCH_STATES
+        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        mean = weight @ self.mean[:, :n]
+        apart = self.mean[:, :n] - mean
+        inner = (weight @ self.covariance[:, :n, :n].reshape(len(self), -1)).reshape(n, n)
+        return mean, inner + (apart * weight[:, None]).T @ apart
+
+    def map_error(self) -> tuple[float, float]:
+        """Return mean sigma (map's unit) and mean log length (m) of the map's error."""
+        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        sigma, length = self.models.sigma[self.which], self.models.length[self.which]
+        return float(weight @ sigma), float(np.exp(weight @ np.log(length)))
+
+    def figures(self, states: States) -> dict[str, float]:
+        """Return the mean of the instrument's states that have names, and of an untold bias."""
+        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        mean = weight @ self.mean[:, BATCH_STATES + states.channels :]
+        names = (*states.names, *UNKNOWN[: states.unknown])
+        first = len(mean) - states.unknown
+        where = [*range(len(states.names)), *range(first, len(mean))]
+        return {name: float(mean[k]) for name, k in zip(names, where, strict=True)}
+
+    def share(self, family: int) -> float:
+        """Return the probability that something of a family is wrong."""
+        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        return float(weight @ (self.models.family[self.which] == family))
 
 
-def _groups(prior: Mixture) -> list[Integers]:
-    """Return the indices of hypotheses that overlap, in one chain or another: tiles of one ridge,
-    pieces of one peak.
-
-    Two overlap where the sampler would not call them separate modes (`clustering`) along
-    the line between them.
-    """
-    if len(prior) == 1:
-        return [np.arange(1)]
-    group = overlapping(prior.mean, prior.covariance, CONSTANTS.mode_separation)
-    return [np.flatnonzero(group == number) for number in range(int(group.max()) + 1)]
-
-
-def _merged(tiles: Mixture) -> Mixture:
-    """Return a Gaussian for each group: one about all would overlook places far away that are less
-    likely.
-    """
-    weight, mean, covariance = [], [], []
-    for group in _groups(tiles):
-        part = tiles.part(group)
-        weight.append(float(part.weight.sum()))
-        centre, spread = replace(part, weight=part.weight / weight[-1]).moments()
-        mean.append(centre)
-        covariance.append(spread)
-    return Mixture(np.array(weight), np.array(mean), np.array(covariance))
-
-
-def _screened(
-    likelihood: BatchLikelihood, prior: Mixture, most: int = CONSTANTS.sampled_hypotheses
-) -> tuple[Mixture, list["_Piece"]]:
-    """Return the most likely of many hypotheses, by a few points of each, so many at most, and
-    what the points make of the others.
-
-    A posterior of few points is taken to be as wide as their effective number can vouch for: with
-    one, as wide as the prior.
-    """
-    count = int(search_share(likelihood) * CONSTANTS.screening_samples)
-    points = standard_normal(count, prior.mean.shape[1])
-    x = prior.mean[:, None] + points @ np.linalg.cholesky(prior.covariance).transpose(0, 2, 1)
-    value = likelihood.log(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
-    top = value.max(axis=1)
-    alive = np.flatnonzero(np.isfinite(top) & (prior.weight > 0.0))
-    weight = np.exp(value[alive] - top[alive, None])
-    log_weight = top[alive] + np.log(weight.mean(axis=1)) + np.log(prior.weight[alive])
-    order = np.argsort(-log_weight, kind="stable")
-    possible = order[
-        log_weight[order]
-        > log_weight.max(initial=-np.inf)
-        + math.log(CONSTANTS.negligible_weight)
-        - CONSTANTS.screening_slack_log_evidence
-    ]
-    likely, others = alive[possible[:most]], possible[most:]
-    chosen = Mixture(prior.weight[likely], prior.mean[likely], prior.covariance[likely])
-    if not others.size:
-        return chosen, []
-    w = weight[others] / weight[others].sum(axis=1, keepdims=True)
-    mean = np.einsum("ks,ksi->ki", w, x[alive[others]])
-    apart = x[alive[others]] - mean[:, None]
-    few = np.minimum(1.0, 5.0 * (w**2).sum(axis=1))[:, None, None]
-    covariance = (
-        np.einsum("ks,ksi,ksj->kij", w, apart, apart) * (1.0 - few)
-        + few * prior.covariance[alive[others]]
-    )
-    height = log_weight[others].max()
-    shares = np.exp(log_weight[others] - height)
-    mixture = Mixture(shares / shares.sum(), mean, covariance)
-    misfit = -2.0 * float(top[alive[others]].max())
-    return chosen, [
-        _Piece(
-            height + math.log(float(shares.sum())),
-            mixture,
-            likelihood,
-            misfit,
-            1.0,
-            CONSTANTS.screening_samples,
-            0,
-        )
-    ]
-
-
-def _joined(pieces: list["_Piece"], most: int) -> Update:
-    heights = np.array([piece.log_weight for piece in pieces])
-    top = float(heights.max())
-    shares = np.exp(heights - top)
-    best = max(
-        pieces, key=lambda piece: (piece.samples > CONSTANTS.screening_samples, piece.log_weight)
-    )
-    return Update(
-        mixture=Mixture.join([piece.mixture for piece in pieces], shares / shares.sum()).pruned(
-            CONSTANTS.negligible_weight, most
-        ),
-        log_evidence=top + math.log(float(shares.sum())),
-        likelihood=best.likelihood,
-        misfit=best.misfit,
-        resolved=best.effective * best.samples >= CONSTANTS.least_effective_samples,
-        effective=best.effective,
-        rounds=best.rounds,
-        drawn=best.drawn if len(pieces) == 1 else None,
+def _joined(parts: list[Hypotheses]) -> Hypotheses:
+    """Return the hypotheses of several parts."""
+    return replace(
+        parts[0],
+        which=np.concatenate([p.which for p in parts]),
+        log_weight=np.concatenate([p.log_weight for p in parts]),
+        mean=np.concatenate([p.mean for p in parts]),
+        covariance=np.concatenate([p.covariance for p in parts]),
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Piece:
-    """Posterior of one hypothesis."""
-
-    log_weight: float
-    mixture: Mixture
-    likelihood: BatchLikelihood
-    misfit: float
-    effective: float
-    samples: int
-    rounds: int
-    drawn: tuple[Array, Array] | None = None
-
-
-def _update_one(
-    likelihood: BatchLikelihood,
-    mean: Array,
-    covariance: Array,
-    sampling: Sampling,
-    most: int,
-    effort: _Effort,
-) -> _Piece | None:
-    prior = Mixture.gaussian(mean, covariance)
-    sigma = largest_sigma(covariance)
-    if sigma <= CONSTANTS.linear_prior_m:
-        least, _ = CONSTANTS.carried_shape_m
-        linear = nearly_linear(likelihood, mean, covariance)
-        effort.add(CONSTANTS.linear_points)
-        # of a wider one the shape is carried on, for which it takes more points
-        if linear is not None and largest_sigma(linear[0].mixture.covariance[0]) < least:
-            return replace(_piece(*linear), drawn=None)
-    wide = (
-        replace(sampling, samples=CONSTANTS.more_samples * sampling.samples)
-        if sigma > CONSTANTS.wide_prior_m
-        else sampling
-    )
-    if sigma <= CONSTANTS.search_prior_m:
-        very_wide = (
-            replace(wide, first=CONSTANTS.more_samples)
-            if sigma > CONSTANTS.very_wide_prior_m
-            else wide
-        )
-        posterior, linearised = effort.sample(likelihood, prior, very_wide)
-        if posterior is None or _resolved(posterior):
-            return None if posterior is None else _piece(posterior, linearised)
-    found = acquire(likelihood, mean, covariance, most)
-    if found is None:
-        return None
-    tiles, evidence, misfit, asked = found
-    effort.add(asked)
-    if largest_sigma(tiles.moments()[1]) < CONSTANTS.search_prior_m:
-        posterior, linearised = effort.sample(likelihood, prior, wide, _merged(tiles))
-        if posterior is not None and _resolved(posterior):
-            return _piece(posterior, linearised)
-    return _Piece(
-        evidence,
-        tiles,
-        likelihood.with_nuisance_at(tiles.mean[0]),
-        misfit,
-        1.0,
-        sampling.samples,
-        0,
-    )
-
-
-def _resolved(posterior: Posterior) -> bool:
-    return (
-        posterior.beta == 1.0
-        and posterior.effective * len(posterior.weight) >= CONSTANTS.least_effective_samples
-    )
-
-
-def _piece(posterior: Posterior, likelihood: BatchLikelihood) -> _Piece:
-    return _Piece(
-        posterior.log_evidence,
-        posterior.mixture,
-        likelihood,
-        likelihood.misfit(posterior.mixture.mean[0]),
-        posterior.effective,
-        len(posterior.weight),
-        posterior.rounds,
-        (posterior.samples, posterior.weight),
-    )
-
-
-def _points(samples: int, jobs: int) -> int:
-    """Share the points among jobs: a power of two, as the quasi-random sequence likes it."""
-    return max(
-        CONSTANTS.fewest_samples,
-        min(
-            samples, 2 ** int(math.log2(max(CONSTANTS.more_samples * samples // max(jobs, 1), 1)))
-        ),
-    )
+def _transport(a: Array, b: Array) -> Array:
+    """Return the symmetric T with T a T = b: the optimal map from N(0, a) to N(0, b) (Gelbrich
+    1990)."""
+    values, vectors = np.linalg.eigh(a)
+    root = np.sqrt(np.maximum(values, 1e-300))
+    half = (vectors * root) @ vectors.T
+    inverse = (vectors / root) @ vectors.T
+    values, vectors = np.linalg.eigh(half @ b @ half)
+    middle = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return np.asarray(inverse @ middle @ inverse)

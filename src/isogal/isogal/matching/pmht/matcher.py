@@ -1,166 +1,176 @@
-"""`pmht`: probabilistic multi-hypothesis map matching with an exact batch likelihood.
+"""`pmht`: probabilistic multi-hypothesis map matching by one bank of hypotheses.
 
-The default matcher. It keeps the paper's idea, a batch of scans matched at once by probabilities
-over many hypotheses under the kinematic constraint, and replaces what made it inexact
-(docs/mathematics.md, section 13). A batch goes through six stages, each of which takes a `State`
-and returns another:
+The default matcher. It keeps the paper's idea, readings matched by probabilities over many
+hypotheses under the kinematic constraint. A hypothesis is a model of what nobody knows (how wrong
+the map is, how noisy or biased the instrument, whether the navigator is worse than it says) and a
+Gaussian about the navigator's error, the map's error under the vehicle and the instrument's
+states. Every reading is a Kalman update of every hypothesis; how well each foretold it is its
+evidence (docs/mathematics.md, sections 4 to 9).
 
-    prepare            prior, noise model, bias and likelihood of the batch    prepare.py
-    reject_outliers    by innovations, before the place is known               outliers.py
-    update             posterior of the navigator's error, uneven map error,
-                       outliers once the place is known                        update.py
-    learn              the map error, from batches that agree with the map     learn.py
-    assess             fix, ambiguous, biased, lost, or larger noise?          assess.py
-    publish            information of the measurements alone; memory           publish.py
-
-A stage that reaches a verdict ends the way of the batch; `publish` always comes last.
+    propagate    hypotheses follow the navigator to the batch end      hypotheses.py
+    observe      they take the new readings, field by field            rows.py, kernels.py
+    search       is the navigator somewhere else?                      diverged.py, search.py
+    publish      what the readings alone say; what is remembered       publish.py
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 from isogal.arrays import Array
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.monitoring import Insight
-from isogal.matching.pmht.assess import assess
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.learn import learn
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.memory import Memory, VarianceFactor
-from isogal.matching.pmht.noise_model import NoiseModel
-from isogal.matching.pmht.outliers import reject_outliers
-from isogal.matching.pmht.prepare import prepare, refusal, without
-from isogal.matching.pmht.publish import publish
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
+from isogal.matching.pmht.diverged import decided, pursued, remembered
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.memory import FieldMemory, Memory
+from isogal.matching.pmht.models import models_of
+from isogal.matching.pmht.publish import Told, published
+from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
 from isogal.matching.pmht.settings import Settings
-from isogal.matching.pmht.state import State
-from isogal.matching.pmht.update import update_state
 from isogal.scenario import Matcher as MatcherSettings
 
-STAGES = (reject_outliers, update_state, learn, assess)
-"""Between `prepare` and `publish`."""
+WIDE_M = 500.0
+"""1-sigma of a prior from which the place is searched for."""
+SAME_ESTIMATE = 0.25
+"""Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
+the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 
 
 @dataclass(frozen=True)
 class Pmht:
     """The default matcher. See the module; options in `settings.Options`."""
 
-    settings: Settings
-    name: str = "pmht"
-    takes_channels: bool = True
+    settings: tuple[Settings, ...]
+    """Of each field."""
+    names: tuple[str, ...] = ("",)
+    lead: int = 0
+    """The field whose batch ends are everybody's: batches are of it, with those of others
+    beside."""
+    name: ClassVar[str] = "pmht"
+    takes_channels: ClassVar[bool] = True
     takes_parameters: ClassVar[bool] = True
     """Whether it estimates the parameters of a batch (`isogal.matching.parameters`)."""
     stride: ClassVar[int] = 5
     """New scans between fixes where nobody says otherwise: with fewer the result is the same, with
     more it waits longer for what the last readings say. Measured."""
+    context: ClassVar[int] = 0
+    """Older scans that a batch brings along: none, what they said is in the hypotheses."""
 
     @classmethod
     def from_settings(cls, matcher: MatcherSettings) -> "Pmht":
         """Build it from a scenario's matcher section; raises InputError on a bad option."""
-        return cls(Settings.of(matcher))
+        return cls((Settings.of(matcher),))
 
-    @property
-    def context(self) -> int:
-        """Older scans that a batch brings along (`interfaces.Matcher`)."""
-        return self.settings.context
+    @classmethod
+    def of_fields(
+        cls, matchers: Sequence[MatcherSettings], names: Sequence[str], lead: int
+    ) -> "Pmht":
+        """Build that of several fields; raises InputError on a bad option."""
+        return cls(tuple(Settings.of(one) for one in matchers), tuple(names), lead)
 
     def match(
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
-        if reason := refusal(batch, field_map, self.settings):
-            return declined(batch, reason), memory
-        state = self._assessed(batch, field_map, memory)
-        if state.verdict is not None and state.verdict.biased:
-            biased = (memory or Memory.before(batch)).with_bias(state.verdict.bias)
-            state = self._assessed(batch, field_map, biased)
-        return publish(state)
-
-    def _assessed(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> State:
-        """Return the state of a batch with its verdict."""
-        state = prepare(batch, field_map, memory, self.settings)
-        for stage in STAGES:
-            if state.verdict is None:
-                state = stage(state)
-        return state
-
-    # What monitors ask (`monitoring.Monitored`).
-
-    def insight(self, memory: Memory | None) -> Insight:
-        """Say what the matcher has come to believe."""
+        prior, by_seven = navigator_states(batch)
         if memory is None:
-            return Insight(0.0, None, None, None)
-        error, untold = memory.map_error, self.settings.adaptive
-        if error is None:
-            return Insight(memory.log_evidence, None, None, memory.hypotheses)
-        return Insight(
-            memory.log_evidence,
-            error.doubt,
-            error.coarse_prior if untold else None,
-            memory.hypotheses,
-            told_doubt=-math.inf if untold else error.doubt,
-            untold=untold,
-        )
+            memory, forward = Memory.before(prior), np.eye(BATCH_STATES)
+        else:
+            memory, forward = _propagated(memory, batch, prior, by_seven)
+        each = (Beside(self.lead, batch, field_map), *batch.beside)
+        memory, rows = self._readings(each, memory, prior)
+        if all(new is None for new in rows):
+            return declined(batch, "there is no new reading"), memory
+        observed = _observed(each, rows, memory, prior)
+        if observed is None:
+            return declined(batch, "none of the likely places is on the map"), memory
+        memory, told, evidence = observed
+        lead = memory.fields[self.lead]
+        diverged = memory.diverged
+        if rows[0] is not None:
+            time = float(batch.time[-1])
+            diverged = remembered(diverged, rows[0], forward, evidence, time)
+            diverged = pursued(diverged, lead, rows[0], field_map, evidence)
+        memory, reset = decided(replace(memory, diverged=diverged), self.lead)
+        bank = memory.fields[self.lead].bank
+        if bank is None:
+            return declined(batch, "the place is searched for"), memory
+        if reset or lead.bank is None:
+            prior = prior + LOST_COVARIANCE if reset else prior
+            told = Told.nothing().with_bank(self.lead, bank, prior)
+        fix, memory = published(each, memory, prior, told, self.names, self.settings[self.lead])
+        return replace(fix, reset=reset), memory
 
-    def sceptic(
-        self,
-        batch: Batch,
-        before: Memory | None,
-        after: Memory,
-        variance: float,
-        confidence: float,
-    ) -> tuple["Pmht", Memory]:
-        """Return the matcher that takes the noise model learnt so far to the letter, with R times
-        a factor, and asks a place for a probability; and its memory before a batch.
-        """
-        start = before or Memory.before(batch)
-        options = self.settings.options.model_copy(update={"confidence": confidence, "trust": 1.0})
-        settings = replace(
-            self.settings, adaptive=False, noise=self._noise(after), options=options
-        )
-        factor = VarianceFactor.known(variance * start.variance_factor.value)
-        return (
-            replace(self, settings=settings),
-            replace(start, map_error=None, variance_factor=factor),
-        )
+    def _readings(
+        self, each: Sequence[Beside], memory: Memory, prior: Array
+    ) -> tuple[Memory, list[Rows | None]]:
+        """Return the new readings of each field, and the memory that knows of these fields."""
+        wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
+        fields, rows = dict(memory.fields), []
+        for one in each:
+            field = fields.get(one.field)
+            if field is None:
+                states = States.of(one.batch, one.field_map)
+                assumed = self.settings[one.field].assumed(one.batch, one.field_map)
+                models = models_of(assumed, states)
+                lost = wide if one.field == self.lead else fields[self.lead].bank is None
+                field = FieldMemory(
+                    states, models, None if lost else Hypotheses.before(models, prior)
+                )
+            new, epoch = rows_of(one.batch, one.field_map, field.states, field.models.lengths, field.epoch)
+            fields[one.field] = replace(field, epoch=epoch)
+            rows.append(new)
+        return replace(memory, fields=fields), rows
 
-    def with_hypotheses(self, memory: Memory, of: Memory) -> Memory:
-        """Return a memory with the hypotheses of another."""
-        return replace(memory, hypotheses=of.hypotheses, taken=of.taken)
 
-    def without_hypotheses(self, memory: Memory | None) -> Memory | None:
-        """Return a memory that takes the navigator's own covariance for its prior."""
-        return None if memory is None else replace(memory, hypotheses=None, taken=None)
+def _propagated(
+    memory: Memory, batch: Batch, prior: Array, by_seven: Array
+) -> tuple[Memory, Array]:
+    """Return the memory at the end of a batch, before its readings, and (7, 7) the error there per
+    unit of error at the last batch end."""
+    elapsed = float(batch.time[-1] - batch.time[max(len(batch) - batch.new - 1, 0)])
+    xi, rest = batch.back(elapsed)
+    back = np.eye(BATCH_STATES)
+    back[: len(xi)] = xi @ by_seven[:4] + rest @ by_seven[4:]
+    before = memory.covariance
+    if batch.correction is not None:
+        off = -batch.correction - memory.taken
+        if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
+            before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
+        memory = memory.moved(off)
+    return memory.propagated(before, back, prior), np.linalg.inv(back)
 
-    def carrying(self, memory: Memory, hypotheses: Mixture | None) -> Memory:
-        """Return a memory with other hypotheses about the end of the last batch."""
-        return replace(memory, hypotheses=hypotheses, taken=None)
 
-    def given(
-        self, memory: Memory | None, batch: Batch, hypotheses: Mixture | None
-    ) -> Memory | None:
-        """Return a memory with hypotheses about the end of a batch that is still to be matched."""
-        if memory is None and hypotheses is None:
-            return None
-        return replace(
-            memory or Memory.before(batch), hypotheses=None, current=hypotheses, taken=None
-        )
+def _observed(
+    each: Sequence[Beside], rows: Sequence[Rows | None], memory: Memory, prior: Array
+) -> tuple[Memory, Told, float] | None:
+    """Return the memory after new readings, what they tell, and the log evidence of the first
+    field's; None where none of its hypotheses is on the map.
 
-    def after_others(self, memory: Memory, taken: Array, covariance: Array) -> Memory:
-        """Return the memory of a navigator that has taken fixes of other fields as well."""
-        return memory.after_others(taken, covariance)
-
-    def likelihood(
-        self, batch: Batch, field_map: AnyMap, memory: Memory, place: tuple[Array, Array]
-    ) -> BatchLikelihood:
-        """Return the likelihood of a batch by what is known after it, at a place: mean (4,) and
-        covariance (4, 4) of xi.
-        """
-        used = without(batch, memory.outlier_times)
-        likelihood = BatchLikelihood.of(used, field_map, self._noise(memory), place=place)
-        return likelihood.scaled(memory.variance_factor.value)
-
-    def _noise(self, memory: Memory) -> NoiseModel:
-        told = self.settings.noise
-        return told if memory.map_error is None else memory.map_error.model(told)
+    Readings of two fields are independent given where the vehicle was: what one tells of the
+    navigator is told to the hypotheses of the others (expectation propagation; Minka 2001)."""
+    fields, told, evidence = dict(memory.fields), Told.nothing(), 0.0
+    for one, new in zip(each, rows, strict=True):
+        field = fields[one.field]
+        if new is None or field.bank is None:
+            continue
+        bank = field.bank.informed(told.total, prior)
+        seen = bank.split(one.field_map.grid, new).observed(one.field_map.grid, new)
+        if not len(seen):
+            if one is each[0]:
+                return None
+            continue
+        if one is each[0]:
+            evidence = seen.log_evidence
+        bank = seen.reduced()
+        fields[one.field] = replace(field, bank=bank)
+        told = told.with_bank(one.field, bank, prior)
+    for index, field in fields.items():
+        if field.bank is not None:
+            later = field.bank.informed(told.after(index), prior)
+            fields[index] = replace(field, bank=later)
+    return replace(memory, fields=fields), told, evidence

@@ -1,122 +1,97 @@
-"""What `pmht` carries from batch to batch, and how hypotheses are carried to the next one."""
+"""What `pmht` carries from batch to batch."""
 
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.map_error import MapErrorEstimate
-from isogal.matching.pmht.sensor_bias import BiasEstimate
-from isogal.matching.pmht.taken import has_taken
-from isogal.matrices import positive_part, symmetric
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Epoch, States
+from isogal.matching.pmht.search import Past, Search
+
+DIVERGED_LOG_ODDS = -8.0
+"""Of a navigator that has diverged, before any reading."""
 
 
-@dataclass(frozen=True, slots=True)
-class VarianceFactor:
-    """Variance of unit weight over the last batches (docs/mathematics.md, section 8.4).
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldMemory:
+    """Of one field."""
 
-    A prior holds it at 1 until the residuals clearly say more.
-    """
+    states: States
+    models: Models
+    bank: Hypotheses | None
+    """About the navigator as it is; None = its place is searched for."""
+    epoch: Epoch | None = None
 
-    misfit: float = CONSTANTS.variance_factor_freedom
-    """Sum of chi-squares."""
-    freedom: float = CONSTANTS.variance_factor_freedom
-    """Sum of their degrees of freedom."""
 
-    @classmethod
-    def known(cls, value: float) -> "VarianceFactor":
-        """Return one that is known to have a value."""
-        return cls(value * CONSTANTS.variance_factor_freedom)
+@dataclass(frozen=True, slots=True, eq=False)
+class Diverged:
+    """About a navigator that may be anywhere, by the readings of the first field."""
 
-    @property
-    def value(self) -> float:
-        """Factor to multiply R by, >= 1."""
-        ratio = self.misfit / self.freedom
-        chance = CONSTANTS.variance_factor_sigma * math.sqrt(2.0 / self.freedom)
-        return ratio if ratio > 1.0 + chance else 1.0
-
-    def updated(self, misfit: float, freedom: float) -> "VarianceFactor":
-        """Add the chi-square of a batch; older batches count less and less."""
-        kept = CONSTANTS.variance_factor_memory
-        return VarianceFactor(kept * self.misfit + misfit, kept * self.freedom + freedom)
+    start: Array
+    """(7, 7) covariance of the navigator before the first of `past`."""
+    past: tuple[Past, ...] = ()
+    """Batches of the last hour."""
+    whole: bool = True
+    """Whether they are all since the navigator's place was known."""
+    unseen: int = 0
+    """Readings since the last look."""
+    search: Search | None = None
+    """For places, on its way through the last hour."""
+    found: Hypotheses | None = None
+    """What it has found, carried along with the bank; None = there is nothing."""
+    log_odds: float = DIVERGED_LOG_ODDS
+    """Of what has been found against the bank."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """What one run's matcher knows from its earlier batches."""
+    """Of a run. Errors are relative to the estimate of a navigator that has taken the last fix."""
 
-    time: float
-    """s, end of the last batch."""
-    prior: Array
-    """(4, 4) the navigator's covariance there, before any fix."""
-    hypotheses: Mixture | None = None
-    """About the navigator's error there; None = its own prior is all there is."""
-    current: Mixture | None = None
-    """About its error at the end of the next batch, by readings of another field up to there;
-    counts before `hypotheses`."""
-    taken: Array | None = None
-    """(4, 4) covariance there of a navigator that has taken the fix which was published: only of
-    such a one the hypotheses are true. None = there was no fix."""
-    disagreements: int = 0
-    """Batches in a row that did not agree with the map."""
-    outlier_times: frozenset[float] = frozenset()
-    """Stamps of readings left out."""
-    map_error: MapErrorEstimate | None = None
-    """Estimate of the map error, where it is not given."""
-    bias: BiasEstimate | None = None
-    """Of the readings, where it is not known to be nothing."""
-    unbiased: bool = False
-    """Whether the readings have shown that they have no bias (`BiasEstimate.simplified`)."""
-    variance_factor: VarianceFactor = VarianceFactor()
-    """How much larger the residuals' variance is than assumed."""
-    log_evidence: float = 0.0
-    """Log probability density of all readings so far, each batch given the ones before."""
+    fields: Mapping[int, FieldMemory]
+    """By their place in the list of fields."""
+    covariance: Array
+    """(7, 7) of that navigator."""
+    diverged: Diverged
+    taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
+    """(7,) error that the last fix takes off its estimate."""
 
     @classmethod
-    def before(cls, batch: Batch) -> "Memory":
-        """Return the memory of a matcher whose first batch this is."""
-        return cls(float(batch.time[0]), batch.prior)
+    def before(cls, prior: Array) -> "Memory":
+        """Return that before the first batch, of a navigator of covariance (7, 7)."""
+        return cls({}, prior, Diverged(prior))
 
-    def after_others(self, taken: Array, covariance: Array) -> "Memory":
-        """See `isogal.matching.several.Sharing`."""
-        if self.bias is None:
-            return self
-        states = self.bias.gain.shape[1]
-        error = None if self.bias.error is None else covariance[:states, :states]
-        mean = self.bias.mean + self.bias.gain @ taken[:states]
-        return replace(self, bias=replace(self.bias, mean=mean, error=error))
+    def moved(self, by: Array) -> "Memory":
+        """Return that of a navigator whose estimate has lost a further error (7,)."""
+        past = self.diverged.past
+        if past:
+            past = (*past[:-1], replace(past[-1], taken=past[-1].taken + by))
+        found = self.diverged.found
+        found = None if found is None else found.moved(by)
+        return replace(
+            self._each(lambda bank: bank.moved(by)),
+            diverged=replace(self.diverged, past=past, found=found),
+            taken=self.taken + by,
+        )
 
-    def with_bias(self, bias: BiasEstimate | None) -> "Memory":
-        """Return the memory with another belief about the readings' bias."""
-        return replace(self, bias=bias)
+    def propagated(self, before: Array, back: Array, prior: Array) -> "Memory":
+        """Return it at the next batch end; parameters of `Hypotheses.propagated`."""
+        found = self.diverged.found
+        if found is not None:
+            found = found.propagated(before, back, prior, aided=False)
+        return replace(
+            self._each(lambda bank: bank.propagated(before, back, prior)),
+            covariance=prior,
+            diverged=replace(self.diverged, found=found),
+            taken=np.zeros(BATCH_STATES),
+        )
 
-
-def prior_of(batch: Batch, memory: Memory | None) -> Mixture:
-    """Return the prior of xi: hypotheses carried to the batch end, or the navigator's own."""
-    if memory is not None and memory.current is not None:
-        return memory.current
-    own = Mixture.gaussian(np.zeros(4), batch.prior)
-    if memory is None or memory.hypotheses is None:
-        return own
-    then, gain, rest = _forecast(batch, float(batch.time[-1]) - memory.time)
-    if memory.taken is not None and not has_taken(memory.taken, then):
-        return own
-    return memory.hypotheses.moved(gain, rest)
-
-
-def _forecast(batch: Batch, elapsed: float) -> tuple[Array, Array, Array]:
-    """Return the navigator's covariance (4, 4) where the last batch ended, by its own dynamics,
-    and gain (4, 4) and covariance (4, 4): xi given the error x there is N(gain x, covariance).
-
-    By the navigator's own joint prior of both, x = A xi + D e with e ~ N(0, 1): a hypothesis
-    about x keeps the correlations of errors that the navigator knows, over tens of km as well.
-    """
-    back, nuisance = (array[:4] for array in batch.back(elapsed))
-    then = back @ batch.prior @ back.T + nuisance @ nuisance.T
-    gain = np.asarray(np.linalg.solve(then, back @ batch.prior).T, dtype=np.float64)
-    rest = positive_part(symmetric(batch.prior - gain @ then @ gain.T))
-    return then, gain, rest + 1e-12 * np.diag(np.diag(batch.prior))
+    def _each(self, change):  # type: ignore[no-untyped-def]
+        fields = {
+            index: one if one.bank is None else replace(one, bank=change(one.bank))
+            for index, one in self.fields.items()
+        }
+        return replace(self, fields=fields)

@@ -1,225 +1,207 @@
-"""Stage 6 of `pmht`: the fix of a batch, and what is remembered of it.
+"""The fix of a batch: what its readings alone say (docs/mathematics.md, section 7)."""
 
-docs/mathematics.md, sections 6.8 and 7.
-"""
-
-import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
-from isogal.matching.information import likelihood_information, measurement_only, shares
-from isogal.matching.interfaces import Batch, Candidates, Fix, Information, declined
-from isogal.matching.pmht.attitude import joint_prior
-from isogal.matching.pmht.clustering import pieces
-from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.contours import contour_candidates
-from isogal.matching.pmht.filtered import as_points
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.hypotheses import Update
-from isogal.matching.pmht.memory import Memory, VarianceFactor
-from isogal.matching.pmht.prepare import unknown_bias
-from isogal.matching.pmht.sensor_bias import BiasEstimate
-from isogal.matching.pmht.state import State
+from isogal.matching.information import (
+    informed_state,
+    likelihood_information,
+    measurement_only,
+    shares,
+)
+from isogal.matching.interfaces import Batch, Beside, Candidates, Fix, Information, declined
+from isogal.matching.pmht.diverged import after_fix, probability
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.memory import Memory
+from isogal.matching.pmht.models import FAMILIES
+from isogal.matching.pmht.settings import Settings
+
+SHOWN = 64
+"""Hypotheses that are shown as candidates, at most."""
 
 
-def publish(state: State) -> tuple[Fix, Memory]:
-    """Return the fix that the verdict allows, or why there is none, and the memory after it."""
-    fix, memory = _published(state)
-    error = _gravity_error(state, memory)
-    return (fix if error is None else replace(fix, map_error=error)), memory
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What the readings of fields tell of the navigator's error x, one after the other."""
+
+    each: tuple[tuple[int, Information], ...]
+    """Fields and what theirs tell beside those before."""
+
+    @classmethod
+    def nothing(cls) -> "Told":
+        """Return that of no readings."""
+        return cls(())
+
+    @property
+    def total(self) -> Information:
+        """Of all."""
+        return _sum([one for _, one in self.each])
+
+    def after(self, field: int) -> Information:
+        """Return what fields tell that came after one of them."""
+        order = [index for index, _ in self.each]
+        first = order.index(field) + 1 if field in order else 0
+        return _sum([one for _, one in self.each[first:]])
+
+    def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "Told":
+        """Return it with what the readings of a field tell that makes a navigator N(0, prior),
+        told of the others', what its bank says."""
+        told = self.total
+        mean, before = informed_state(prior, told)
+        after, covariance = bank.credible().moments()
+        own = likelihood_information(after - mean, covariance, before)
+        own = Information(own.vector + own.matrix @ mean, own.matrix)
+        return Told((*self.each, (field, own)))
 
 
-def _gravity_error(state: State, memory: Memory) -> tuple[float, float] | None:
-    """Return sigma (m/s²) and correlation length (m) of the map's error, where readings have shown
-    them and it is a map of gravity."""
-    learnt = memory.map_error
-    if learnt is None or not learnt.batches or state.field_map.quantity not in GRAVITY:
-        return None
-    noise = learnt.model(state.settings.noise)
-    return noise.map_sigma, noise.correlation_length
+def _sum(parts: Sequence[Information]) -> Information:
+    vector, matrix = np.zeros(BATCH_STATES), np.zeros((BATCH_STATES, BATCH_STATES))
+    for one in parts:
+        vector, matrix = vector + one.vector, matrix + one.matrix
+    return Information(vector, matrix)
 
 
-def _published(state: State) -> tuple[Fix, Memory]:
-    """Return fix and memory of `publish`, the fix without what it says of gravity."""
-    verdict = state.verdict
-    assert verdict is not None
-    if state.posterior is None:
-        return declined(state.batch, verdict.reason or ""), _unmatched(state)
-    memory = _remembered(state)
-    measured = _measured_bias(state)
-    figures = _figures(state, memory.variance_factor.value, measured)
-    if verdict.reason is not None:
-        fix = declined(state.batch, verdict.reason, **figures)
-        return replace(fix, reset=verdict.lost), memory
-    information = likelihood_information(*state.with_attitude())
+def published(
+    each: Sequence[Beside],
+    memory: Memory,
+    prior: Array,
+    told: Told,
+    names: Sequence[str],
+    settings: Settings,
+) -> tuple[Fix, Memory]:
+    """Return the fix of a batch, and the memory of a navigator that takes it.
+
+    Parameters
+    ----------
+    each : sequence of Beside
+        The batch of the first field, and those of others.
+    prior : (7, 7) array
+        Covariance of the navigator, widened where it has diverged.
+    """
+    batch = each[0].batch
+    figures = _figures(each, memory, names)
+    error = _gravity_error(each, memory)
+    information = told.total
     if not information.matrix.any():
         reason = "the batch tells nothing that the navigator does not know"
-        return declined(state.batch, reason, **figures), memory
-    best = state.best
-    bias, unbiased = _simplified(state, measured)
-    return _fix(state, information, figures), replace(
-        memory,
-        hypotheses=_shape(best, best.mixture.covariance[0]),
-        taken=best.mixture.covariance[0],
-        disagreements=0,
-        bias=bias,
-        unbiased=memory.unbiased or unbiased,
-    )
-
-
-def _simplified(state: State, bias: BiasEstimate | None) -> tuple[BiasEstimate | None, bool]:
-    """Return the bias without what nobody has told of and readings do not show, and whether
-    nothing of it is left.
-    """
-    settings, batch = state.settings, state.batch
-    told = settings.noise.bias_sigma > 0.0 or batch.bias_walk > 0.0
-    told = told or batch.delay_sigma > 0.0 or batch.parameters is not None
-    if bias is None or told or not settings.adaptive:
-        return bias, False
-    before = unknown_bias(batch, state.field_map, settings).covariance
-    simple = bias.simplified((math.sqrt(before[0, 0]), math.sqrt(before[1, 1])))
-    return simple, simple is None
-
-
-def _measured_bias(state: State) -> BiasEstimate | None:
-    """Return the readings' bias after the batch, for a navigator that takes its fix."""
-    if state.bias is None:
-        return None
-    mean, covariance, _ = state.with_attitude()
-    return state.bias.measured(state.batch, state.best.likelihood, mean, covariance)
-
-
-def _fix(state: State, information: Information, figures: dict[str, float]) -> Fix:
-    batch, best = state.batch, state.best
-    mean, covariance = best.mixture.mean[0], best.mixture.covariance[0]
-    error, error_covariance = measurement_only(mean, covariance, batch.prior)
+        fix = replace(declined(batch, reason, **figures), map_error=error)
+        return fix, _after(memory, np.zeros(BATCH_STATES), prior)
+    mean, covariance = informed_state(prior, information)
+    place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     north, east = metres_per_radian(batch.end[0])
-    each, first = first_channel(batch, state.field_map)  # each scan once
-
-    def shown() -> Candidates:
-        return contour_candidates(as_points(each, first, mean), first, mean, covariance)
-
+    bank = memory.fields[each[0].field].bank
+    assert bank is not None
     fix = Fix(
         time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - error[0] / north),
-        longitude=float(batch.end[1] - error[1] / east),
-        covariance=error_covariance,
-        shown=shown,
+        latitude=float(batch.end[0] - place[0] / north),
+        longitude=float(batch.end[1] - place[1] / east),
+        covariance=spread,
+        shown=lambda: _candidates(each[0], bank),
         diagnostics=figures,
-        information=information,
+        information=_as_known(batch, information),
+        map_error=error,
     )
-    return _of_each_scan(fix, state, each, mean) if state.settings.each_scan else fix
+    if settings.each_scan:
+        fix = _of_each_scan(fix, each[0], information, prior, mean)
+    return fix, _after(memory, mean, covariance)
 
 
-def _of_each_scan(fix: Fix, state: State, each: Batch, mean: Array) -> Fix:
-    """Return the fix with what it says at each scan, for retrodiction."""
-    batch, new = state.batch, slice(len(each) - each.new, None)
-    moved = np.full((len(each), 2), np.nan)
-    moved[new] = each.transition[new] @ mean
+def _as_known(batch: Batch, information: Information) -> Information:
+    """Return the information about what the batch knows of: the errors without attitude where it
+    has none."""
+    if batch.attitude is not None:
+        return information
+    return Information(information.vector[:4], information.matrix[:4, :4])
+
+
+def _after(memory: Memory, taken: Array, covariance: Array) -> Memory:
+    fields = {
+        index: one if one.bank is None else replace(one, bank=one.bank.moved(taken))
+        for index, one in memory.fields.items()
+    }
+    diverged = after_fix(memory.diverged, taken, covariance)
+    return replace(memory, fields=fields, covariance=covariance, diverged=diverged, taken=taken)
+
+
+def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
+    """Return sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have
+    shown them."""
+    for one in each:
+        bank = memory.fields[one.field].bank
+        if one.field_map.quantity in GRAVITY and bank is not None:
+            return bank.map_error()
+    return None
+
+
+def _candidates(one: Beside, bank: Hypotheses) -> Candidates:
+    """Return where the likeliest hypotheses have each scan of the batch."""
+    each, _ = first_channel(one.batch, one.field_map)
+    best = np.argsort(-bank.log_weight)[:SHOWN]
+    weight = np.exp(bank.log_weight[best])
+    moved = np.einsum("tij,kj->tki", each.transition, bank.mean[best, :4])
     north, east = metres_per_radian(each.latitude)
-    covariance = np.full((len(each), 2, 2), np.nan)
+    count = len(each)
+    return Candidates(
+        (each.latitude[:, None] - moved[..., 0] / north[:, None]).ravel(),
+        (each.longitude[:, None] - moved[..., 1] / east[:, None]).ravel(),
+        np.tile(weight / weight.sum(), count),
+        np.repeat(np.arange(count), len(best)),
+    )
+
+
+def _of_each_scan(
+    fix: Fix, one: Beside, information: Information, prior: Array, mean: Array
+) -> Fix:
+    """Return the fix with what it says at each scan, for retrodiction."""
+    batch = one.batch
+    each, _ = first_channel(batch, one.field_map)  # each scan once
+    count, new = len(each), slice(len(each) - each.new, None)
+    moved = np.full((count, 2), np.nan)
+    moved[new] = each.transition[new] @ mean[:4]
+    north, east = metres_per_radian(each.latitude)
+    covariance = np.full((count, 2, 2), np.nan)
     covariance[new] = fix.covariance * each.new
-    parts: list[Information | None] = [None] * len(each)
-    if each.backward is not None and fix.information is not None:
-        parts[new] = shares(fix.information, joint_prior(batch), each.backward[new])
-    places = [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east]
+    parts: list[Information | None] = [None] * count
+    if each.backward is not None:
+        size = each.backward.shape[1]
+        known = Information(information.vector[:size], information.matrix[:size, :size])
+        parts[new] = shares(known, prior[:size, :size], each.backward[new])
     late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
+    places = np.stack([each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1)
     return replace(
         fix,
-        scan_position=None if late else np.stack(places, axis=-1),
+        scan_position=None if late else places,
         scan_covariance=None if late else covariance,
         scan_information=None if each.backward is None else tuple(parts),
     )
 
 
-def _remembered(state: State) -> Memory:
-    """Return the memory after a batch that was matched, as if it gave no fix."""
-    batch, verdict, before = state.batch, state.verdict, state.memory
-    assert verdict is not None
-    published = verdict.reason is None
-    outliers = frozenset(t for t in (before.outlier_times if before else ()) if t >= batch.time[0])
-    factor = before.variance_factor if before else VarianceFactor()
-    if verdict.residual is not None:
-        residual = verdict.residual
-        factor = factor.updated(residual.value * factor.value, residual.freedom)
-    bias = None if state.bias is None else state.bias.unmeasured(batch)
-    return Memory(
-        time=float(batch.time[-1]),
-        prior=batch.prior,
-        hypotheses=None if published else verdict.hypotheses,
-        disagreements=(before.disagreements if before else 0) + verdict.unexplained,
-        # only where all agrees: what stands out at a wrong place may be right
-        outlier_times=outliers | state.outlier_times if published and state.agrees else outliers,
-        map_error=state.learnt if published else state.map_error,
-        unbiased=before is not None and before.unbiased and verdict.bias is None,
-        bias=verdict.bias if verdict.lost else bias,
-        variance_factor=VarianceFactor() if verdict.lost else factor,
-        log_evidence=(before.log_evidence if before else 0.0) + state.log_evidence,
-    )
-
-
-def _unmatched(state: State) -> Memory:
-    """Return the memory after a batch that could not be matched."""
-    batch, before = state.batch, state.memory or Memory.before(state.batch)
-    alone = before.hypotheses is None and before.current is None
-    return replace(
-        before,
-        time=float(batch.time[-1]),
-        prior=batch.prior,
-        hypotheses=None if alone else state.prior,
-        current=None,
-        taken=None if before.taken is None else batch.prior,
-        bias=None if state.bias is None else state.bias.unmeasured(batch),
-    )
-
-
-def _figures(state: State, variance_factor: float, bias: BiasEstimate | None) -> dict[str, float]:
-    """Return what the diagnostics say of a batch that was matched."""
-    best, agreement = state.best, state.agreement()
-    place = state.batch.latitude[-1:], state.batch.longitude[-1:]
-    figures = {
-        "hypotheses": float(len(best.mixture)),
-        "probability": float(best.mixture.weight[0]),
-        "effective_samples": best.effective,
-        "rounds": float(best.rounds),
-        "misfit": agreement.ratio,
-        "p_value": agreement.p_value,
-        "noise_scale": variance_factor,
-        "readings_left_out": float(len(state.outlier_times)),
-        "feature_variability": float(feature_variability(state.first_map, *place)[0]),
-    }
-    if state.learnt is not None:
-        figures |= state.learnt.figures(state.settings.noise)
-    if bias is not None:
-        figures |= bias.figures()
+def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> dict[str, float]:
+    """Return what the diagnostics say: of the first field, and of others with their names."""
+    figures: dict[str, float] = {}
+    for one in each:
+        field = memory.fields[one.field]
+        if field.bank is None:
+            continue
+        prefix = "" if one is each[0] else f"{names[one.field]}."
+        sigma, length = field.bank.map_error()
+        of_field = {"map_sigma": sigma, "map_correlation_length_m": length}
+        of_field |= {name: field.bank.share(k) for k, name in enumerate(FAMILIES) if k}
+        of_field |= field.bank.figures(field.states)
+        figures |= {prefix + name: value for name, value in of_field.items()}
+    batch, field_map = each[0].batch, first_channel(each[0].batch, each[0].field_map)[1]
+    bank = memory.fields[each[0].field].bank
+    figures["hypotheses"] = float(0 if bank is None else len(bank))
+    place = batch.latitude[-1:], batch.longitude[-1:]
+    figures["feature_variability"] = float(feature_variability(field_map, *place)[0])
+    if memory.diverged.found is not None:
+        figures["diverged"] = probability(memory.diverged)
     return figures
-
-
-def _shape(best: Update, covariance: Array) -> Mixture | None:
-    """Return the posterior's shape as hypotheses about the navigator that has taken the fix; None
-    where a Gaussian says it.
-
-    In a flat field with a poor map the posterior is a ridge or has a shoulder, and the Gaussian
-    that the navigator makes of it forgets the tail in which the truth may be. So it is carried on
-    as a sum of Gaussians (Sorenson & Alspach 1971, Automatica 7:465).
-    """
-    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-    least, most = CONSTANTS.carried_shape_m
-    if best.drawn is None or len(best.mixture) > 1 or not least < sigma < most:
-        return None
-    x, weight = best.drawn
-    scale = np.sqrt(np.diag(covariance))
-    shape, gaussian = (pieces(x, weight, scale, cuts) for cuts in (CONSTANTS.shape_cuts, 0))
-    gain = float(weight @ (shape.log_density(x) - gaussian.log_density(x)))
-    if gain <= CONSTANTS.least_shape_gain_log:
-        return None
-    # the samples are a few hundred; as a whole the shape has the moments that were published
-    centre, spread = shape.moments()
-    turn = np.linalg.cholesky(covariance) @ np.linalg.inv(np.linalg.cholesky(spread))
-    return Mixture(shape.weight, (shape.mean - centre) @ turn.T, turn @ shape.covariance @ turn.T)

@@ -1,10 +1,16 @@
-"""Options of `pmht`: what a user may want to change."""
+"""Options of `pmht`, and what it assumes of map and instrument."""
 
+import math
 from dataclasses import dataclass, field
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.matching.pmht.models import DRIFT_TIME, Assumed
+from isogal.matching.pmht.rows import stated_sigma
+from isogal.matching.interfaces import Batch
 from isogal.matching.registry import check_options
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -14,41 +20,6 @@ class Options(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    context: int | None = Field(
-        None,
-        ge=0,
-        description="older scans whose residuals predict the map error; null = batch_length",
-    )
-    samples: int = Field(512, ge=64, le=65536, description="points per round of the sampler")
-    hypotheses: int = Field(2048, ge=1, le=10000, description="hypotheses kept at most")
-    confidence: float = Field(
-        0.999,
-        gt=0.5,
-        lt=1.0,
-        description="probability a hypothesis needs before it is published",
-    )
-    outlier_gate: float = Field(
-        4.5, gt=0.0, description="1-sigma beyond which a reading is left out"
-    )
-    significance: float = Field(
-        1e-4, gt=0.0, lt=0.5, description="p-value under which a batch counts as inconsistent"
-    )
-    tolerance: float = Field(
-        2.0,
-        ge=1.0,
-        description="misfit per degree of freedom that is never called inconsistent",
-    )
-    largest_misfit: float = Field(
-        9.0, gt=1.0, description="misfit per degree of freedom above which no fix is published"
-    )
-    bias_drift_sigma: float | None = Field(
-        None,
-        ge=0.0,
-        description=(
-            "1-sigma of the readings' drift, map's unit per second; null = bias_sigma in three"
-            " hours"
-        ),
-    )
     trust: float = Field(
         2.0,
         ge=1.0,
@@ -58,18 +29,26 @@ class Options(BaseModel):
             " = to the letter"
         ),
     )
+    bias_drift_sigma: float | None = Field(
+        None,
+        ge=0.0,
+        description=(
+            "1-sigma of the readings' drift, map's unit per second; null = bias_sigma in three"
+            " hours"
+        ),
+    )
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the matcher is told: options, and what it assumes about the map and the sensor."""
+    """What the matcher is told."""
 
-    noise: NoiseModel
-    adaptive: bool = False
-    """Whether the map error is learnt from nothing (`map_sigma: auto`)."""
+    map_sigma: float | None = None
+    """1-sigma of the map's error, map's unit; None = nothing is told."""
+    length: float = 4000.0
+    """Its correlation length, m."""
+    bias_sigma: float = 0.0
     options: Options = field(default_factory=Options)
-    context: int = 30
-    """Older scans that a batch brings along."""
     each_scan: bool = False
     """Whether fixes say what each scan is given of them (retrodiction)."""
 
@@ -77,11 +56,41 @@ class Settings:
     def of(cls, matcher: MatcherSettings) -> "Settings":
         """Read a scenario's matcher section; raises InputError on an unknown or bad option."""
         options: Options = check_options("pmht", matcher.options, Options)
-        adaptive = matcher.map_sigma == "auto"
-        noise = NoiseModel(
-            map_sigma=0.0 if adaptive else float(matcher.map_sigma),
-            correlation_length=matcher.map_correlation_length,
-            bias_sigma=matcher.bias_sigma,
+        told = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
+        retrodiction = matcher.mode == "retrodiction"
+        return cls(told, matcher.map_correlation_length, matcher.bias_sigma, options, retrodiction)
+
+    def assumed(self, batch: Batch, field_map: AnyMap) -> Assumed:
+        """Return what is known before the first batch of a run."""
+        maps = channels_of(field_map)
+        rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
+        stated = float(np.mean([stated_sigma(one) for one in maps]))
+        told = self.map_sigma
+        if stated > 0.0:
+            told = max(told or 0.0, stated)
+        drift = self.options.bias_drift_sigma
+        return Assumed(
+            noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
+            scale=float(np.mean([one.scale for one in maps])),
+            rough=float(np.mean([roughness(one) for one in maps])),
+            sigma=told,
+            length=self.length,
+            trust=self.options.trust,
+            bias=self.bias_sigma,
+            drift=self.bias_sigma / DRIFT_TIME if drift is None else drift,
+            walks=batch.bias_walk > 0.0,
+            delay=batch.delay_sigma,
+            filtered=batch.filter_path is not None,
         )
-        context = matcher.batch_length if options.context is None else options.context
-        return cls(noise, adaptive, options, context, matcher.mode == "retrodiction")
+
+
+def roughness(field_map: FieldMap) -> float:
+    """Return the RMS difference of a node from the mean of its neighbours on either side: what
+    the map would not show if it were half as dense, by at most 200 x 200 nodes."""
+    steps = [max(1, count // 200) for count in field_map.values.shape]
+    values = field_map.values
+    along = values[1:-1] - 0.5 * (values[2:] + values[:-2])
+    across = values[:, 1:-1] - 0.5 * (values[:, 2:] + values[:, :-2])
+    known = np.concatenate([part[:: steps[0], :: steps[1]].ravel() for part in (along, across)])
+    known = known[np.isfinite(known)]
+    return math.sqrt(float((known**2).mean())) if known.size else 0.0

@@ -1,0 +1,339 @@
+"""Compiled loops over hypotheses: propagation, linearisation, Kalman update, curvature, merging.
+
+A hypothesis k has the model ``which[k]`` and a Gaussian of the augmented state: the navigator's
+error (7), the map error of each channel in units of its 1-sigma, and the instrument's states
+(`rows.States`). A model need not have all of them: its own are ``used[m, :count[m]]``, and loops
+go over these only. docs/mathematics.md, section 6.
+"""
+
+import math
+
+import numpy as np
+
+from isogal.compiled import kernel
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.interpolation import value_and_gradient
+
+ITERATIONS = 8
+"""Linearisations at most; from the fourth on steps are halved, since a step that has not
+converged by then swings about the mode."""
+SETTLED_M, SETTLED_SHARE = 1.0, 0.05
+"""A mode is found where the last step was shorter than this and this share of its 1-sigma."""
+OUTLIER = (0.003, 1000.0)
+"""Probability of an outlier, and its variance in units of the noise's."""
+SUSPECT = 9.0
+"""Normalised innovation squared below which a reading is taken to be no outlier: its probability
+to be one is then below 1 %."""
+MOST_LOOKED_AT = 10
+"""Rows of which it is asked how far they depart from linear."""
+AGES = ((0.4157745568, 0.7110930099), (2.2942803603, 0.2785177336), (6.2899450829, 0.0103892565))
+"""Nodes and weights of the Gauss-Laguerre rule of order 3 (Abramowitz & Stegun 1964, table 25.9):
+what of the path a first-order low-pass filter has a mean over, in units of its time constant."""
+
+
+@kernel(error_model="numpy")
+def propagated(which, growth_factor, transition, growth, mean, covariance):
+    """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
+    `growth` (7, 7) times the model's factor added to their covariance."""
+    n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
+    A = transition
+    product, x = np.empty((n, size)), np.empty(n)
+    for k in range(count):
+        P = covariance[k]
+        for i in range(n):
+            x[i] = 0.0
+            for j in range(n):
+                x[i] += A[i, j] * mean[k, j]
+            for c in range(size):
+                value = 0.0
+                for j in range(n):
+                    value += A[i, j] * P[j, c]
+                product[i, c] = value
+        factor = growth_factor[which[k]]
+        for i in range(n):
+            mean[k, i] = x[i]
+            for c in range(n, size):
+                P[i, c] = P[c, i] = product[i, c]
+            for c in range(i + 1):
+                value = factor * growth[i, c]
+                for j in range(n):
+                    value += product[i, j] * A[c, j]
+                P[i, c] = P[c, i] = value
+
+
+@kernel(error_model="numpy")
+def _predicted(grid, rows, t, north, east, lag):
+    """Return the map's value and its derivatives to north and east (per m) for row t of a
+    navigator that is `north` and `east` (m) of the truth; a mean over the path where the
+    instrument's filter is told or has a time constant `lag` (s)."""
+    lat = rows.latitude[t] - north * rows.radian[t, 0]
+    lon = rows.longitude[t] - east * rows.radian[t, 1]
+    channel = rows.channel[t]
+    value = by_north = by_east = 0.0
+    if lag > 0.0:
+        for age, weight in AGES:
+            back = age * lag
+            v, a, b = value_and_gradient(
+                grid,
+                lat - back * rows.velocity[t, 0] * rows.radian[t, 0],
+                lon - back * rows.velocity[t, 1] * rows.radian[t, 1],
+                channel,
+            )
+            value += weight * v
+            by_north += weight * a
+            by_east += weight * b
+    else:
+        for q in range(rows.nodes.shape[1]):
+            weight = rows.nodes[t, q, 2]
+            v, a, b = value_and_gradient(
+                grid, lat + rows.nodes[t, q, 0], lon + rows.nodes[t, q, 1], channel
+            )
+            value += weight * v
+            by_north += weight * a
+            by_east += weight * b
+    return value, by_north * rows.radian[t, 0], by_east * rows.radian[t, 1]
+
+
+@kernel(error_model="numpy")
+def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
+    """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
+    them are on the map."""
+    n = BATCH_STATES
+    for t in range(rows.level.shape[0]):
+        north = east = 0.0
+        for i in range(c):
+            s = used[i]
+            north += rows.place[t, 0, s] * at[i]
+            east += rows.place[t, 1, s] * at[i]
+        value, by_north, by_east = _predicted(grid, rows, t, north, east, lag)
+        if not math.isfinite(value):
+            return False
+        z[t] = rows.level[t] - value - lag * rows.rate[t]
+        for i in range(c):
+            s = used[i]
+            slope = by_north * rows.place[t, 0, s] + by_east * rows.place[t, 1, s]
+            H[t, i] = rows.reading[t, s] - slope
+            if n <= s < n + load.shape[1]:
+                H[t, i] += sigma * load[t, s - n]
+            z[t] -= slope * at[i]  # z - J x = z - (J - G) x - G x
+    return True
+
+
+@kernel(error_model="numpy")
+def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
+    """Kalman filter of readings one after the other, in place; return their log evidence.
+
+    A reading is good or, with a small probability, an outlier; the two posteriors are merged by
+    their moments."""
+    wrong, width = OUTLIER
+    square, determinant, evidence = 0.0, 1.0, 0.0
+    for t in range(z.shape[0]):
+        for i in range(BATCH_STATES, c):
+            f = keep[t, used[i] - BATCH_STATES]
+            if f != 1.0:
+                x[i] *= f
+                for j in range(c):
+                    P[i, j] *= f
+                    P[j, i] *= f
+            P[i, i] += fresh[t, used[i] - BATCH_STATES]
+        S, innovation = noise[t], z[t]
+        for i in range(c):
+            value = 0.0
+            for j in range(c):
+                value += P[i, j] * H[t, j]
+            PH[i] = value
+            S += H[t, i] * value
+            innovation -= H[t, i] * x[i]
+        gain = 1.0 / S
+        less, fit = gain, innovation * innovation * gain
+        if fit < SUSPECT:
+            square += fit
+            determinant *= S
+            if not 1e-200 < determinant < 1e200:
+                evidence -= 0.5 * math.log(determinant)
+                determinant = 1.0
+        else:
+            wide = S + width * noise[t]
+            good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
+            bad = -0.5 * (math.log(wide) + innovation * innovation / wide) + math.log(wrong)
+            both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
+            evidence += both
+            p, q = math.exp(good - both), math.exp(bad - both)
+            gain = p / S + q / wide
+            less = gain - p * q * (innovation / S - innovation / wide) ** 2
+        for i in range(c):
+            x[i] += PH[i] * innovation * gain
+            weighted = PH[i] * less
+            for j in range(i + 1):
+                P[i, j] -= weighted * PH[j]
+                P[j, i] = P[i, j]
+    evidence -= 0.5 * (square + math.log(determinant))
+    return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
+
+
+@kernel(error_model="numpy")
+def observed(grid, rows, models, which, mean, covariance, evidence):
+    """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
+    one that leaves the map.
+
+    The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
+    so that the evidence is Laplace's."""
+    n, size = rows.level.shape[0], mean.shape[1]
+    z, H, R = np.empty(n), np.empty((n, size)), np.empty(n)
+    keep, fresh = rows.keep.copy(), rows.fresh.copy()
+    x, at, PH = np.empty(size), np.empty(size), np.empty(size)
+    P = np.empty((size, size))
+    channels = rows.load.shape[2]
+    before = -1
+    shift, from_north, from_east = np.zeros(size), math.inf, math.inf
+    for k in range(which.shape[0]):
+        m = which[k]
+        c, used = models.count[m], models.used[m]
+        if m != before:
+            before, length = m, models.length[m]
+            for t in range(n):
+                R[t] = rows.noise[t] * models.noise[m]
+                f = math.exp(-rows.travelled[t] / length)
+                for j in range(channels):
+                    keep[t, j], fresh[t, j] = f, 1.0 - f * f
+        # hypotheses at one place are moved alike: what moved the last one is a good guess
+        near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
+            min(covariance[k, 0, 0], covariance[k, 1, 1])
+        )
+        from_north, from_east = mean[k, 0], mean[k, 1]
+        for i in range(c):
+            at[i] = mean[k, used[i]]
+            if near:
+                at[i] += shift[used[i]]
+        load = rows.load[models.shape[m]]
+        for iteration in range(ITERATIONS):
+            if not _linearised(
+                grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
+            ):
+                evidence[k] = -math.inf
+                break
+            for i in range(c):
+                x[i] = mean[k, used[i]]
+                for j in range(c):
+                    P[i, j] = covariance[k, used[i], used[j]]
+            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, used, c, PH)
+            moved = math.hypot(x[0] - at[0], x[1] - at[1])
+            if not moved > SETTLED_M + SETTLED_SHARE * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
+                break
+            step = 1.0 if iteration < 3 else 0.5
+            for i in range(c):
+                at[i] += step * (x[i] - at[i])
+        for i in range(size):
+            shift[i] = 0.0
+        if evidence[k] > -math.inf:
+            for i in range(c):
+                shift[used[i]] = x[i] - mean[k, used[i]]
+                mean[k, used[i]] = x[i]
+                for j in range(c):
+                    covariance[k, used[i], used[j]] = P[i, j]
+
+
+@kernel(error_model="numpy")
+def _bend(grid, rows, north, east, step):
+    """Return the root of the sum over rows of the squared largest second derivative of the map
+    (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
+    total = 0.0
+    for t in range(rows.level.shape[0]):
+        most = 0.0
+        for a, b in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)):
+            u, v = a * step, b * step
+            g0, _, _ = _predicted(grid, rows, t, north, east, 0.0)
+            g1, _, _ = _predicted(grid, rows, t, north + u, east + v, 0.0)
+            g2, _, _ = _predicted(grid, rows, t, north - u, east - v, 0.0)
+            most = max(most, abs(g1 + g2 - 2.0 * g0) / (step * step))
+        total += most * most / rows.noise[t]
+    return math.sqrt(total)
+
+
+@kernel(error_model="numpy")
+def curvature(grid, rows, models, which, mean, covariance, best, enough, reach, worst, axes):
+    """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
+    (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma along its axes, in 1-sigma
+    of the noise and, where that is more, in units of their change.
+
+    Around the place of hypothesis `best` one look at the map says of most that they depart by
+    less than `enough`; these are not looked at one by one, and 0."""
+    step = 0.5 * grid.latitude_step / rows.radian[0, 0]
+    stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
+    bend = 2.0 * _bend(grid, rows, mean[best, 0], mean[best, 1], step)
+    for k in range(which.shape[0]):
+        spread = covariance[k, 0, 0] + covariance[k, 1, 1]
+        away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
+        if away + reach * math.sqrt(spread) < step:
+            if 0.5 * reach * reach * spread * bend < enough:
+                worst[k] = 0.0
+                continue
+        m = which[k]
+        a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
+        angle = 0.5 * math.atan2(2.0 * b, a - d)
+        c, s = math.cos(angle), math.sin(angle)
+        big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
+        small = math.sqrt(max(a * s * s - 2.0 * b * c * s + d * c * c, 0.0))
+        worst[k] = 0.0
+        for axis in range(2):
+            u, v = (big * c, big * s) if axis == 0 else (-small * s, small * c)
+            departure = change = 0.0
+            for t in range(0, rows.level.shape[0], stride):
+                north = east = 0.0
+                for i in range(models.count[m]):
+                    state = models.used[m, i]
+                    north += rows.place[t, 0, state] * mean[k, state]
+                    east += rows.place[t, 1, state] * mean[k, state]
+                lag = models.lag[m]
+                g0, _, _ = _predicted(grid, rows, t, north, east, lag)
+                g1, _, _ = _predicted(grid, rows, t, north - reach * u, east - reach * v, lag)
+                g2, _, _ = _predicted(grid, rows, t, north + reach * u, east + reach * v, lag)
+                f = math.exp(-rows.travelled[t] / models.length[m])
+                R = rows.noise[t] * models.noise[m]
+                load = rows.load[models.shape[m]]
+                for j in range(load.shape[1]):
+                    R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
+                departure += (0.5 * (g1 + g2) - g0) ** 2 / R
+                change += (0.5 * (g1 - g2)) ** 2 / R
+            value = math.sqrt(stride * departure) / max(math.sqrt(stride * change), 1.0)
+            if value > worst[k]:
+                worst[k], axes[k, 0], axes[k, 1] = value, u, v
+
+
+@kernel(error_model="numpy")
+def merged(which, log_weight, mean, covariance, limit):
+    """Merge hypotheses of one model whose places overlap by their moments, in place, and return
+    the indices of those that stay.
+
+    Parameters
+    ----------
+    which : (K,) array
+        Sorted; within a model by falling weight.
+    limit : (K,) array
+        Squared Mahalanobis distance of places up to which they are one.
+    """
+    count, size = mean.shape
+    kept = np.ones(count, np.bool_)
+    for a in range(count):
+        if not kept[a]:
+            continue
+        p, q, r = covariance[a, 0, 0], covariance[a, 0, 1], covariance[a, 1, 1]
+        det = p * r - q * q
+        n0, e0 = mean[a, 0], mean[a, 1]
+        b = a + 1
+        while b < count and which[b] == which[a]:
+            n, e = mean[b, 0] - n0, mean[b, 1] - e0
+            if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < limit[a] * det:
+                kept[b] = False
+                total = np.logaddexp(log_weight[a], log_weight[b])
+                w = math.exp(log_weight[b] - total)
+                for i in range(size):
+                    apart = w * (1.0 - w) * (mean[b, i] - mean[a, i])
+                    for j in range(size):
+                        P, Q = covariance[a, i, j], covariance[b, i, j]
+                        covariance[a, i, j] = P + w * (Q - P) + apart * (mean[b, j] - mean[a, j])
+                for i in range(size):
+                    mean[a, i] += w * (mean[b, i] - mean[a, i])
+                log_weight[a] = total
+            b += 1
+    return np.flatnonzero(kept)

@@ -1,0 +1,240 @@
+"""What may be true of map, instrument and navigator: the models of the bank and their priors.
+
+A model is one value of everything that has no place in a Gaussian state: how wrong the map is and
+over which length, how noisy the instrument, whether it has a bias, and whether the navigator is
+worse than it says. One thing beside the map is wrong at a time. docs/mathematics.md, section 8.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.pmht.rows import BIAS, DELAY, DRIFT, States
+
+USUAL_LENGTH_M, LENGTH_STEP, LENGTH_FACTOR = 4000.0, 4.0, 2.5
+LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
+"""Of the map's error: least in units of the noise, largest in units of the map's scale."""
+FINE_STEP, COARSE_STEP = math.sqrt(2.0), 2.0
+"""From one sigma of the map's error to the next: where nothing else is wrong, and beside what
+is."""
+ROUGH_FACTOR = 5.0
+NO_ERROR = 4.0
+"""How much more probable it is that the map has no error than one of the least sigma: it stands
+for all sigmas below."""
+BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
+"""1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
+LATE_S = 20.0
+"""1-sigma of a delay that nobody has told."""
+
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED = range(6)
+
+
+class Fault(NamedTuple):
+    """What is wrong beside the map."""
+
+    family: int
+    probability: float
+    noise: float = 1.0
+    """Factor of the noise's variance."""
+    bias: float = 0.0
+    """1-sigma, in units of that of an untold bias."""
+    drift: float = 0.0
+    delay: float = 0.0
+    """1-sigma, s."""
+    lag: float = 0.0
+    """Time constant of a low-pass filter, s."""
+    start: float = 1.0
+    """Factor of the navigator's covariance at the start."""
+    growth: float = 1.0
+    """Factor of all that it grows by."""
+
+
+FAULTS = (
+    Fault(NONE, 0.7),
+    Fault(BIASED, 0.1, bias=1.0),
+    Fault(BIASED, 0.1, bias=1.0, drift=1.0),
+    Fault(NOISIER, 0.05, noise=4.0),
+    Fault(NOISIER, 0.02, noise=16.0),
+    Fault(NAVIGATOR, 0.01, start=10.0),
+    Fault(NAVIGATOR, 0.01, start=10.0, growth=10.0),
+    Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
+    Fault(NAVIGATOR, 0.01, growth=10.0),
+    Fault(NAVIGATOR, 0.01, growth=100.0),
+    Fault(LATE, 0.0005, delay=LATE_S),
+    Fault(FILTERED, 0.0005, lag=30.0),
+    Fault(FILTERED, 0.0005, lag=60.0),
+    Fault(FILTERED, 0.0005, lag=120.0),
+)
+
+
+class Models(NamedTuple):
+    """M models, as compiled loops take them."""
+
+    sigma: Array
+    """(M,) of the map's error, map's unit."""
+    length: Array
+    """(M,) m."""
+    shape: Integers
+    """(M,) which of the lengths."""
+    noise: Array
+    """(M,)."""
+    lag: Array
+    """(M,) s."""
+    start: Array
+    """(M,)."""
+    growth: Array
+    """(M,)."""
+    initial: Array
+    """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
+    used: Integers
+    """(M, N) the states that a model has come first."""
+    count: Integers
+    """(M,) how many they are."""
+    family: Integers
+    """(M,)."""
+    log_prior: Array
+    """(M,)."""
+
+    @property
+    def lengths(self) -> Array:
+        """Correlation lengths, as `shape` counts them, m."""
+        return np.unique(self.length)
+
+
+@dataclass(frozen=True, slots=True)
+class Assumed:
+    """What is known of map and instrument before any reading. Map's unit, m, s."""
+
+    noise: float
+    """1-sigma of the white noise."""
+    scale: float
+    """Standard deviation of the map."""
+    rough: float
+    """Its roughness."""
+    sigma: float | None = None
+    """1-sigma of the map's error that is told; None = nothing is."""
+    length: float = USUAL_LENGTH_M
+    trust: float = 2.0
+    """Factor within which told sigma and length are right (1-sigma); 1 = to the letter."""
+    bias: float = 0.0
+    """1-sigma of a bias that is told of."""
+    drift: float = 0.0
+    """1-sigma, per s."""
+    walks: bool = False
+    """Whether the bias is told to walk."""
+    delay: float = 0.0
+    """1-sigma of a delay that is told of, s."""
+    filtered: bool = False
+    """Whether the instrument's filter is told."""
+
+
+def models_of(assumed: Assumed, states: States) -> Models:
+    """Return the models of a run."""
+    told = assumed.sigma is not None
+    faults = FAULTS
+    if assumed.sigma == 0.0 or assumed.trust == 1.0:
+        faults = FAULTS[:1]  # who tells it to the letter leaves nothing to doubt
+    if not states.unknown:
+        faults = tuple(f for f in faults if not (f.bias or f.drift or f.delay or f.lag))
+    if assumed.bias > 0.0 or assumed.walks:
+        faults = tuple(f for f in faults if not f.bias)
+    if assumed.delay > 0.0:
+        faults = tuple(f for f in faults if not f.delay)
+    if assumed.filtered:
+        faults = tuple(f for f in faults if not f.lag)
+    fine = _told_errors(assumed) if told else _map_errors(assumed, FINE_STEP, True)
+    coarse = fine if told else _map_errors(assumed, COARSE_STEP, False)
+    rows = []
+    for fault in faults:
+        errors = fine if fault.family == NONE else coarse
+        total = np.logaddexp.reduce([e[2] for e in errors])
+        rows += [(s, length, lp - total + math.log(fault.probability), fault) for s, length, lp in errors]
+    return _table(rows, assumed, states)
+
+
+def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[float, float, float]]:
+    """Return sigmas, lengths and log weights of the map's error where nothing is told: every sigma
+    as likely as any other up to the map's roughness, larger ones less so."""
+    least = LEAST_SIGMA * assumed.noise
+    if assumed.rough > 0.0:  # readings of much noise make no map worse
+        least = min(least, assumed.rough)
+    span = math.log(max(LARGEST_SIGMA * assumed.scale / least, 4.0))
+    sigmas = least * step ** np.arange(math.ceil(span / math.log(step)) + 1.0)
+    rough = min(max(assumed.rough, least), sigmas[-1])
+    usual = assumed.length
+    choices = (usual / LENGTH_STEP, usual, usual * LENGTH_STEP) if lengths else (usual,)
+    density = math.log(math.log(step) / math.log(FINE_STEP))  # a coarse one stands for several
+    errors = [(0.0, usual, math.log(NO_ERROR))]
+    for sigma in sigmas:
+        above = max(math.log(sigma / rough), 0.0) / math.log(ROUGH_FACTOR)
+        for length in choices:
+            apart = math.log(length / usual) / math.log(LENGTH_FACTOR)
+            errors.append((sigma, length, density - 0.5 * (above**2 + apart**2)))
+    return errors
+
+
+def _told_errors(assumed: Assumed) -> list[tuple[float, float, float]]:
+    """Return those about what is told, log-normal."""
+    assert assumed.sigma is not None
+    if assumed.sigma == 0.0 or assumed.trust == 1.0:
+        return [(assumed.sigma, assumed.length, 0.0)]
+    steps = np.linspace(-2.0, 2.0, 5)
+    return [
+        (assumed.sigma * assumed.trust**a, assumed.length * assumed.trust**b, -0.5 * (a * a + b * b))
+        for a in steps
+        for b in (-1.5, 0.0, 1.5)
+    ]
+
+
+def _table(rows: list, assumed: Assumed, states: States) -> Models:
+    """Return models of (sigma, length, log prior, fault)."""
+    count = len(rows)
+    initial = np.zeros((count, states.channels + len(states.sigma)))
+    initial[:, states.channels :] = states.sigma
+    sigma, length, log_prior = (np.array([row[k] for row in rows]) for k in range(3))
+    fault = [row[3] for row in rows]
+    initial[:, : states.channels] = (sigma > 0.0)[:, None]
+    if states.unknown:
+        last = initial[:, -states.unknown :]
+        share = BIAS_SHARE * assumed.scale
+        last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
+        last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
+        last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
+    has = initial > 0.0
+    has[:, states.channels :] |= states.walk > 0.0
+    n = BATCH_STATES + initial.shape[1]
+    used = np.zeros((count, n), np.int64)
+    sizes = np.zeros(count, np.int64)
+    for k in range(count):
+        own = np.r_[np.arange(BATCH_STATES), BATCH_STATES + np.flatnonzero(has[k])]
+        used[k, : len(own)], sizes[k] = own, len(own)
+    lengths = np.unique(length)
+    return Models(
+        sigma,
+        length,
+        np.searchsorted(lengths, length).astype(np.int64),
+        np.array([f.noise for f in fault]),
+        np.array([f.lag for f in fault]),
+        np.array([f.start for f in fault]),
+        np.array([f.growth for f in fault]),
+        initial,
+        used,
+        sizes,
+        np.array([f.family for f in fault]),
+        log_prior - np.logaddexp.reduce(log_prior),
+    )
+
+
+def few(models: Models, shares: Array) -> Models:
+    """Return the models by which a place is searched for: those without a fault, with no map error
+    and with sigmas at some shares of the largest one."""
+    plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
+    sigma = models.sigma[plain]
+    wanted = [0, *(int(np.abs(sigma - s).argmin()) for s in shares * sigma.max())]
+    part = Models(*(column[plain[np.unique(wanted)]] for column in models))
+    return part._replace(log_prior=np.full(len(part.sigma), -math.log(len(part.sigma))))

@@ -1,0 +1,291 @@
+"""Places of a navigator that may be anywhere: where its start is told to be uncertain by
+kilometres, or where the readings of the last hour say that it has diverged.
+
+Cells of a grid over the prior are ranked by one evidence with common covariances, so that
+thousands are one matrix product; the best become hypotheses of few models and take the same
+readings. docs/mathematics.md, section 9.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.interpolation import Grid, look_up
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
+
+COARSE_M, FINE_M = 1000.0, 333.0
+"""Cells of the first and of the second grid."""
+CELL_SIGMA = 1.2
+"""Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
+REACH = 2.7
+"""1-sigma of the prior up to which places are looked for."""
+COARSE_BEST, FINE_BEST = 250, 1200
+"""Cells of the first grid, and cells with a model of the second, that are followed up."""
+WORTH = 15.0
+"""Log of how much less likely than the best one may be to be followed up."""
+GROUPS = 60
+"""Means of readings that cells are ranked by, at most."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together."""
+CHUNK, AT_ONCE = 30, 120
+"""Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Past:
+    """The new readings of an earlier batch, and what became of the navigator there."""
+
+    rows: Rows
+    forward: Array
+    """(7, 7) error at its end, before its fix, per unit of error at the last batch end."""
+    taken: Array
+    """(7,) what its fix took off the error."""
+    evidence: float
+    """Log evidence of its readings given those before."""
+    time: float
+    """s, its end."""
+    left: Array
+    """(7, 7) covariance of the navigator after its fix."""
+
+
+def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
+    """Return the readings of some batches as those of a navigator that has taken none of their
+    fixes, per unit of its error x before the first of them, and (7, 7) and (7,) the error of the
+    real one at the end, A x + b."""
+    parts, A, b = [], np.eye(BATCH_STATES), np.zeros(BATCH_STATES)
+    n = BATCH_STATES
+    for past in history:
+        A, b = past.forward @ A, past.forward @ b
+        rows = past.rows
+        of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
+        moved = of_place @ b
+        place, reading = rows.place.copy(), rows.reading.copy()
+        place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
+        parts.append(
+            rows._replace(
+                latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
+                longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
+                level=rows.level - of_reading @ b,
+                place=place,
+                reading=reading,
+            )
+        )
+        b = b - past.taken
+    return _together(parts), A, b
+
+
+def _together(parts: Sequence[Rows]) -> Rows:
+    axis = {"load": 1}
+    return Rows(
+        *(
+            np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
+            for name in Rows._fields
+        )
+    )
+
+
+def some(rows: Rows, first: int, last: int) -> Rows:
+    """Return rows from a first one to before a last one."""
+    part = slice(first, last)
+    return Rows(
+        *(
+            np.ascontiguousarray(column[:, part] if name == "load" else column[part])
+            for name, column in zip(Rows._fields, rows, strict=True)
+        )
+    )
+
+
+def places(
+    rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array
+) -> Hypotheses | None:
+    """Return hypotheses of few models at the cells where readings fit best; None where none is on
+    the map.
+
+    Parameters
+    ----------
+    rows : Rows
+        Per unit of an error x.
+    models : Models
+        See `models.few`.
+    prior, wide : (7, 7) arrays
+        Covariance of x according to the navigator, and where its place is searched for.
+    """
+    spread = wide[:2, :2]
+    seen = _Seen.of(rows, field_map, models, prior)
+    sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
+    coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
+    centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
+    log = seen.log_evidence(centres, coarse) + _density(centres, spread)[:, None]
+    if not np.isfinite(log).any():
+        return None
+    best = _best(np.logaddexp.reduce(log, axis=1), COARSE_BEST)
+    fine = coarse / 3.0
+    inside = _square(np.arange(-1.0, 2.0) * fine)
+    centres = (centres[best][:, None] + inside).reshape(-1, 2)
+    log = seen.log_evidence(centres, fine) + _density(centres, spread)[:, None]
+    if not np.isfinite(log).any():
+        return None
+    best = np.unravel_index(_best(log.ravel(), FINE_BEST), log.shape)
+    return _hypotheses(models, centres[best[0]], best[1], fine, wide)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """Hypotheses about a navigator that may be anywhere, while they take the readings of the last
+    hour."""
+
+    hypotheses: Hypotheses
+    """About its error before the first of them."""
+    done: int = 0
+    """How many readings they have taken."""
+
+    def continued(self, rows: Rows, grid: Grid, most: int) -> "Search | None":
+        """Return it after some more readings; None where no hypothesis is left on the map.
+
+        Parameters
+        ----------
+        rows : Rows
+            All of them (`unaided`).
+        most : int
+            Hypotheses at most.
+        """
+        them, last = self.hypotheses, min(self.done + AT_ONCE, len(rows.level))
+        for first in range(self.done, last, CHUNK):
+            part = some(rows, first, min(first + CHUNK, last))
+            them = them.split(grid, part).observed(grid, part)
+            if not len(them):
+                return None
+            them = them.pruned(most)
+        return Search(them, last)
+
+
+def _hypotheses(
+    models: Models, centres: Array, which: Integers, cell: float, wide: Array
+) -> Hypotheses:
+    """Return those at cells (K, 2), each with a model (K,); their weights are those of the
+    prior."""
+    base, n = Hypotheses.before(models, wide), BATCH_STATES
+    gain = np.linalg.solve(wide[:2, :2], wide[:2]).T  # errors that go with a place
+    inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
+    covariance = base.covariance[which]
+    covariance[:, :n, :n] = inner
+    mean = np.zeros((len(which), covariance.shape[1]))
+    mean[:, :n] = centres @ gain.T
+    weight = _density(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
+    return Hypotheses(models, which, weight, mean, covariance)
+
+
+def _density(centres: Array, covariance: Array) -> Array:
+    """Return (C,) the log density of N(0, covariance)."""
+    square = np.einsum("ci,ij,cj->c", centres, np.linalg.inv(covariance), centres)
+    return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
+
+
+def _best(log: Array, most: int) -> Array:
+    order = np.argsort(-log)[:most]
+    return order[log[order] > log[order[0]] - WORTH]
+
+
+def _square(axis: Array) -> Array:
+    """Return (K², 2) all pairs of values of an axis."""
+    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Readings, averaged in groups, and what cells are ranked by."""
+
+    rows: Rows
+    grid: Grid
+    noise: Array
+    """(n,) variance."""
+    distance: Array
+    """(n, n) m."""
+    slope: float
+    """RMS derivative of the map along the track, unit per m, of one component."""
+    bend: Array
+    """(n,) 1-sigma of the place of a reading by what the navigator says of its errors."""
+    models: Models
+
+    @classmethod
+    def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
+        n = len(rows.level)
+        size = -(-n // GROUPS)
+        count = n // size
+        mean = lambda a: a[n - count * size :].reshape(count, size, *a.shape[1:]).mean(axis=1)
+        n7 = BATCH_STATES
+        grouped = some(rows, 0, 1)._replace(
+            latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
+            level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
+            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[n - count * size :: size],
+        )  # fmt: skip
+        lat, lon = grouped.latitude, grouped.longitude
+        apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
+        one = channels_of(field_map)[0]
+        _, by_north, by_east = one.value_and_gradient(lat, lon)
+        slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
+        rest = prior.copy()
+        rest[:2], rest[:, :2] = 0.0, 0.0
+        own = grouped.place[:, :, :n7]
+        bend = np.sqrt(0.5 * np.einsum("tai,ij,taj->t", own, rest, own))
+        return cls(
+            grouped, field_map.grid, mean(rows.noise) / size, np.hypot(apart[..., 0], apart[..., 1]),
+            slope if math.isfinite(slope) else 0.0, bend, models,
+        )  # fmt: skip
+
+    def log_evidence(self, centres: Array, cell: float) -> Array:
+        """Return (C, M) log evidence at cells of a size, with the models' prior; -inf off the
+        map."""
+        rows = self.rows
+        residual = _residuals(
+            self.grid, rows.latitude, rows.longitude, rows.radian, rows.level,
+            np.ascontiguousarray(rows.place[:, :, :2]), np.ascontiguousarray(rows.reading[:, :2]),
+            rows.channel, np.ascontiguousarray(centres),
+        )  # fmt: skip
+        known = np.isfinite(residual).all(axis=0)
+        log = np.full((len(centres), len(self.models.sigma)), -np.inf)
+        there = residual[:, known]
+        blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
+        within = np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
+        for m, sigma in enumerate(self.models.sigma):
+            of_map = self.models.sigma[m] ** 2 * np.exp(-self.distance / self.models.length[m])
+            load = rows.load[self.models.shape[m]]
+            covariance = np.diag(self.noise) + within + of_map * (load @ load.T)
+            factor = np.linalg.cholesky(covariance)
+            whitened = np.linalg.inv(factor) @ there
+            log[known, m] = (
+                self.models.log_prior[m]
+                - 0.5 * (whitened**2).sum(axis=0)
+                - np.log(np.diag(factor)).sum()
+            )
+        return log
+
+
+@kernel(error_model="numpy")
+def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):
+    """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
+    be, and less what these put into them."""
+    count, rows = centres.shape[0], latitude.shape[0]
+    out = np.empty((rows, count))
+    lat, lon = np.empty(count), np.empty(count)
+    row, column = np.empty(count, np.int64), np.empty(count, np.int64)
+    for t in range(rows):
+        for c in range(count):
+            n, e = centres[c, 0], centres[c, 1]
+            lat[c] = latitude[t] - (place[t, 0, 0] * n + place[t, 0, 1] * e) * radian[t, 0]
+            lon[c] = longitude[t] - (place[t, 1, 0] * n + place[t, 1, 1] * e) * radian[t, 1]
+        there = out[t]
+        look_up(grid, lat, lon, channel[t], row, column, there)
+        for c in range(count):
+            n, e = centres[c, 0], centres[c, 1]
+            there[c] = level[t] - reading[t, 0] * n - reading[t, 1] * e - there[c]
+    return out
