@@ -137,12 +137,13 @@ class Assumed:
     """Whether the instrument's filter is told."""
 
 
-def models_of(assumed: Assumed, states: States) -> Models:
-    """Return the models of a run."""
+def models_of(
+    assumed: Assumed, states: States, faults: tuple[Fault, ...] = FAULTS
+) -> Models:
+    """Return the models of a run, in which the first of `faults` is none."""
     told = assumed.sigma is not None
-    faults = FAULTS
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = FAULTS[:1]  # who tells it to the letter leaves nothing to doubt
+        faults = faults[:1]  # who tells it to the letter leaves nothing to doubt
     if not states.unknown:
         faults = tuple(f for f in faults if not (f.bias or f.drift or f.delay or f.lag))
     if assumed.bias > 0.0 or assumed.walks:
@@ -155,7 +156,7 @@ def models_of(assumed: Assumed, states: States) -> Models:
     coarse = fine if told else _map_errors(assumed, COARSE_STEP, False)
     rows = []
     for fault in faults:
-        errors = fine if fault.family == NONE else coarse
+        errors = fine if fault.family == NONE or faults is not FAULTS else coarse
         total = np.logaddexp.reduce([e[2] for e in errors])
         rows += [(s, length, lp - total + math.log(fault.probability), fault) for s, length, lp in errors]
     return _table(rows, assumed, states)

@@ -1,0 +1,238 @@
+"""Where a track may be: what its readings say of each shift of a grid, by every model of map and
+instrument (docs/mathematics.md, section 10.2).
+
+The first grid covers the prior; cells that are not impossible are divided by three until they are
+smaller than the posterior. With R = L L' the covariance of a model's residuals r, reading t adds
+-(w_t² / 2 + log L_tt), w = L⁻¹ r, to the evidence, given those before it; so that the evidence of
+a part of the track is known, too."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.search import residuals_at
+
+REACH = 3.3
+"""Half-width of the grid in prior 1-sigmas."""
+LARGEST_CELL_M, PRIOR_SHARE = 300.0, 0.12
+"""First cells: at most so large, and this share of the prior's 1-sigma."""
+FINE_ENOUGH, LEVELS = 0.5, 6
+"""Cells over the least 1-sigma of the posterior, and grids at most."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together."""
+DEPTH, KEPT = 25.0, 500
+"""Log density below the best at which a cell is given up, and cells that are divided at most."""
+MODELS, MODEL_DEPTH = 30, 9.0
+"""Models that go on after the first grid, and log of how much less likely they may be."""
+BLOCKS = 8
+"""Of a track, as the jackknife leaves them out."""
+MOST_ROWS = 100
+"""Of more readings neighbouring ones are averaged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Readings of one field, and the models that are possible."""
+
+    rows: Rows
+    field_map: AnyMap
+    models: Models
+    distance: Array
+    """(n, n) m."""
+    slope: float
+    """RMS derivative of the map along the track, unit per m, of one component."""
+    block: Integers
+    """(n,) of each reading."""
+
+    @classmethod
+    def of(cls, rows: Rows, field_map: AnyMap, models: Models) -> "Seen":
+        """Look at readings."""
+        lat, lon = rows.latitude, rows.longitude
+        apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
+        _, by_north, by_east = channels_of(field_map)[0].value_and_gradient(lat, lon)
+        slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        block = np.arange(len(lat)) * BLOCKS // len(lat)
+        return cls(
+            rows, field_map, models, 0.5 * (distance + distance.T),
+            slope if math.isfinite(slope) else 0.0, block,
+        )  # fmt: skip
+
+    def covariance(self, m: int, cell: float) -> Array:
+        """Return (n, n) R of a model in cells of a size (m)."""
+        rows, models = self.rows, self.models
+        load = rows.load[models.shape[m]]
+        of_states = rows.reading[:, BATCH_STATES + load.shape[1] :]
+        states = of_states * models.initial[m, load.shape[1] :]
+        blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
+        of_map = models.sigma[m] ** 2 * np.exp(-self.distance / models.length[m])
+        R = of_map * (load @ load.T) + states @ states.T + blur
+        R[np.diag_indices(len(R))] += rows.noise * models.noise[m]
+        return R
+
+    def parts(self, centres: Array, cell: float, which: Integers) -> Array:
+        """Return (M, B, C) what each block adds to the log evidence of some models at cells
+        (C, 2); of a cell off the map, nearly -inf."""
+        residual = residuals_at(self.rows, self.field_map.grid, centres)
+        known = np.isfinite(residual).all(axis=0)
+        residual = np.where(known, residual, 0.0)
+        first = np.flatnonzero(np.diff(self.block, prepend=-1))
+        parts = np.empty((len(which), len(first), len(centres)))
+        for k, m in enumerate(which):
+            factor = np.linalg.cholesky(self.covariance(m, cell))
+            term = np.linalg.inv(factor) @ residual
+            term *= -0.5 * term
+            term -= np.log(np.diag(factor))[:, None]
+            parts[k] = np.add.reduceat(term, first, axis=0)
+        parts[:, :, ~known] = -1e6
+        return parts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shifts:
+    """Posterior of a shift on (C,) cells of one size."""
+
+    centres: Array
+    """(C, 2) north, east, m."""
+    size: float
+    """m."""
+    log_prior: Array
+    """(C,) of the shift, without its constant."""
+    seen: tuple[Seen, ...]
+    """Of each field."""
+    which: tuple[Integers, ...]
+    """Of each field, (M,) the models that are possible."""
+    parts: tuple[Array, ...]
+    """Of each field, (M, B, C): see `Seen.parts`."""
+    overview: "Shifts | None" = None
+    """The first grid."""
+
+    def by_model(self, field: int) -> Array:
+        """Return (M, C) log densities of a field's readings, with the models' prior."""
+        prior = self.seen[field].models.log_prior[self.which[field]]
+        return np.asarray(self.parts[field].sum(axis=1) + prior[:, None])
+
+    @property
+    def log_density(self) -> Array:
+        """(C,) of the shift by all readings, without its constant."""
+        each = [np.logaddexp.reduce(self.by_model(f)) for f in range(len(self.seen))]
+        return np.asarray(self.log_prior + sum(each))
+
+    @property
+    def weight(self) -> Array:
+        """(C,) posterior probability of each cell."""
+        return normalised(self.log_density)
+
+    @property
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (2,) and covariance (2, 2), m."""
+        weight = self.weight
+        mean = weight @ self.centres
+        apart = self.centres - mean
+        return mean, (apart * weight[:, None]).T @ apart + np.eye(2) * self.size**2 / 12.0
+
+    def of_models(self, field: int) -> Array:
+        """Return (M,) the posterior probability of the models of a field (of `which`)."""
+        own = self.by_model(field)
+        others = self.log_density - np.logaddexp.reduce(own)
+        return normalised(np.logaddexp.reduce(own + others, axis=1))
+
+
+def normalised(log: Array) -> Array:
+    """Return probabilities by their logs."""
+    weight = np.exp(log - log.max())
+    return np.asarray(weight / weight.sum())
+
+
+def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
+    """Return the posterior of a shift with a prior N(0, prior), (2, 2) m², by readings of fields
+    that are independent given the shift."""
+    deviation = np.sqrt(np.diag(prior))
+    size = min(LARGEST_CELL_M, PRIOR_SHARE * float(deviation.min()))
+    north, east = (np.arange(-(n := math.ceil(REACH * d / size)), n + 1) for d in deviation)
+    cells = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+    few = [_few(one.models) for one in seen]
+    overview = shifts = _at(seen, few, cells, size, prior)
+    cells = cells[_kept(shifts.log_density)]
+    which = [np.arange(len(one.models.sigma)) for one in seen]
+    for _ in range(LEVELS):
+        shifts = _at(seen, which, cells, size, prior)
+        which = [_likely(shifts, field) for field in range(len(seen))]
+        if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
+            break
+        cells = (3 * cells[_kept(shifts.log_density)][:, None] + _FAN).reshape(-1, 2)
+        size /= 3.0
+    return replace(shifts, overview=overview)
+
+
+_FAN = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _at(
+    seen: Sequence[Seen], which: Sequence[Integers], cells: Integers, size: float, prior: Array
+) -> Shifts:
+    centres = np.asarray(cells * size, dtype=np.float64)
+    log_prior = -0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres)
+    parts = [one.parts(centres, size, w) for one, w in zip(seen, which, strict=True)]
+    return Shifts(centres, size, log_prior, tuple(seen), tuple(which), tuple(parts))
+
+
+def _kept(log: Array) -> Integers:
+    order = np.argsort(-log, kind="stable")[:KEPT]
+    return order[log[order] > log[order[0]] - DEPTH]
+
+
+def _likely(shifts: Shifts, field: int) -> Integers:
+    """Return the models of a field that are not impossible, all where they may be of use."""
+    share = np.log(np.maximum(shifts.of_models(field), 1e-300))
+    order = np.argsort(-share, kind="stable")[:MODELS]
+    return np.sort(shifts.which[field][order[share[order] > share[order[0]] - MODEL_DEPTH]])
+
+
+def _few(models: Models) -> Integers:
+    """Return models of the usual length with every second sigma, by which shifts are ranked."""
+    usual = np.flatnonzero(models.shape == np.sort(models.shape)[len(models.shape) // 2])
+    sigmas = np.unique(models.sigma[usual])
+    return usual[np.isin(models.sigma[usual], sigmas[::-2])]
+
+
+def averaged(rows: Rows, most: int = MOST_ROWS) -> Rows:
+    """Return means of neighbouring readings, at most so many; of several channels all rows as they
+    are."""
+    count = len(rows.level)
+    each = math.ceil(count / most)
+    if each == 1 or rows.channel.any():
+        return rows
+    first = np.arange(0, count, each)
+    sizes = np.diff(np.r_[first, count])
+
+    def mean(column: Array) -> Array:
+        sums = np.add.reduceat(column, first, axis=0)
+        return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
+
+    means = {name: mean(getattr(rows, name)) for name in _MEANS}
+    middle = np.minimum(first + each // 2, count - 1)
+    travelled = np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0)
+    return rows._replace(
+        **means,
+        load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
+        noise=mean(rows.noise) / sizes,
+        travelled=travelled,
+        keep=np.ascontiguousarray(rows.keep[first]),
+        fresh=np.ascontiguousarray(rows.fresh[first]),
+        channel=rows.channel[first],
+    )
+
+
+_MEANS = (
+    *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
+    *("velocity", "nodes"),
+)
