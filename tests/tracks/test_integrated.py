@@ -14,7 +14,7 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.integrated.continued_map import continued
+from isogal.tracks.continued_map import continued
 from isogal.tracks.integrated.evidence import Surroundings, log_likelihoods
 from isogal.tracks.integrated.jackknife import jackknife_excess
 from isogal.tracks.integrated.matcher import IntegratedMatcher

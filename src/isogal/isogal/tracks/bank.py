@@ -14,7 +14,8 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import AnyMap
+from isogal.maps.field_map import FieldMap
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.hypotheses import Hypotheses
@@ -22,10 +23,13 @@ from isogal.matching.pmht.models import BIAS_SHARE, BIASED, NONE, Fault, Models,
 from isogal.matching.pmht.rows import States, navigator_states, rows_of
 from isogal.matching.pmht.search import at_cells
 from isogal.matching.pmht.settings import Settings
+from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.batches import without_map_edge
+from isogal.tracks.continued_map import continued
 from isogal.tracks.jackknife import excess
-from isogal.tracks.places import Seen, Shifts, averaged, shifts_of
+from isogal.tracks.places import Seen, Shifts, shifts_of
 
 FEWEST_READINGS = 3
 FAULTS = (Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0))
@@ -35,6 +39,9 @@ REMEMBERED = 0.8
 OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
 """Beyond which a reading, predicted from all others, is left out; the share that may be, and how
 often they are looked for."""
+MAP_REACH, LEAST_ON_MAP = 4.0, 0.05
+"""Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
+must lie on the map for a reading to be used."""
 PAIRS, PAIR_DEPTH = 3000, 14.0
 """Cells with a model that become hypotheses, and log of how much less likely they may be."""
 
@@ -95,15 +102,26 @@ class TrackMatcher:
 
     def _seen(self, one: Beside, memory: Memory) -> Seen | None:
         batch, field_map = one.batch, one.field_map
+        around = None
+        if isinstance(field_map, FieldMap):
+            reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
+            around = continued(field_map, reach)
+            batch = where_possible(batch, field_map)
+        else:
+            batch = without_map_edge(batch, field_map)
         states = States.of(batch, field_map)
         models = self._models(one, states)
-        learnt = memory.log_prior[one.field]
-        if learnt is not None and learnt.shape == models.log_prior.shape:
-            models = models._replace(log_prior=learnt)
         rows, _ = rows_of(batch, field_map, states, models.lengths, None)
         if rows is None or len(rows.level) < FEWEST_READINGS:
             return None
-        return Seen.of(averaged(rows), field_map, models)
+        if around is None:
+            return Seen.of(rows, field_map, None, models)
+        rows = rows._replace(load=np.concatenate([rows.load, rows.load]))
+        models = both_shapes(models)
+        learnt = memory.log_prior[one.field]
+        if learnt is not None and learnt.shape == models.log_prior.shape:
+            models = models._replace(log_prior=learnt)
+        return Seen.of(rows, around.field, around, models)
 
     def _models(self, one: Beside, states: States) -> Models:
         assumed = self.settings[one.field].assumed(one.batch, one.field_map)
@@ -151,6 +169,30 @@ class TrackMatcher:
         return Memory(tuple(learnt), shifts)
 
 
+def both_shapes(models: Models) -> Models:
+    """Return the models twice: with errors as the map says, and with those that go with its
+    gradient, which have the second half of the loads (`places.Seen.placed`)."""
+    count = len(models.sigma)
+    twice = Models(*(np.concatenate([column, column]) for column in models))
+    shape = np.r_[models.shape, models.shape + len(models.lengths)]
+    exact = np.r_[np.zeros(count, bool), models.sigma == 0.0]
+    log_prior = np.where(exact, -1e3, twice.log_prior)
+    return twice._replace(shape=shape, log_prior=log_prior - np.logaddexp.reduce(log_prior))
+
+
+def where_possible(batch: Batch, field_map: FieldMap) -> Batch:
+    """Return a batch without readings that hardly any place possible by the prior has on the
+    map."""
+    factor = np.linalg.cholesky(batch.prior[:2, :2])
+    shifts = standard_normal(256, 2) @ factor.T
+    north, east = metres_per_radian(batch.latitude)
+    covered = field_map.covers(
+        batch.latitude - shifts[:, :1] / north, batch.longitude - shifts[:, 1:] / east
+    )
+    possible = covered.mean(axis=0) > LEAST_ON_MAP
+    return replace(batch, reading=np.where(possible, batch.reading, np.nan))
+
+
 def without_outliers(seen: Sequence[Seen], prior: Array) -> Shifts:
     """Return the posterior without readings that do not fit the others at the likeliest shift."""
     seen = list(seen)
@@ -180,13 +222,10 @@ def outliers(shifts: Shifts, field: int) -> Array:
 
 def best(shifts: Shifts, field: int) -> tuple[Array, Array]:
     """Return (n,) residuals at the likeliest shift, and (n, n) R of the likeliest model."""
-    from isogal.matching.pmht.search import residuals_at
-
     seen = shifts.seen[field]
     likely = int(shifts.which[field][int(np.argmax(shifts.of_models(field)))])
     place = shifts.centres[[int(np.argmax(shifts.log_density))]]
-    residual = residuals_at(seen.rows, seen.field_map.grid, place)[:, 0]
-    return residual, seen.covariance(likely, shifts.size)
+    return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size)
 
 
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:

@@ -35,6 +35,7 @@ from isogal.matching.failures import has_failed, match_or_decline
 from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Information, Matcher
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import batch_ends, between_batches
 from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
 from isogal.tracks.informative import contradicts, wider_than, without_fix
@@ -200,7 +201,7 @@ def _matched(
             one.batch(jacobian, rows, end - used, error, covariance)
             for one, jacobian in zip(fields, jacobians, strict=True)
         ]
-        batch, near = joint_batch(fields, batches, edge=not integrated)
+        batch, near = joint_batch(fields, batches, edge=not isinstance(matching, IntegratedMatcher | TrackMatcher))
         before = memory
         fix, memory = match_or_decline(matching, batch, near, memory)
         known = _TrackError(batch, error, covariance)

@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.rows import Rows, stated_sigma
 from isogal.matching.pmht.search import residuals_at
+from isogal.tracks.continued_map import ContinuedMap
 
 REACH = 3.3
 """Half-width of the grid in prior 1-sigmas."""
@@ -34,40 +36,90 @@ MODELS, MODEL_DEPTH = 30, 9.0
 """Models that go on after the first grid, and log of how much less likely they may be."""
 BLOCKS = 8
 """Of a track, as the jackknife leaves them out."""
-MOST_ROWS = 100
+MOST_ROWS = 200
 """Of more readings neighbouring ones are averaged."""
+GRADIENT_SHARE = 0.9
+"""Of the variance of errors that go with the gradient."""
+DOUBT_M = 4000.0
+"""Correlation length of what a continued map is wrong by."""
+PLACES = 400
+"""Likeliest shifts over which a map's variance is averaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
     """Readings of one field, and the models that are possible."""
 
+    each: Rows
+    """n readings."""
+    first: Integers
+    """(m,) of them each row begins with, which is the mean of neighbouring readings."""
     rows: Rows
+    """The m rows."""
     field_map: AnyMap
+    around: ContinuedMap | None
+    """That map, continued; None = of several channels, which is not."""
     models: Models
     distance: Array
-    """(n, n) m."""
+    """(m, m) m."""
     slope: float
     """RMS derivative of the map along the track, unit per m, of one component."""
-    block: Integers
-    """(n,) of each reading."""
+    doubt: Array
+    """(m,) 1-sigma of the continuation where a row may be."""
 
     @classmethod
-    def of(cls, rows: Rows, field_map: AnyMap, models: Models) -> "Seen":
+    def of(
+        cls, each: Rows, field_map: AnyMap, around: ContinuedMap | None, models: Models
+    ) -> "Seen":
         """Look at readings."""
-        lat, lon = rows.latitude, rows.longitude
-        apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
-        _, by_north, by_east = channels_of(field_map)[0].value_and_gradient(lat, lon)
-        slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
+        count = len(each.level)
+        size = 1 if each.channel.any() else math.ceil(count / MOST_ROWS)
+        first = np.arange(0, count, size)
+        rows = averaged(each, first)
+        apart = displacements(rows.latitude, rows.longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        block = np.arange(len(lat)) * BLOCKS // len(lat)
-        return cls(
-            rows, field_map, models, 0.5 * (distance + distance.T),
-            slope if math.isfinite(slope) else 0.0, block,
-        )  # fmt: skip
+        _, *slopes = channels_of(field_map)[0].value_and_gradient(rows.latitude, rows.longitude)
+        slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
+        doubt = np.zeros(len(rows.level))
+        return cls(each, first, rows, field_map, around, models, distance, slope, doubt)
+
+    def placed(self, centres: Array, weight: Array) -> "Seen":
+        """Return it with the map's errors as they are where the track probably is, by weighted
+        shifts (C, 2): as the map says or even, and for the second half of the lengths as those of
+        a map whose values are displaced, which go with its gradient."""
+        if self.around is None:
+            return self
+        likely = np.argsort(-weight, kind="stable")[:PLACES]
+        share, rows = weight[likely] / weight[likely].sum(), self.rows
+        places = (
+            rows.latitude - centres[likely, :1] * rows.radian[:, 0],
+            rows.longitude - centres[likely, 1:] * rows.radian[:, 1],
+        )
+
+        def mean_square(sigma: FieldMap) -> Array:
+            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
+
+        own = np.ones(len(rows.level))
+        if not isinstance(self.around.field.sigma, float):
+            own = mean_square(self.around.field) / stated_sigma(self.around.field) ** 2
+        rough = mean_square(self.around.rough)
+        rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
+        mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
+        count = len(rows.load) // 2
+        load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
+        doubt = np.sqrt(mean_square(self.around.doubt))
+        return replace(self, rows=rows._replace(load=load), doubt=doubt)
+
+    def residuals(self, centres: Array) -> Array:
+        """Return (m, C) at shifts (C, 2); NaN off the map."""
+        found = residuals_at(self.each, self.field_map.grid, centres)
+        if len(self.first) == len(found):
+            return found
+        sizes = np.diff(np.r_[self.first, len(found)])
+        return np.asarray(np.add.reduceat(found, self.first, axis=0) / sizes[:, None])
 
     def covariance(self, m: int, cell: float) -> Array:
-        """Return (n, n) R of a model in cells of a size (m)."""
+        """Return (m, m) R of a model in cells of a size (m)."""
         rows, models = self.rows, self.models
         load = rows.load[models.shape[m]]
         of_states = rows.reading[:, BATCH_STATES + load.shape[1] :]
@@ -75,16 +127,17 @@ class Seen:
         blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
         of_map = models.sigma[m] ** 2 * np.exp(-self.distance / models.length[m])
         R = of_map * (load @ load.T) + states @ states.T + blur
-        R[np.diag_indices(len(R))] += rows.noise * models.noise[m]
+        R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
+        R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
         return R
 
     def parts(self, centres: Array, cell: float, which: Integers) -> Array:
         """Return (M, B, C) what each block adds to the log evidence of some models at cells
         (C, 2); of a cell off the map, nearly -inf."""
-        residual = residuals_at(self.rows, self.field_map.grid, centres)
+        residual = self.residuals(centres)
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
-        first = np.flatnonzero(np.diff(self.block, prepend=-1))
+        first = np.unique(np.arange(BLOCKS) * len(residual) // BLOCKS)
         parts = np.empty((len(which), len(first), len(centres)))
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
@@ -159,11 +212,15 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     size = min(LARGEST_CELL_M, PRIOR_SHARE * float(deviation.min()))
     north, east = (np.arange(-(n := math.ceil(REACH * d / size)), n + 1) for d in deviation)
     cells = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+    centres = np.asarray(cells * size, dtype=np.float64)
+    density = np.exp(-0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres))
+    seen = [one.placed(centres, density) for one in seen]
     few = [_few(one.models) for one in seen]
     overview = shifts = _at(seen, few, cells, size, prior)
     cells = cells[_kept(shifts.log_density)]
     which = [np.arange(len(one.models.sigma)) for one in seen]
     for _ in range(LEVELS):
+        seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
         shifts = _at(seen, which, cells, size, prior)
         which = [_likely(shifts, field) for field in range(len(seen))]
         if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
@@ -199,33 +256,28 @@ def _likely(shifts: Shifts, field: int) -> Integers:
 
 def _few(models: Models) -> Integers:
     """Return models of the usual length with every second sigma, by which shifts are ranked."""
-    usual = np.flatnonzero(models.shape == np.sort(models.shape)[len(models.shape) // 2])
+    usual = np.flatnonzero(models.length == np.sort(models.length)[len(models.length) // 2])
     sigmas = np.unique(models.sigma[usual])
     return usual[np.isin(models.sigma[usual], sigmas[::-2])]
 
 
-def averaged(rows: Rows, most: int = MOST_ROWS) -> Rows:
-    """Return means of neighbouring readings, at most so many; of several channels all rows as they
-    are."""
+def averaged(rows: Rows, first: Integers) -> Rows:
+    """Return means of neighbouring readings, those from each of `first` to the next."""
     count = len(rows.level)
-    each = math.ceil(count / most)
-    if each == 1 or rows.channel.any():
+    if len(first) == count:
         return rows
-    first = np.arange(0, count, each)
     sizes = np.diff(np.r_[first, count])
 
     def mean(column: Array) -> Array:
         sums = np.add.reduceat(column, first, axis=0)
         return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
 
-    means = {name: mean(getattr(rows, name)) for name in _MEANS}
-    middle = np.minimum(first + each // 2, count - 1)
-    travelled = np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0)
+    middle = np.minimum(first + sizes // 2, count - 1)
     return rows._replace(
-        **means,
+        **{name: mean(getattr(rows, name)) for name in _MEANS},
         load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
         noise=mean(rows.noise) / sizes,
-        travelled=travelled,
+        travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
         keep=np.ascontiguousarray(rows.keep[first]),
         fresh=np.ascontiguousarray(rows.fresh[first]),
         channel=rows.channel[first],

@@ -15,7 +15,7 @@ from isogal.matching.pmht.settings import Settings
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.integrated.continued_map import ContinuedMap, continued
+from isogal.tracks.continued_map import ContinuedMap, continued
 from isogal.tracks.integrated.estimates import figures, outliers
 from isogal.tracks.integrated.jackknife import jackknife_excess
 from isogal.tracks.integrated.noise_models import NoiseModels, Told, noise_models

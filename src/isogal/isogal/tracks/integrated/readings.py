@@ -15,7 +15,7 @@ from isogal.maps.tensor_error import displacements
 from isogal.matching.interfaces import Batch
 from isogal.matching.quasi_random import standard_normal
 from isogal.matrices import symmetric
-from isogal.tracks.integrated.continued_map import ContinuedMap
+from isogal.tracks.continued_map import ContinuedMap
 
 MOST_ROWS = 220
 """Of more readings neighbouring residuals are averaged: the time grows with the square."""
