@@ -15,12 +15,14 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Rows, stated_sigma
+from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.search import residuals_at
 from isogal.tracks.continued_map import ContinuedMap
+from isogal.tracks.models import usual_sigma
 
 REACH = 3.3
 """Half-width of the grid in prior 1-sigmas."""
@@ -30,14 +32,19 @@ FINE_ENOUGH, LEVELS = 0.5, 6
 """Cells over the least 1-sigma of the posterior, and grids at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
-DEPTH, KEPT = 25.0, 500
+DEPTH, KEPT = 30.0, 900
 """Log density below the best at which a cell is given up, and cells that are divided at most."""
 MODELS, MODEL_DEPTH = 30, 9.0
 """Models that go on after the first grid, and log of how much less likely they may be."""
+PLACE_DEPTH, PLACE_GAP_M = 8.0, 150.0
+"""Log density below the best at which a cell belongs to no place, and m by which places are
+apart."""
 BLOCKS = 8
 """Of a track, as the jackknife leaves them out."""
-MOST_ROWS = 200
-"""Of more readings neighbouring ones are averaged."""
+MOST_ROWS, ENOUGH_ROWS, RESOLUTION_NODES = 220, 90, 2.0
+"""Of more readings neighbouring ones are averaged; with more than enough also those closer
+together than so many nodes of the map: how errors hold together over less than it can resolve is
+known least, and says least about the place."""
 GRADIENT_SHARE = 0.9
 """Of the variance of errors that go with the gradient."""
 DOUBT_M = 4000.0
@@ -62,6 +69,11 @@ class Seen:
     models: Models
     distance: Array
     """(m, m) m."""
+    relative: Array
+    """(m, m) m, the same by which the map's errors hold together: where the map has lengths of its
+    own, times its usual one over them."""
+    alike: Array | float
+    """(m, m) factor of the errors' correlation, below 1 where lengths differ."""
     slope: float
     """RMS derivative of the map along the track, unit per m, of one component."""
     doubt: Array
@@ -72,16 +84,18 @@ class Seen:
         cls, each: Rows, field_map: AnyMap, around: ContinuedMap | None, models: Models
     ) -> "Seen":
         """Look at readings."""
-        count = len(each.level)
-        size = 1 if each.channel.any() else math.ceil(count / MOST_ROWS)
-        first = np.arange(0, count, size)
+        one = channels_of(field_map)[0]
+        node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
+        each, first = grouped(each, node)
         rows = averaged(each, first)
         apart = displacements(rows.latitude, rows.longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        _, *slopes = channels_of(field_map)[0].value_and_gradient(rows.latitude, rows.longitude)
+        _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
         slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
         doubt = np.zeros(len(rows.level))
-        return cls(each, first, rows, field_map, around, models, distance, slope, doubt)
+        return cls(
+            each, first, rows, field_map, around, models, distance, distance, 1.0, slope, doubt
+        )
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
@@ -101,14 +115,24 @@ class Seen:
 
         own = np.ones(len(rows.level))
         if not isinstance(self.around.field.sigma, float):
-            own = mean_square(self.around.field) / stated_sigma(self.around.field) ** 2
+            own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(rows.load) // 2
         load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))
-        return replace(self, rows=rows._replace(load=load), doubt=doubt)
+        placed = replace(self, rows=rows._replace(load=load), doubt=doubt)
+        usual = self.around.field.correlation_length
+        if self.around.field.error_ellipses is None or usual is None:
+            return placed
+        ellipses = self.around.field.error_ellipse_at(*places)
+        known = share[:, None] * np.isfinite(ellipses[..., 0])
+        mean = np.einsum("ct,ctk->tk", known, np.nan_to_num(ellipses))
+        mean /= np.maximum(known.sum(axis=0), 1e-12)[:, None]
+        mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
+        relative, alike = joint(displacements(rows.latitude, rows.longitude), mean)
+        return replace(placed, relative=usual * relative, alike=alike)
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
@@ -125,7 +149,7 @@ class Seen:
         of_states = rows.reading[:, BATCH_STATES + load.shape[1] :]
         states = of_states * models.initial[m, load.shape[1] :]
         blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
-        of_map = models.sigma[m] ** 2 * np.exp(-self.distance / models.length[m])
+        of_map = models.sigma[m] ** 2 * self.alike * np.exp(-self.relative / models.length[m])
         R = of_map * (load @ load.T) + states @ states.T + blur
         R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
         R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
@@ -191,6 +215,24 @@ class Shifts:
         mean = weight @ self.centres
         apart = self.centres - mean
         return mean, (apart * weight[:, None]).T @ apart + np.eye(2) * self.size**2 / 12.0
+
+    @property
+    def places(self) -> Array:
+        """Probability of each place apart from others (P,), the heaviest first."""
+        from scipy.ndimage import binary_dilation, label
+
+        log = self.log_density
+        high = log > log.max() - PLACE_DEPTH
+        around = max(1, round(PLACE_GAP_M / self.size / 2.0))
+        step = max(1, around // 3)  # a coarser picture does where cells are small
+        index = np.rint(self.centres[high] / self.size).astype(int) // step
+        around = max(1, around // step)
+        index += around + 1 - index.min(axis=0)
+        picture = np.zeros(index.max(axis=0) + around + 2, dtype=np.bool_)
+        picture[tuple(index.T)] = True
+        labels, _ = label(binary_dilation(picture, np.ones((3, 3)), around))
+        share = np.bincount(labels[tuple(index.T)], self.weight[high])[1:]
+        return np.sort(share)[::-1]
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
@@ -259,6 +301,28 @@ def _few(models: Models) -> Integers:
     usual = np.flatnonzero(models.length == np.sort(models.length)[len(models.length) // 2])
     sigmas = np.unique(models.sigma[usual])
     return usual[np.isin(models.sigma[usual], sigmas[::-2])]
+
+
+def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
+    """Return readings such that those that are to be averaged are neighbours, and with which of
+    them each row begins; `node` (m) is the distance between two of the map."""
+    count, channels = len(rows.level), int(rows.channel.max()) + 1
+    step = float(np.median(rows.travelled[1:])) * channels if count > 1 else math.inf
+    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+    if size == 1:
+        return rows, np.arange(count)
+    block = np.arange(count) // (size * channels)
+    order = np.lexsort((rows.channel, block))
+    reach = np.cumsum(rows.travelled)[order]
+    rows = Rows(
+        *(
+            np.ascontiguousarray(column[:, order] if name == "load" else column[order])
+            for name, column in zip(Rows._fields, rows, strict=True)
+        )
+    )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
+    new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
+    return rows, np.flatnonzero(new)
 
 
 def averaged(rows: Rows, first: Integers) -> Rows:

@@ -6,6 +6,7 @@ worse than it says. One thing beside the map is wrong at a time. docs/mathematic
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,13 +29,16 @@ ROUGH_FACTOR = 5.0
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
+TOLD_STEPS, TOLD_LENGTHS = (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.5, 0.0, 1.5)
+"""1-sigmas from what is told to the models' sigmas and lengths; beside a fault every other sigma
+and one length."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED = range(6)
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "wrong_aid")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, WRONG_AID = range(7)
 
 
 class Fault(NamedTuple):
@@ -73,6 +77,7 @@ FAULTS = (
     Fault(FILTERED, 0.0005, lag=30.0),
     Fault(FILTERED, 0.0005, lag=60.0),
     Fault(FILTERED, 0.0005, lag=120.0),
+    Fault(WRONG_AID, 0.01),
 )
 
 
@@ -97,10 +102,12 @@ class Models(NamedTuple):
     """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
     used: Integers
     """(M, N) the states that a model has come first."""
-    count: Integers
+    sizes: Integers
     """(M,) how many they are."""
     family: Integers
     """(M,)."""
+    wrong_aid: Integers
+    """(M,) 1 = what other aids tell the navigator is wrong, 0 = it is not."""
     log_prior: Array
     """(M,)."""
 
@@ -137,13 +144,12 @@ class Assumed:
     """Whether the instrument's filter is told."""
 
 
-def models_of(
-    assumed: Assumed, states: States, faults: tuple[Fault, ...] = FAULTS
-) -> Models:
-    """Return the models of a run, in which the first of `faults` is none."""
+def models_of(assumed: Assumed, states: States) -> Models:
+    """Return the models of a run."""
     told = assumed.sigma is not None
+    faults: tuple[Fault, ...] = FAULTS
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = faults[:1]  # who tells it to the letter leaves nothing to doubt
+        faults = FAULTS[:1]  # who tells it to the letter leaves nothing to doubt
     if not states.unknown:
         faults = tuple(f for f in faults if not (f.bias or f.drift or f.delay or f.lag))
     if assumed.bias > 0.0 or assumed.walks:
@@ -152,14 +158,25 @@ def models_of(
         faults = tuple(f for f in faults if not f.delay)
     if assumed.filtered:
         faults = tuple(f for f in faults if not f.lag)
-    fine = _told_errors(assumed) if told else _map_errors(assumed, FINE_STEP, True)
-    coarse = fine if told else _map_errors(assumed, COARSE_STEP, False)
+    fine = (
+        _told_errors(assumed, TOLD_STEPS, TOLD_LENGTHS)
+        if told
+        else _map_errors(assumed, FINE_STEP, True)
+    )
+    coarse = (
+        _told_errors(assumed, TOLD_STEPS[::2], (0.0,))
+        if told
+        else _map_errors(assumed, COARSE_STEP, False)
+    )
     rows = []
     for fault in faults:
-        errors = fine if fault.family == NONE or faults is not FAULTS else coarse
+        errors = fine if fault.family == NONE else coarse
         total = np.logaddexp.reduce([e[2] for e in errors])
-        rows += [(s, length, lp - total + math.log(fault.probability), fault) for s, length, lp in errors]
-    return _table(rows, assumed, states)
+        rows += [
+            (s, length, lp - total + math.log(fault.probability), fault)
+            for s, length, lp in errors
+        ]
+    return table_of(rows, assumed, states)
 
 
 def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[float, float, float]]:
@@ -183,20 +200,27 @@ def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[floa
     return errors
 
 
-def _told_errors(assumed: Assumed) -> list[tuple[float, float, float]]:
-    """Return those about what is told, log-normal."""
+def _told_errors(
+    assumed: Assumed, sigmas: Sequence[float], lengths: Sequence[float]
+) -> list[tuple[float, float, float]]:
+    """Return those at some steps from what is told, in 1-sigmas of a log-normal prior."""
     assert assumed.sigma is not None
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
         return [(assumed.sigma, assumed.length, 0.0)]
-    steps = np.linspace(-2.0, 2.0, 5)
     return [
-        (assumed.sigma * assumed.trust**a, assumed.length * assumed.trust**b, -0.5 * (a * a + b * b))
-        for a in steps
-        for b in (-1.5, 0.0, 1.5)
+        (
+            assumed.sigma * assumed.trust**a,
+            assumed.length * assumed.trust**b,
+            -0.5 * (a * a + b * b),
+        )
+        for a in sigmas
+        for b in lengths
     ]
 
 
-def _table(rows: list, assumed: Assumed, states: States) -> Models:
+def table_of(
+    rows: Sequence[tuple[float, float, float, Fault]], assumed: Assumed, states: States
+) -> Models:
     """Return models of (sigma, length, log prior, fault)."""
     count = len(rows)
     initial = np.zeros((count, states.channels + len(states.sigma)))
@@ -231,6 +255,7 @@ def _table(rows: list, assumed: Assumed, states: States) -> Models:
         used,
         sizes,
         np.array([f.family for f in fault]),
+        np.array([int(f.family == WRONG_AID) for f in fault]),
         log_prior - np.logaddexp.reduce(log_prior),
     )
 
@@ -241,5 +266,5 @@ def few(models: Models, shares: Array) -> Models:
     plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
     sigma = models.sigma[plain]
     wanted = [0, *(int(np.abs(sigma - s).argmin()) for s in shares * sigma.max())]
-    part = Models(*(column[plain[np.unique(wanted)]] for column in models))
+    part = Models._make(column[plain[np.unique(wanted)]] for column in models)
     return part._replace(log_prior=np.full(len(part.sigma), -math.log(len(part.sigma))))
