@@ -175,7 +175,9 @@ def _of_each_scan(
         known = Information(information.vector[:size], information.matrix[:size, :size])
         parts[new] = shares(known, prior[:size, :size], each.backward[new])
     late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
-    places = np.stack([each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1)
+    places = np.stack(
+        [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
+    )
     return replace(
         fix,
         scan_position=None if late else places,
