@@ -25,6 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isogal.matching.pmht.attitude import joint_prior
+from isogal.matching.pmht.gaussian_mixture import Mixture
+from isogal.matching.pmht.past_batches import posterior_of
 
 from isogal.arrays import Array
 from isogal.evaluation.navigability.area import Area
@@ -33,9 +36,6 @@ from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.pmht.attitude import joint_prior
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.past_batches import posterior_of
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario

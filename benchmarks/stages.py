@@ -20,10 +20,10 @@ from time import thread_time
 from typing import Any
 
 import numpy as np
+from isogal.matching.pmht.likelihood import BatchLikelihood
 
 from isogal.matching import joint_batches
 from isogal.matching.pmht import assumptions_monitor, hypotheses, lost_navigator, matcher, state
-from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.montecarlo import engine
 from isogal.scenario import load_scenario
 

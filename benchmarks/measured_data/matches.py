@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from isogal.matching.pmht.noise_model import residual_covariance
 
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
-from isogal.matching.pmht.noise_model import residual_covariance
 from isogal.scenario import Matcher
 from isogal.tracks.map_error import MapError
 from isogal.tracks.matching import Match, Uncertainty, match_track
