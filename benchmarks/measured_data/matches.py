@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from isogal.matching.pmht.noise_model import residual_covariance
 
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
@@ -69,11 +68,12 @@ def nis(line: Line, field_map: FieldMap, noise: Noise) -> tuple[float, float]:
     along a line is right."""
     value, keep = residuals(line, field_map)
     latitude, longitude, value = line.latitude[keep], line.longitude[keep], value[keep]
-    white = np.full(value.size, noise.sensor_sigma**2)
     sigma = field_map.sigma_at(latitude, longitude)
-    covariance = residual_covariance(
-        latitude, longitude, white, sigma, noise.correlation_length, 0.0
-    )
+    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    distance = 0.5 * (distance + distance.T)
+    covariance = np.outer(sigma, sigma) * np.exp(-distance / noise.correlation_length)
+    covariance += noise.sensor_sigma**2 * np.eye(value.size)
     mean = value.mean() ** 2 / (covariance.sum() / value.size**2)
     return float(value @ np.linalg.solve(covariance, value)) / value.size, float(mean)
 

@@ -4,6 +4,7 @@ import pytest
 
 from isogal import plugins
 from isogal.errors import InputError
+from isogal.matching.pmht.settings import GONE
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -30,9 +31,9 @@ def test_unknown_options_are_refused(name):
 def test_bad_values_of_options_are_refused():
     with pytest.raises(
         InputError,
-        match=r"matcher\.options of pmht: confidence: input should be less than 1, not 2",
+        match=r"matcher\.options of pmht: trust: input should be .* 1, not 0\.5",
     ):
-        load_matcher(Matcher(options={"confidence": 2.0}))
+        load_matcher(Matcher(options={"trust": 0.5}))
 
 
 @pytest.mark.parametrize(("name", "message"), [
@@ -44,15 +45,16 @@ def test_unknown_names(name, message):
         load_matcher(Matcher().model_copy(update={"name": name}))
 
 
-def test_pmht_sees_a_batch_of_context_unless_told():
-    assert load_matcher(Matcher(batch_length=20)).context == 20
-    assert load_matcher(Matcher(batch_length=20, options={"context": 0})).context == 0
-    assert load_matcher(Matcher(name="pmht-paper")).context == 0
+@pytest.mark.parametrize("name", GONE)
+def test_options_that_the_bank_has_no_use_for_are_refused(name):
+    words = rf"^matcher\.options of pmht: {name}: the bank of hypotheses has no use for it$"
+    with pytest.raises(InputError, match=words):
+        load_matcher(Matcher(options={name: 1}))
 
 
 def test_an_unknown_option_gets_the_nearest_of_its_matcher():
-    with pytest.raises(InputError, match=r"unknown key 'confidenc', did you mean 'confidence'\?"):
-        load_matcher(Matcher(options={"confidenc": 0.5}))
+    with pytest.raises(InputError, match=r"unknown key 'trus', did you mean 'trust'\?"):
+        load_matcher(Matcher(options={"trus": 2.0}))
 
 
 def test_only_pmht_takes_several_channels():
