@@ -17,7 +17,7 @@ from isogal.matching.pmht.search import Past, Search, places, unaided
 
 SEARCH_SHARES = np.array([0.1, 0.3, 0.9])
 """Sigmas of the map's error by which places are searched for, in units of the largest."""
-BEGINS, SAYS, GIVES_UP = -2.0, math.log(99.0), -12.0
+BEGINS, SAYS, GIVES_UP = -2.0, math.log(99.0), -5.0
 """Log odds at which hypotheses about a diverged navigator are carried along, at which it is told
 so (a probability of 0.99), and at which they are dropped."""
 SOON, EVERY, LATER, HOUR = 20, 60, 180, 3600.0

@@ -39,8 +39,9 @@ LEAST = -600.0
 FLOOR = 15.0
 """No model falls further below the best than this log: what was wrong for hours may become
 right."""
-FEW, SURE, NEAR_M = 12, 0.99, 700.0
-"""A place is known where so many hypotheses have this probability, within so many m."""
+NEAR_M, FEW = 700.0, 12
+"""1-sigma of all places together up to which they are one, and how many hypotheses stand for
+it."""
 CREDIBLE = 0.1
 """A fault has to be this probable to be published: a wide model of a few percent would widen what
 is published for ever."""
@@ -241,14 +242,9 @@ class Hypotheses:
 
     @property
     def resolved(self) -> bool:
-        """Whether what is probable is few places that are near each other."""
-        order = np.argsort(-self.log_weight)[:FEW]
-        weight = np.exp(self.log_weight[order] - np.logaddexp.reduce(self.log_weight))
-        if weight.sum() < SURE:
-            return False
-        apart = self.mean[order, :2] - weight @ self.mean[order, :2] / weight.sum()
-        inner = self.covariance[order][:, [0, 1], [0, 1]].sum(axis=1)
-        return bool(weight @ ((apart**2).sum(axis=1) + inner) < NEAR_M**2)
+        """Whether what is probable is one place."""
+        covariance = self.moments()[1]
+        return bool(covariance[0, 0] + covariance[1, 1] < NEAR_M**2)
 
     def spread_over(self, models: Models) -> "Hypotheses":
         """Return the same places under other models, of which nothing is known yet."""
