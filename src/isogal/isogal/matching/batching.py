@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
@@ -23,7 +24,6 @@ from isogal.matching.transitions import (
     condition,
     reading_rate,
 )
-from isogal.inertial.error_state import BATCH_STATES
 from isogal.matrices import symmetric
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings

@@ -16,7 +16,7 @@ def reading_covariance(
     vehicle's accelerations add, and what a platform that is not level does; None where it is
     white.
 
-    The walk of the bias is not in it, which is a state (`pmht.sensor_bias`), nor is the mean of
+    The walk of the bias is not in it, which is a state (`pmht.rows`), nor is the mean of
     the platform's error (`platform.mean_error`).
 
     Parameters

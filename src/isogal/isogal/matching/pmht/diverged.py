@@ -12,6 +12,7 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.memory import DIVERGED_LOG_ODDS, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
+from isogal.matching.pmht.places import carried, pruned, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import Past, Search, places, unaided
 
@@ -51,7 +52,7 @@ def pursued(
     log_odds = diverged.log_odds + found.log_evidence - evidence
     if lead.bank is not None and log_odds < GIVES_UP:
         return replace(diverged, found=None)
-    return replace(diverged, found=found.pruned(PLACES).normalised(), log_odds=log_odds)
+    return replace(diverged, found=pruned(found, PLACES).normalised(), log_odds=log_odds)
 
 
 def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -81,7 +82,7 @@ def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diver
     log_odds -= sum(one.evidence for one in diverged.past)
     found = None
     if lost or log_odds > BEGINS:
-        found = search.hypotheses.normalised().carried(to_end, off)
+        found = carried(search.hypotheses.normalised(), to_end, off)
     return replace(diverged, search=None, found=found, log_odds=log_odds)
 
 
@@ -98,10 +99,10 @@ def decided(memory: Memory, first: int) -> tuple[Memory, bool]:
     and whether the navigator is to be told that it has diverged."""
     diverged, bank = memory.diverged, memory.fields[first].bank
     found = diverged.found
-    if found is None or not found.resolved or (bank is not None and diverged.log_odds < SAYS):
+    if found is None or not resolved(found) or (bank is not None and diverged.log_odds < SAYS):
         return memory, False
     fields = {
-        index: replace(one, bank=found.spread_over(one.models).reduced())
+        index: replace(one, bank=spread_over(found, one.models).reduced())
         for index, one in memory.fields.items()
     }
     after = Diverged(diverged.start)

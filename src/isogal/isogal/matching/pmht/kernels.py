@@ -32,7 +32,7 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, mean, covariance):
+def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
     """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
@@ -62,7 +62,7 @@ def propagated(which, growth_factor, transition, growth, mean, covariance):
 
 
 @kernel(error_model="numpy")
-def _predicted(grid, rows, t, north, east, lag):
+def _predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
     """Return the map's value and its derivatives to north and east (per m) for row t of a
     navigator that is `north` and `east` (m) of the truth; a mean over the path where the
     instrument's filter is told or has a time constant `lag` (s)."""
@@ -95,7 +95,7 @@ def _predicted(grid, rows, t, north, east, lag):
 
 
 @kernel(error_model="numpy")
-def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
+def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignore[no-untyped-def]
     """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
     them are on the map."""
     n = BATCH_STATES
@@ -120,7 +120,7 @@ def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
+def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):  # type: ignore[no-untyped-def]
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
@@ -172,7 +172,7 @@ def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):
+def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ignore[no-untyped-def]
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 
@@ -188,7 +188,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
         m = which[k]
-        c, used = models.count[m], models.used[m]
+        c, used = models.sizes[m], models.used[m]
         if m != before:
             before, length = m, models.length[m]
             for t in range(n):
@@ -234,7 +234,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
 
 
 @kernel(error_model="numpy")
-def _bend(grid, rows, north, east, step):
+def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
     """Return the root of the sum over rows of the squared largest second derivative of the map
     (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
     total = 0.0
@@ -251,7 +251,7 @@ def _bend(grid, rows, north, east, step):
 
 
 @kernel(error_model="numpy")
-def curvature(
+def curvature(  # type: ignore[no-untyped-def]
     grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
 ):
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
@@ -271,9 +271,9 @@ def curvature(
             continue
         spread = covariance[k, 0, 0] + covariance[k, 1, 1]
         away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
-        if away + reach * math.sqrt(spread) < step:
-            if 0.5 * reach * reach * spread * bend < enough:
-                continue
+        near = away + reach * math.sqrt(spread) < step
+        if near and 0.5 * reach * reach * spread * bend < enough:
+            continue
         m = which[k]
         a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
@@ -285,7 +285,7 @@ def curvature(
             departure = change = 0.0
             for t in range(0, rows.level.shape[0], stride):
                 north = east = 0.0
-                for i in range(models.count[m]):
+                for i in range(models.sizes[m]):
                     state = models.used[m, i]
                     north += rows.place[t, 0, state] * mean[k, state]
                     east += rows.place[t, 1, state] * mean[k, state]
@@ -306,7 +306,7 @@ def curvature(
 
 
 @kernel(error_model="numpy")
-def merged(which, log_weight, mean, covariance, limit):
+def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyped-def]
     """Merge hypotheses of one model whose places overlap by their moments, in place, and return
     the indices of those that stay.
 

@@ -169,7 +169,10 @@ def rows_of(
     first = last or Epoch(float(time[0]), float(time[0]), float(latitude[0]), float(longitude[0]))
     elapsed = np.diff(time, prepend=first.time)
     steps = horizontal_difference(
-        latitude, longitude, np.r_[first.latitude, latitude[:-1]], np.r_[first.longitude, longitude[:-1]]
+        latitude,
+        longitude,
+        np.r_[first.latitude, latitude[:-1]],
+        np.r_[first.longitude, longitude[:-1]],
     )
     travelled = np.where(elapsed > 0.0, np.hypot(*steps.T), 0.0)
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
@@ -215,7 +218,9 @@ def _effects(
     n, first = len(which), BATCH_STATES + states.channels
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
     xi, rest = by_seven[:4], by_seven[4:]
-    place[..., :BATCH_STATES] = batch.transition[which] @ xi + batch.nuisance_position[which] @ rest
+    place[..., :BATCH_STATES] = (
+        batch.transition[which] @ xi + batch.nuisance_position[which] @ rest
+    )
     reading[:, :BATCH_STATES] = (
         batch.reading_jacobian[which] @ xi + batch.nuisance_reading[which] @ rest
     )
@@ -251,7 +256,9 @@ def _loads(
     own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
     usual = np.array([stated_sigma(one) for one in maps])[channel]
     scale = np.array([one.scale for one in maps])
-    ratio = np.where((usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0)
+    ratio = np.where(
+        (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
+    )
     if batch.of_one_potential is not None:
         names = batch.of_one_potential
         every = np.arange(len(names))
