@@ -70,10 +70,8 @@ def nis(line: Line, field_map: FieldMap, noise: Noise) -> tuple[float, float]:
     latitude, longitude, value = line.latitude[keep], line.longitude[keep], value[keep]
     sigma = field_map.sigma_at(latitude, longitude)
     apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-    distance = np.hypot(apart[..., 0], apart[..., 1])
-    distance = 0.5 * (distance + distance.T)
-    covariance = np.outer(sigma, sigma) * np.exp(-distance / noise.correlation_length)
-    covariance += noise.sensor_sigma**2 * np.eye(value.size)
+    correlation = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / noise.correlation_length)
+    covariance = correlation * sigma[:, None] * sigma + noise.sensor_sigma**2 * np.eye(value.size)
     mean = value.mean() ** 2 / (covariance.sum() / value.size**2)
     return float(value @ np.linalg.solve(covariance, value)) / value.size, float(mean)
 

@@ -10,8 +10,9 @@ from isogal.matching.pmht import kernels
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 
-FEW, SURE, NEAR_M = 12, 0.99, 700.0
-"""A place is known where so many hypotheses have this probability, within so many m."""
+NEAR_M, FEW = 700.0, 12
+"""1-sigma of all places together up to which they are one, and how many hypotheses stand for
+it."""
 
 
 def pruned(them: Hypotheses, most: int) -> Hypotheses:
@@ -27,14 +28,9 @@ def pruned(them: Hypotheses, most: int) -> Hypotheses:
 
 
 def resolved(them: Hypotheses) -> bool:
-    """Whether what is probable is few places that are near each other."""
-    order = np.argsort(-them.log_weight)[:FEW]
-    weight = np.exp(them.log_weight[order] - np.logaddexp.reduce(them.log_weight))
-    if weight.sum() < SURE:
-        return False
-    apart = them.mean[order, :2] - weight @ them.mean[order, :2] / weight.sum()
-    inner = them.covariance[order][:, [0, 1], [0, 1]].sum(axis=1)
-    return bool(weight @ ((apart**2).sum(axis=1) + inner) < NEAR_M**2)
+    """Whether what is probable is one place."""
+    covariance = them.moments()[1]
+    return bool(covariance[0, 0] + covariance[1, 1] < NEAR_M**2)
 
 
 def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
