@@ -324,7 +324,7 @@ class Hypotheses:
         names = (*states.names, *UNKNOWN[: states.unknown])
         first = len(mean) - states.unknown
         where = [*range(len(states.names)), *range(first, len(mean))]
-        return {name: float(mean[k]) for name, k in zip(names, where, strict=True)}
+        return {name: float(mean[k]) for name, k in zip(names, where, strict=True) if name}
 
     def share(self, family: int) -> float:
         """Return the probability that something of a family is wrong."""

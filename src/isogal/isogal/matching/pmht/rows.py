@@ -26,6 +26,7 @@ from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import tensor_covariance
 from isogal.matching.interfaces import Batch
+from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.low_pass import path_nodes
 
 UNKNOWN = ("bias", "drift", "delay")
@@ -90,21 +91,17 @@ class States:
     @classmethod
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
         """Return those of the batches of a run, by its first one."""
-        told, several = batch.parameters, batch.channel is not None
-        count = 0 if told is None else len(told.sigma)
-        sigma, time, walk = np.zeros(count), np.full(count, np.inf), np.zeros(count)
-        if told is not None:
-            sigma = np.asarray(told.sigma, dtype=np.float64)
-            time = time if told.time is None else told.time
-            walk = walk if told.walk is None else told.walk
-        more = 0 if several else len(UNKNOWN)
+        told = Parameters.together([batch.noise, batch.parameters])
+        if told is None:
+            told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
+        more = 0 if batch.channel is not None else len(UNKNOWN)
         last = np.array([batch.bias_walk, 0.0, 0.0])[:more]
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
         return cls(
-            () if told is None else told.names,
-            np.concatenate([sigma, np.zeros(more)]),
-            np.concatenate([time, np.full(more, np.inf)]),
-            np.concatenate([walk, last]),
+            told.names,
+            np.concatenate([told.sigma, np.zeros(more)]),
+            np.concatenate([told.times, np.full(more, np.inf)]),
+            np.concatenate([told.walks, last]),
             channels,
             more,
         )
@@ -117,13 +114,12 @@ class States:
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """When and where the last reading was."""
+    """When readings were taken."""
 
     start: float
-    """s, of the run's first reading."""
+    """s, the run's first one."""
     time: float
-    latitude: float
-    longitude: float
+    """s, the last one."""
 
 
 @lru_cache(maxsize=4)  # several ask it of the same batch
@@ -166,12 +162,10 @@ def rows_of(
     latitude, longitude, time = (a[which] for a in (batch.latitude, batch.longitude, batch.time))
     channel = np.zeros_like(which) if batch.channel is None else batch.channel[which]
     part = np.zeros_like(which) if batch.beam is None else batch.beam[which]
-    first = last or Epoch(float(time[0]), float(time[0]), float(latitude[0]), float(longitude[0]))
+    first = last or Epoch(float(time[0]), float(time[0]))
     elapsed = np.diff(time, prepend=first.time)
-    steps = horizontal_difference(
-        latitude, longitude, np.r_[first.latitude, latitude[:-1]], np.r_[first.longitude, longitude[:-1]]
-    )
-    travelled = np.where(elapsed > 0.0, np.hypot(*steps.T), 0.0)
+    # places would have beams apart, and what fixes have moved the navigator by
+    travelled = np.hypot(*batch.velocity[which].T) * elapsed
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
@@ -184,7 +178,7 @@ def rows_of(
         place,
         reading,
         _loads(batch, which, field_map, states, lengths, channel, part),
-        batch.sigma[which] ** 2 + rounding,
+        _white(batch)[which] + rounding,
         travelled,
         keep,
         fresh,
@@ -193,7 +187,7 @@ def rows_of(
         path_nodes(batch, which),
         channel.astype(np.int64),
     )
-    return rows, Epoch(first.start, float(time[-1]), float(latitude[-1]), float(longitude[-1]))
+    return rows, Epoch(first.start, float(time[-1]))
 
 
 def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
@@ -208,6 +202,15 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
+def _white(batch: Batch) -> Array:
+    """Return (T,) the variance of readings that they have in common with no other."""
+    noise = batch.noise
+    if noise is None or batch.reading_covariance is None:
+        return batch.sigma**2
+    common = (noise.sigma * noise.reading) ** 2
+    return np.asarray(np.diag(batch.reading_covariance) - common.sum(axis=1))
+
+
 def _effects(
     batch: Batch, which: Integers, states: States, by_seven: Array, start: float
 ) -> tuple[Array, Array]:
@@ -219,8 +222,9 @@ def _effects(
     reading[:, :BATCH_STATES] = (
         batch.reading_jacobian[which] @ xi + batch.nuisance_reading[which] @ rest
     )
-    if batch.parameters is not None:
-        told = batch.parameters.part(which)
+    told = Parameters.together([batch.noise, batch.parameters])
+    if told is not None:
+        told = told.part(which)
         last = first + len(told.sigma)
         place[..., first:last], reading[:, first:last] = told.moves, told.reading
     if states.unknown:
@@ -250,7 +254,6 @@ def _loads(
     maps = channels_of(field_map)
     own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
     usual = np.array([stated_sigma(one) for one in maps])[channel]
-    scale = np.array([one.scale for one in maps])
     ratio = np.where((usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0)
     if batch.of_one_potential is not None:
         names = batch.of_one_potential
@@ -261,7 +264,7 @@ def _loads(
     elif batch.beam is not None:
         factor, row = _beam_factors(batch, states.channels, lengths), part
     else:
-        factor = np.diag(scale / scale.mean())[None] + np.zeros((len(lengths), 1, 1))
+        factor = np.eye(states.channels)[None] + np.zeros((len(lengths), 1, 1))
         row = channel
     return np.ascontiguousarray(factor[:, row] * ratio[:, None])
 
