@@ -11,18 +11,18 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.memory import DIVERGED_LOG_ODDS, Diverged, FieldMemory, Memory
-from isogal.matching.pmht.models import few
-from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.models import NONE, few
+from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import Past, Search, places, unaided
 
 SEARCH_SHARES = np.array([0.1, 0.3, 0.9])
 """Sigmas of the map's error by which places are searched for, in units of the largest."""
-BEGINS, SAYS, GIVES_UP = -2.0, 6.0, -12.0
+BEGINS, SAYS, GIVES_UP = -2.0, math.log(99.0), -12.0
 """Log odds at which hypotheses about a diverged navigator are carried along, at which it is told
-so, and at which they are dropped."""
-LOOK_EVERY, LATER, HOUR = 60, 180, 3600.0
-"""New readings between two looks, within the first hour and from then on, and s that they go
-back."""
+so (a probability of 0.99), and at which they are dropped."""
+SOON, EVERY, LATER, HOUR = 20, 60, 180, 3600.0
+"""New readings to the next look: where another place was likelier than the navigator's own, else
+within the first hour, else; and s that they go back."""
 PLACES = 400
 """Hypotheses about a diverged navigator, at most."""
 
@@ -34,7 +34,7 @@ def remembered(
     there per unit of error at the last batch end, `evidence` their log evidence by the bank."""
     nothing = np.zeros(BATCH_STATES)
     past = (*diverged.past, Past(rows, forward, nothing, evidence, time, diverged.start))
-    return replace(diverged, past=past, unseen=diverged.unseen + len(rows.level))
+    return replace(diverged, past=past, wait=diverged.wait - len(rows.level))
 
 
 def pursued(
@@ -57,16 +57,21 @@ def pursued(
 def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
     search, lost = diverged.search, lead.bank is None
     if search is None:
-        if not lost and diverged.unseen < (LOOK_EVERY if diverged.whole else LATER):
+        if not lost and diverged.wait > 0:
             return diverged
-        diverged = replace(diverged, unseen=0)
-        if not lost and not _may_be_beaten(diverged):
+        diverged = replace(diverged, wait=EVERY if diverged.whole else LATER)
+        if not lost and not _in_doubt(lead, diverged.past[-1].rows):
             return diverged
     rows, to_end, off = unaided(diverged.past)
     if search is None:
-        own = diverged.start
-        wide = own if lost else own + LOST_COVARIANCE
-        begun = places(rows, field_map, few(lead.models, SEARCH_SHARES), own, wide)
+        models, prior = few(lead.models, SEARCH_SHARES), diverged.start
+        if lost:
+            begun, _ = places(rows, field_map, models, prior, prior)
+        else:
+            own, least = np.linalg.solve(to_end, -off), BEGINS - DIVERGED_LOG_ODDS
+            wide = prior + LOST_COVARIANCE
+            begun, gain = places(rows, field_map, models, prior, wide, own, least)
+            diverged = replace(diverged, wait=SOON if gain > 0.0 else diverged.wait)
         search = None if begun is None else Search(begun)
     else:
         search = search.continued(rows, field_map.grid, PLACES)
@@ -80,15 +85,12 @@ def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diver
     return replace(diverged, search=None, found=found, log_odds=log_odds)
 
 
-def _may_be_beaten(diverged: Diverged) -> bool:
-    """Whether some place could fit the readings so much better than the navigator's own that it
-    counts: as well as all but one in a thousand right ones."""
-    noise = np.concatenate([one.rows.noise for one in diverged.past])
-    n = len(noise)
-    square = n - 3.0 * math.sqrt(2.0 * n)
-    best = -0.5 * (square + np.log(2.0 * math.pi * noise).sum())
-    own = sum(one.evidence for one in diverged.past)
-    return bool(best + DIVERGED_LOG_ODDS - own > BEGINS)
+def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
+    """Whether readings and map differ by what a wrong place could explain: the map's error is
+    larger than the noise, or something else is wrong."""
+    bank = lead.bank
+    assert bank is not None
+    return bool(bank.map_error[0] > usual_noise(rows) or bank.faults[NONE] < 0.5)
 
 
 def decided(memory: Memory, first: int) -> tuple[Memory, bool]:

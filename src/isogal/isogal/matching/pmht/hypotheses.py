@@ -6,6 +6,7 @@ Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) fo
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels
-from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.models import FAMILIES, Models
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -45,7 +46,7 @@ CREDIBLE = 0.1
 is published for ever."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Hypotheses:
     """K hypotheses: which model, and a Gaussian of the augmented state (see `kernels`)."""
 
@@ -125,18 +126,11 @@ class Hypotheses:
         whole, done = self, []
         top = self.log_weight.max()
         for _ in range(ROUNDS):
-            heavy = whole.log_weight > top - NEGLIGIBLE
-            if not heavy.any():
-                break
-            worst, axes = np.zeros(len(whole)), np.zeros((len(whole), 2))
-            some = np.flatnonzero(heavy)
-            part = whole if len(some) == len(whole) else whole.part(some)
-            found, along = np.zeros(len(part)), np.zeros((len(part), 2))
+            worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
             kernels.curvature(
-                grid, rows, self.models, part.which, part.mean, part.covariance,
-                int(np.argmax(part.log_weight)), CURVED, REACH, found, along,
+                grid, rows, self.models, whole.which, whole.log_weight, whole.mean,
+                whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
-            worst[some], axes[some] = found, along
             cut = worst > CURVED
             room = (MOST - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
@@ -297,39 +291,41 @@ class Hypotheses:
 
     def credible(self) -> "Hypotheses":
         """Return them without faults that are not likely."""
-        family = self.models.family[self.which]
-        share = np.bincount(family, np.exp(self.log_weight))
-        kept = share[family] > CREDIBLE * share.sum()
+        kept = self.faults[self.models.family[self.which]] > CREDIBLE
         return self if kept.all() else self.part(kept)
 
     def moments(self) -> tuple[Array, Array]:
         """Return mean (7,) and covariance (7, 7) of the navigator's error."""
         n = BATCH_STATES
-        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        weight = self.weight
         mean = weight @ self.mean[:, :n]
         apart = self.mean[:, :n] - mean
         inner = (weight @ self.covariance[:, :n, :n].reshape(len(self), -1)).reshape(n, n)
         return mean, inner + (apart * weight[:, None]).T @ apart
 
+    @cached_property
+    def weight(self) -> Array:
+        """(K,) probabilities."""
+        return np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+
+    @cached_property
     def map_error(self) -> tuple[float, float]:
-        """Return mean sigma (map's unit) and mean log length (m) of the map's error."""
-        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
+        """Mean sigma (map's unit) and mean log length (m) of the map's error."""
         sigma, length = self.models.sigma[self.which], self.models.length[self.which]
-        return float(weight @ sigma), float(np.exp(weight @ np.log(length)))
+        return float(self.weight @ sigma), math.exp(float(self.weight @ np.log(length)))
+
+    @cached_property
+    def faults(self) -> Array:
+        """(F,) the probability of each of `models.FAMILIES`."""
+        return np.bincount(self.models.family[self.which], self.weight, len(FAMILIES))
 
     def figures(self, states: States) -> dict[str, float]:
         """Return the mean of the instrument's states that have names, and of an untold bias."""
-        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
-        mean = weight @ self.mean[:, BATCH_STATES + states.channels :]
+        mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
+        named, first = len(states.names), len(mean) - states.unknown
         names = (*states.names, *UNKNOWN[: states.unknown])
-        first = len(mean) - states.unknown
-        where = [*range(len(states.names)), *range(first, len(mean))]
-        return {name: float(mean[k]) for name, k in zip(names, where, strict=True) if name}
-
-    def share(self, family: int) -> float:
-        """Return the probability that something of a family is wrong."""
-        weight = np.exp(self.log_weight - np.logaddexp.reduce(self.log_weight))
-        return float(weight @ (self.models.family[self.which] == family))
+        values = zip(names, (*mean[:named], *mean[first:]), strict=True)
+        return {name: float(value) for name, value in values if name}
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

@@ -17,7 +17,7 @@ from isogal.maps.interpolation import value_and_gradient
 ITERATIONS = 8
 """Linearisations at most; from the fourth on steps are halved, since a step that has not
 converged by then swings about the mode."""
-SETTLED_M, SETTLED_SHARE = 1.0, 0.05
+SETTLED_M, SETTLED_SHARE = 1.0, 0.1
 """A mode is found where the last step was shorter than this and this share of its 1-sigma."""
 OUTLIER = (0.003, 1000.0)
 """Probability of an outlier, and its variance in units of the noise's."""
@@ -288,22 +288,28 @@ def _bend(grid, rows, north, east, step):
 
 
 @kernel(error_model="numpy")
-def curvature(grid, rows, models, which, mean, covariance, best, enough, reach, worst, axes):
+def curvature(
+    grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
+):
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
     (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma along its axes, in 1-sigma
     of the noise and, where that is more, in units of their change.
 
-    Around the place of hypothesis `best` one look at the map says of most that they depart by
-    less than `enough`; these are not looked at one by one, and 0."""
+    Around the place of the likeliest one look at the map says of most that they depart by less
+    than `enough`; these are not looked at one by one, and 0, as are those of a log weight below
+    `least`."""
+    best = np.argmax(log_weight)
     step = 0.5 * grid.latitude_step / rows.radian[0, 0]
     stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
     bend = 2.0 * _bend(grid, rows, mean[best, 0], mean[best, 1], step)
     for k in range(which.shape[0]):
+        worst[k] = 0.0
+        if log_weight[k] < least:
+            continue
         spread = covariance[k, 0, 0] + covariance[k, 1, 1]
         away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
         if away + reach * math.sqrt(spread) < step:
             if 0.5 * reach * reach * spread * bend < enough:
-                worst[k] = 0.0
                 continue
         m = which[k]
         a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
@@ -311,7 +317,6 @@ def curvature(grid, rows, models, which, mean, covariance, best, enough, reach, 
         c, s = math.cos(angle), math.sin(angle)
         big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
         small = math.sqrt(max(a * s * s - 2.0 * b * c * s + d * c * c, 0.0))
-        worst[k] = 0.0
         for axis in range(2):
             u, v = (big * c, big * s) if axis == 0 else (-small * s, small * c)
             departure = change = 0.0

@@ -1,5 +1,6 @@
 """What `pmht` carries from batch to batch."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,8 +13,10 @@ from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
-DIVERGED_LOG_ODDS = -8.0
-"""Of a navigator that has diverged, before any reading."""
+FIRST = 60
+"""Readings before the first look: a sixth of an hour."""
+DIVERGED_LOG_ODDS = math.log(1e-3)
+"""Of a navigator that has diverged, before any reading: one in a thousand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +40,8 @@ class Diverged:
     """Batches of the last hour."""
     whole: bool = True
     """Whether they are all since the navigator's place was known."""
-    unseen: int = 0
-    """Readings since the last look."""
+    wait: int = FIRST
+    """Readings to the next look."""
     search: Search | None = None
     """For places, on its way through the last hour."""
     found: Hypotheses | None = None

@@ -18,10 +18,13 @@ from isogal.matching.pmht.rows import BIAS, DELAY, DRIFT, States
 USUAL_LENGTH_M, LENGTH_STEP, LENGTH_FACTOR = 4000.0, 4.0, 2.5
 LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
 """Of the map's error: least in units of the noise, largest in units of the map's scale."""
-FINE_STEP, COARSE_STEP = math.sqrt(2.0), 2.0
+FINE_STEP, COARSE_STEP = math.sqrt(2.0), 2.0 * math.sqrt(2.0)
 """From one sigma of the map's error to the next: where nothing else is wrong, and beside what
 is."""
+NARROW = 0.4
+"""Sigma, in units of the noise, below which readings do not tell lengths apart."""
 ROUGH_FACTOR = 5.0
+"""Factor (1-sigma) by which a map may be more wrong than it is rough."""
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
@@ -58,8 +61,9 @@ FAULTS = (
     Fault(NONE, 0.7),
     Fault(BIASED, 0.1, bias=1.0),
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
-    Fault(NOISIER, 0.05, noise=4.0),
-    Fault(NOISIER, 0.02, noise=16.0),
+    Fault(NOISIER, 0.05, noise=3.0),
+    Fault(NOISIER, 0.02, noise=10.0),
+    Fault(NOISIER, 0.01, noise=30.0),
     Fault(NAVIGATOR, 0.01, start=10.0),
     Fault(NAVIGATOR, 0.01, start=10.0, growth=10.0),
     Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
@@ -172,7 +176,7 @@ def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[floa
     errors = [(0.0, usual, math.log(NO_ERROR))]
     for sigma in sigmas:
         above = max(math.log(sigma / rough), 0.0) / math.log(ROUGH_FACTOR)
-        for length in choices:
+        for length in choices if sigma > NARROW * assumed.noise else (usual,):
             apart = math.log(length / usual) / math.log(LENGTH_FACTOR)
             errors.append((sigma, length, density - 0.5 * (above**2 + apart**2)))
     return errors

@@ -54,8 +54,9 @@ class Told:
     def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "Told":
         """Return it with what the readings of a field tell that makes a navigator N(0, prior),
         told of the others', what its bank says."""
-        told = self.total
-        mean, before = informed_state(prior, told)
+        mean, before = np.zeros(BATCH_STATES), prior
+        if self.each:
+            mean, before = informed_state(prior, self.total)
         after, covariance = bank.credible().moments()
         own = likelihood_information(after - mean, covariance, before)
         own = Information(own.vector + own.matrix @ mean, own.matrix)
@@ -137,7 +138,7 @@ def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float
     for one in each:
         bank = memory.fields[one.field].bank
         if one.field_map.quantity in GRAVITY and bank is not None:
-            return bank.map_error()
+            return bank.map_error
     return None
 
 
@@ -192,9 +193,9 @@ def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> di
         if field.bank is None:
             continue
         prefix = "" if one is each[0] else f"{names[one.field]}."
-        sigma, length = field.bank.map_error()
+        sigma, length = field.bank.map_error
         of_field = {"map_sigma": sigma, "map_correlation_length_m": length}
-        of_field |= {name: field.bank.share(k) for k, name in enumerate(FAMILIES) if k}
+        of_field |= dict(zip(FAMILIES[1:], map(float, field.bank.faults[1:]), strict=True))
         of_field |= field.bank.figures(field.states)
         figures |= {prefix + name: value for name, value in of_field.items()}
     batch, field_map = each[0].batch, first_channel(each[0].batch, each[0].field_map)[1]

@@ -365,6 +365,6 @@ def stated_sigma(one: FieldMap) -> float:
     return float(known.mean()) if known.size else 0.0
 
 
-def total_noise(rows: Rows) -> float:
+def usual_noise(rows: Rows) -> float:
     """Return the usual 1-sigma of the white noise, map's unit."""
     return math.sqrt(float(np.median(rows.noise)))

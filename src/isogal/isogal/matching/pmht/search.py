@@ -32,13 +32,13 @@ COARSE_BEST, FINE_BEST = 250, 1200
 """Cells of the first grid, and cells with a model of the second, that are followed up."""
 WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
-GROUPS = 60
+GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
-CHUNK, AT_ONCE = 30, 120
+CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
 
 
@@ -107,10 +107,12 @@ def some(rows: Rows, first: int, last: int) -> Rows:
 
 
 def places(
-    rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array
-) -> Hypotheses | None:
-    """Return hypotheses of few models at the cells where readings fit best; None where none is on
-    the map.
+    rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array,
+    own: Array | None = None, at_least: float = 0.0,
+) -> tuple[Hypotheses | None, float]:  # fmt: skip
+    """Return hypotheses of few models at the cells where readings fit best, None where none is on
+    the map or all together are not worth a closer look; and the log of how much more likely the
+    readings are there.
 
     Parameters
     ----------
@@ -120,24 +122,31 @@ def places(
         See `models.few`.
     prior, wide : (7, 7) arrays
         Covariance of x according to the navigator, and where its place is searched for.
+    own : (7,) array, optional
+        x where the navigator believes to be.
+    at_least : float
+        Log of how much more likely the readings must be elsewhere than there.
     """
     spread = wide[:2, :2]
     seen = _Seen.of(rows, field_map, models, prior)
     sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
     coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
     centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
-    log = seen.log_evidence(centres, coarse) + _density(centres, spread)[:, None]
-    if not np.isfinite(log).any():
-        return None
-    best = _best(np.logaddexp.reduce(log, axis=1), COARSE_BEST)
+    residual = seen.residuals(centres)
+    log = seen.log_evidence(residual, coarse) + _density(centres, spread)[:, None]
+    total = np.logaddexp.reduce(log, axis=1)
+    there = float(np.logaddexp.reduce(total)) + 2.0 * math.log(coarse)
+    gain = there - seen.at(own, coarse)
+    if not math.isfinite(there) or gain < at_least:
+        return None, gain
+    best = _best(total, COARSE_BEST)
     fine = coarse / 3.0
     inside = _square(np.arange(-1.0, 2.0) * fine)
     centres = (centres[best][:, None] + inside).reshape(-1, 2)
-    log = seen.log_evidence(centres, fine) + _density(centres, spread)[:, None]
-    if not np.isfinite(log).any():
-        return None
-    best = np.unravel_index(_best(log.ravel(), FINE_BEST), log.shape)
-    return _hypotheses(models, centres[best[0]], best[1], fine, wide)
+    residual = seen.residuals(centres)
+    log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
+    pairs = np.unravel_index(_best(log.ravel(), FINE_BEST), log.shape)
+    return _hypotheses(models, centres[pairs[0]], pairs[1], fine, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,32 +253,54 @@ class _Seen:
             slope if math.isfinite(slope) else 0.0, bend, models,
         )  # fmt: skip
 
-    def log_evidence(self, centres: Array, cell: float) -> Array:
-        """Return (C, M) log evidence at cells of a size, with the models' prior; -inf off the
-        map."""
+    def at(self, own: Array | None, cell: float) -> float:
+        """Return the log evidence of an error (7,) that is not one of place alone, blurred as
+        cells of a size (m) are; -inf of none."""
+        if own is None:
+            return -math.inf
         rows = self.rows
-        residual = _residuals(
-            self.grid, rows.latitude, rows.longitude, rows.radian, rows.level,
-            np.ascontiguousarray(rows.place[:, :, :2]), np.ascontiguousarray(rows.reading[:, :2]),
-            rows.channel, np.ascontiguousarray(centres),
-        )  # fmt: skip
-        known = np.isfinite(residual).all(axis=0)
-        log = np.full((len(centres), len(self.models.sigma)), -np.inf)
-        there = residual[:, known]
-        blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
-        within = np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        for m, sigma in enumerate(self.models.sigma):
-            of_map = self.models.sigma[m] ** 2 * np.exp(-self.distance / self.models.length[m])
-            load = rows.load[self.models.shape[m]]
-            covariance = np.diag(self.noise) + within + of_map * (load @ load.T)
-            factor = np.linalg.cholesky(covariance)
-            whitened = np.linalg.inv(factor) @ there
-            log[known, m] = (
-                self.models.log_prior[m]
-                - 0.5 * (whitened**2).sum(axis=0)
-                - np.log(np.diag(factor)).sum()
+        moved = rows.place[:, :, :BATCH_STATES] @ own
+        there = rows._replace(
+            latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
+            longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
+            level=rows.level - rows.reading[:, :BATCH_STATES] @ own,
+        )
+        residual = replace(self, rows=there).residuals(np.zeros((1, 2)))
+        return float(np.logaddexp.reduce(self.log_evidence(residual, cell), axis=None))
+
+    def residuals(self, centres: Array) -> Array:
+        """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
+        rows = self.rows
+        return np.asarray(
+            _residuals(
+                self.grid, rows.latitude, rows.longitude, rows.radian, rows.level,
+                np.ascontiguousarray(rows.place[:, :, :2]),
+                np.ascontiguousarray(rows.reading[:, :2]), rows.channel,
+                np.ascontiguousarray(centres),
             )
-        return log
+        )  # fmt: skip
+
+    def log_evidence(self, residual: Array, cell: float) -> Array:
+        """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
+        prior; -inf off the map.
+
+        All models have one correlation length: with D the covariance of what is not the map's
+        error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
+        D, and the residuals are turned once for all sigmas."""
+        models, rows = self.models, self.rows
+        blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
+        other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
+        load = rows.load[models.shape[0]]
+        shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
+        factor = np.linalg.inv(np.linalg.cholesky(other))
+        values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
+        turned = ((vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)) ** 2
+        variance = 1.0 + np.outer(models.sigma**2, np.maximum(values, 0.0))
+        log = -0.5 * (1.0 / variance).astype(np.float32) @ turned
+        constant = models.log_prior - 0.5 * np.log(variance).sum(axis=1)
+        log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
+        log[~np.isfinite(log)] = -np.inf
+        return np.asarray(log)
 
 
 @kernel(error_model="numpy")
