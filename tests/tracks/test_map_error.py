@@ -31,7 +31,9 @@ def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
         sigma = sigma_of(track.latitude, track.longitude)
         at = track.latitude, track.longitude
         apart = horizontal_difference(*(axis[:, None] for axis in at), *at)
-        covariance = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / length) * sigma[:, None] * sigma
+        covariance = (
+            np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / length) * sigma[:, None] * sigma
+        )
         covariance += np.diag(1e-6 * sigma**2)
         error = np.linalg.cholesky(covariance) @ np.random.default_rng(
             100 + number
