@@ -281,9 +281,9 @@ def _loads(
     """Return `Rows.load`.
 
     The errors of K channels of one potential are u times their 1-sigmas. Those of others or of
-    beams at one epoch have a covariance with a Cholesky factor C, and are C u. Along the track each decays by the same exp(-d / L), so that u are independent
-    Gauss-Markov processes: of beams this is an exponential in the sum of the distances along and
-    across the track."""
+    beams at one epoch have a covariance with a Cholesky factor C, and are C u. Along the track
+    each decays by the same exp(-d / L), so that u are independent Gauss-Markov processes: of
+    beams this is an exponential in the sum of the distances along and across the track."""
     maps = channels_of(field_map)
     own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
     usual = np.array([stated_sigma(one) for one in maps])[channel]
