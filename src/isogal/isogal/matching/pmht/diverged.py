@@ -69,7 +69,8 @@ def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diver
         if lost:
             begun, _ = places(rows, field_map, models, prior, prior)
         else:
-            own, least = np.linalg.solve(to_end, -off), BEGINS - DIVERGED_LOG_ODDS
+            own = np.asarray(np.linalg.solve(to_end, -off), dtype=np.float64)
+            least = BEGINS - DIVERGED_LOG_ODDS
             wide = prior + LOST_COVARIANCE
             begun, gain = places(rows, field_map, models, prior, wide, own, least)
             diverged = replace(diverged, wait=SOON if gain > 0.0 else diverged.wait)

@@ -280,16 +280,16 @@ class Hypotheses:
     @cached_property
     def faults(self) -> Array:
         """(F,) the probability of each of `models.FAMILIES`."""
-        return np.bincount(self.models.family[self.which], self.weight, len(FAMILIES))
+        shares = np.bincount(self.models.family[self.which], self.weight, len(FAMILIES))
+        return np.asarray(shares, dtype=np.float64)
 
     def figures(self, states: States) -> dict[str, float]:
         """Return the mean of the instrument's states that have names, and of an untold bias."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
         named, first = len(states.names), len(mean) - states.unknown
-        values = [*mean[:named], *mean[first:]]
-        return dict(
-            zip((*states.names, *UNKNOWN[: states.unknown]), map(float, values), strict=True)
-        )
+        names = (*states.names, *UNKNOWN[: states.unknown])
+        values = zip(names, (*mean[:named], *mean[first:]), strict=True)
+        return {name: float(value) for name, value in values if name}
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

@@ -120,14 +120,47 @@ def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignor
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):  # type: ignore[no-untyped-def]
+def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
+    """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
+    `joined` added to their covariance."""
+    n, size = BATCH_STATES, step.shape[0]
+    for j in range(c):  # rows of P, then columns
+        for i in range(size):
+            work[i] = 0.0
+            for k in range(size):
+                work[i] += step[i, k] * P[n + k, j]
+        for i in range(size):
+            P[n + i, j] = work[i]
+    for j in range(c):
+        for i in range(size):
+            work[i] = 0.0
+            for k in range(size):
+                work[i] += step[i, k] * P[j, n + k]
+        for i in range(size):
+            P[j, n + i] = work[i]
+    for i in range(size):
+        work[i] = 0.0
+        for k in range(size):
+            work[i] += step[i, k] * x[n + k]
+    for i in range(size):
+        x[n + i] = work[i]
+        for k in range(size):
+            P[n + i, n + k] += joined[i, k]
+
+
+@kernel(error_model="numpy")
+def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # type: ignore[no-untyped-def]
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
     their moments."""
     wrong, width = OUTLIER
     square, determinant, evidence = 0.0, 1.0, 0.0
+    n = BATCH_STATES
+    dependent = step.shape[1] > 0 and c > n and used[n] == n
     for t in range(z.shape[0]):
+        if dependent and joined[t, 0, 0] > 0.0:
+            _stepped(x, P, step[t], joined[t], c, PH)
         for i in range(BATCH_STATES, c):
             f = keep[t, used[i] - BATCH_STATES]
             if f != 1.0:
@@ -195,7 +228,8 @@ def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ig
                 R[t] = rows.noise[t] * models.noise[m]
                 f = math.exp(-rows.travelled[t] / length)
                 for j in range(channels):
-                    keep[t, j], fresh[t, j] = f, 1.0 - f * f
+                    if rows.step.shape[2] == 0:
+                        keep[t, j], fresh[t, j] = f, 1.0 - f * f
         # hypotheses at one place are moved alike: what moved the last one is a good guess
         near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
             min(covariance[k, 0, 0], covariance[k, 1, 1])
@@ -205,7 +239,8 @@ def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ig
             at[i] = mean[k, used[i]]
             if near:
                 at[i] += shift[used[i]]
-        load = rows.load[models.shape[m]]
+        shape = models.shape[m]
+        load, step, joined = rows.load[shape], rows.step[shape], rows.joined[shape]
         for iteration in range(ITERATIONS):
             if not _linearised(
                 grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
@@ -216,13 +251,13 @@ def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ig
                 x[i] = mean[k, used[i]]
                 for j in range(c):
                     P[i, j] = covariance[k, used[i], used[j]]
-            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, used, c, PH)
+            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, step, joined, used, c, PH)
             moved = math.hypot(x[0] - at[0], x[1] - at[1])
             if not moved > SETTLED_M + SETTLED_SHARE * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
                 break
-            step = 1.0 if iteration < 3 else 0.5
+            share = 1.0 if iteration < 3 else 0.5
             for i in range(c):
-                at[i] += step * (x[i] - at[i])
+                at[i] += share * (x[i] - at[i])
         for i in range(size):
             shift[i] = 0.0
         if evidence[k] > -math.inf:

@@ -8,7 +8,7 @@ readings. docs/mathematics.md, section 9.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,8 @@ GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
+OF_LENGTHS = ("load", "step", "joined")
+"""Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
 
@@ -85,7 +87,7 @@ def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
-    axis = {"load": 1}
+    axis = dict.fromkeys(OF_LENGTHS, 1)
     return Rows._make(
         np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
         for name in Rows._fields
@@ -96,7 +98,7 @@ def some(rows: Rows, first: int, last: int) -> Rows:
     """Return rows from a first one to before a last one."""
     part = slice(first, last)
     return Rows._make(
-        np.ascontiguousarray(column[:, part] if name == "load" else column[part])
+        np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
         for name, column in zip(Rows._fields, rows, strict=True)
     )
 
