@@ -28,9 +28,9 @@ SPLIT = (
     (-1.1353227127, 0.0, 1.1353227127),
     0.6715662887,
 )
-"""Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah (2013,
-JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a variance of
-1; theirs loses 4.5 % of it at each split."""
+"""Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
+(2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
+variance of 1; theirs loses 4.5 % of it at each split."""
 ROUNDS = 8
 """Of splits of splits, at most."""
 MOST = 4000
