@@ -15,7 +15,7 @@ from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
 from isogal.matching.pmht.models import BIASED, NONE
-from isogal.matching.pmht.places import carried, pruned, resolved, spread_over
+from isogal.matching.pmht.places import carried, gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.rows import rows_of
 
 ROUGH = field_map_of(wavy)
@@ -200,6 +200,16 @@ def test_a_place_is_known_where_all_that_is_probable_is_near(away, sigma, known)
     assert resolved(bank) is known
     unlikely = replace(bank, log_weight=np.array([0.0, -8.0]))
     assert resolved(unlikely) is (sigma < 500.0)
+
+
+def test_places_that_are_gathered_are_all_of_what_is_known():
+    bank = random_bank(7, 40, EXACT)
+    after = gathered(bank, 5)
+    assert len(after) == 5
+    same(moments_of(after), moments_of(bank))
+    assert after.log_evidence == pytest.approx(bank.log_evidence)
+    assert gathered(bank, 40) is bank
+    same(spread_over(bank, models()).moments(), bank.moments())
 
 
 def test_places_under_other_models():

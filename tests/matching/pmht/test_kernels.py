@@ -32,8 +32,10 @@ def test_propagation_is_a_matrix_product():
 def filtered(x, P, z, H, noise, keep, fresh):
     """`kernels._filtered` with all states; returns x, P and the log evidence."""
     x, P, c = x.copy(), P.copy(), len(x)
-    used = np.arange(c)
-    evidence = kernels._filtered(x, P, z, H, noise, keep, fresh, used, c, np.empty(c))
+    used, alone = np.arange(c), np.zeros((len(z), 0, 0))
+    evidence = kernels._filtered(
+        x, P, z, H, noise, keep, fresh, alone, alone, used, c, np.empty(c)
+    )
     return x, P, evidence
 
 
