@@ -59,6 +59,7 @@ def graph(scenario) -> Iterator[Graph]:
             for node in made.nodes.values():
                 made.executor.remove_node(node)
                 node.close()
+            made.executor.shutdown()
 
 
 @pytest.mark.parametrize("name", [topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION])
