@@ -257,8 +257,8 @@ def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
         try:
             yield made
         finally:
+            made.executor.shutdown()
             for node in (made.node, made.probe):
-                made.executor.remove_node(node)
                 node.destroy_node()
 
 

@@ -56,8 +56,8 @@ def graph(scenario) -> Iterator[Graph]:
         try:
             yield made
         finally:
+            made.executor.shutdown()
             for node in made.nodes.values():
-                made.executor.remove_node(node)
                 node.close()
 
 
