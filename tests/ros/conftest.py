@@ -36,15 +36,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def domain() -> Iterator[int]:
-    """A free domain, for this worker's tests and for the processes that they start."""
+    """A free domain, for this worker's tests and for the processes that they start; not that of
+    who has started the tests, which all workers would share."""
+    before = os.environ.pop(DOMAIN, None)
     with claim_domain() as number:
-        before = os.environ.get(DOMAIN)
         os.environ[DOMAIN] = str(number)
         yield number
-        if before is None:
-            del os.environ[DOMAIN]
-        else:
-            os.environ[DOMAIN] = before
+        del os.environ[DOMAIN]
+    if before is not None:
+        os.environ[DOMAIN] = before
 
 
 @pytest.fixture(scope="module", autouse=True)
