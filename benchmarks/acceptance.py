@@ -156,10 +156,11 @@ def chosen(options: argparse.Namespace) -> Iterator[tuple[Row | Tracks, int]]:
     for row in all_rows():
         named = not options.rows or any(re.search(text, row.name) for text in options.rows)
         if named and (row.quick or not options.quick):
-            runs = 0 if isinstance(row, Tracks) else row.runs
-            if options.quick:
-                runs = min(runs, QUICK_RUNS)
-            yield row, options.runs or runs
+            if isinstance(row, Tracks):
+                yield row, 0
+                continue
+            runs = options.runs or row.runs
+            yield row, min(runs, QUICK_RUNS) if options.quick else runs
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
@@ -178,8 +179,8 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
     add("--keep", action="store_true", help="write benchmarks/acceptance.json")
     add("--json", type=Path, metavar="FILE", help="write the figures there")
     options = parser.parse_args(given)
-    if options.keep and (options.quick or options.runs):
-        parser.error("--keep: keeps whole rows only, without --quick and --runs")
+    if options.keep and options.quick:
+        parser.error("--keep: keeps rows of the whole table, without --quick")
     return options
 
 
