@@ -33,9 +33,10 @@ from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.pmht.attitude import joint_prior
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.past_batches import posterior_of
+from isogal.matching.pmht.diverged import PLACES
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.places import carried
+from isogal.matching.pmht.search import unaided
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
@@ -67,8 +68,8 @@ class Listening:
     """A matcher that says nothing to the navigator, and remembers what it found."""
 
     matcher: Any
-    found: list[tuple[Mixture, float]] = field(default_factory=list)
-    """Of each batch: the heaviest place, and its probability."""
+    found: list[tuple[Array, Array, float]] = field(default_factory=list)
+    """Of each batch: mean (2,), covariance (2, 2) and probability of the heaviest place."""
 
     def __post_init__(self) -> None:
         self.name, self.context = self.matcher.name, self.matcher.context
@@ -76,12 +77,34 @@ class Listening:
 
     def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
         """Match one batch; see `isogal.matching.interfaces.Matcher`."""
-        fix, after = self.matcher.match(batch, field_map, None)
-        places, sure = after.hypotheses, fix.diagnostics.get("probability", 0.0)
-        if fix.published:  # the hypotheses are about what the fix leaves
-            places = Mixture.gaussian(*posterior_of(joint_prior(batch), fix.information))
-        self.found.append((places, sure))
+        _, after = self.matcher.match(batch, field_map, None)
+        bank = after.fields[0].bank
+        searched = bank is None
+        them = _searched(after.diverged, field_map) if searched else bank.moved(-after.taken)
+        self.found.append(heaviest(them))  # a bank is about what the fix leaves
         return declined(batch, "only listening"), after
+
+
+def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses:
+    """Return the hypotheses of a search that takes all readings at once."""
+    rows, to_end, off = unaided(diverged.past)
+    search = diverged.search
+    while search.done < len(rows.level):
+        search = search.continued(rows, field_map.grid, PLACES)
+    return carried(search.hypotheses.normalised(), to_end, off)
+
+
+def heaviest(bank: Hypotheses) -> tuple[Array, Array, float]:
+    """Return mean (2,) and covariance (2, 2) of the heaviest place, and its probability: of the
+    hypotheses whose places overlap with that of the likeliest one."""
+    weight = np.exp(bank.log_weight - np.logaddexp.reduce(bank.log_weight))
+    best = int(np.argmax(weight))
+    apart = bank.mean[:, :2] - bank.mean[best, :2]
+    spread = bank.covariance[:, :2, :2] + bank.covariance[best, :2, :2]
+    square = np.einsum("ki,kij,kj->k", apart, np.linalg.inv(spread), apart)
+    same = bank.part(square < _OUTSIDE)
+    mean, covariance = same.moments()
+    return mean[:2], covariance[:2, :2], float(weight[square < _OUTSIDE].sum())
 
 
 def draw(area: Area, count: int, seed: int) -> list[tuple[int, int, float]]:
@@ -152,9 +175,9 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[di
         record = simulate(leg, range(runs), ground, ear)
         truth = record.error[:, -1]
         wrong = [
-            _outside(place, error) for (place, _), error in zip(ear.found, truth, strict=True)
+            _outside(*place[:2], error) for place, error in zip(ear.found, truth, strict=True)
         ]
-        left = np.array([1.0 - sure for _, sure in ear.found])
+        left = np.array([1.0 - sure for _, _, sure in ear.found])
         results.append(
             {
                 "promised": case.promised,
@@ -168,12 +191,9 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[di
     return results
 
 
-def _outside(place: Mixture | None, error: Array) -> bool:
+def _outside(mean: Array, covariance: Array, error: Array) -> bool:
     """Whether the navigator's error (2,) is outside the ellipse of the best place."""
-    if place is None:
-        return True
-    apart = error - place.mean[0, :2]
-    return bool(apart @ np.linalg.solve(place.covariance[0, :2, :2], apart) > _OUTSIDE)
+    return bool((error - mean) @ np.linalg.solve(covariance, error - mean) > _OUTSIDE)
 
 
 def rank_correlation(a: Sequence[float], b: Sequence[float]) -> float:

@@ -13,7 +13,6 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
-from isogal.matching.pmht.noise_model import residual_covariance
 from isogal.scenario import Matcher
 from isogal.tracks.map_error import MapError
 from isogal.tracks.matching import Match, Uncertainty, match_track
@@ -69,11 +68,10 @@ def nis(line: Line, field_map: FieldMap, noise: Noise) -> tuple[float, float]:
     along a line is right."""
     value, keep = residuals(line, field_map)
     latitude, longitude, value = line.latitude[keep], line.longitude[keep], value[keep]
-    white = np.full(value.size, noise.sensor_sigma**2)
     sigma = field_map.sigma_at(latitude, longitude)
-    covariance = residual_covariance(
-        latitude, longitude, white, sigma, noise.correlation_length, 0.0
-    )
+    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
+    correlation = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / noise.correlation_length)
+    covariance = correlation * sigma[:, None] * sigma + noise.sensor_sigma**2 * np.eye(value.size)
     mean = value.mean() ** 2 / (covariance.sum() / value.size**2)
     return float(value @ np.linalg.solve(covariance, value)) / value.size, float(mean)
 

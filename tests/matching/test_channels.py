@@ -5,6 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isogal.matching.pmht.constants import CONSTANTS
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel
+from isogal.matching.pmht.prepare import prepare
 from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch, wavy
@@ -15,11 +19,7 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
 from isogal.matching.channels import channel_batch, first_channel
-from isogal.matching.pmht.constants import CONSTANTS
-from isogal.matching.pmht.likelihood import BatchLikelihood
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.noise_model import NoiseModel
-from isogal.matching.pmht.prepare import prepare
 from isogal.scenario import Matcher
 
 EOTVOS = 1e-9

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from isogal.matching.pmht.attitude import with_attitude
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel
 
 from helpers.batches import field_map_of, make_batch
 from helpers.navigators import random_covariance
 from isogal.matching.information import likelihood_information, measurement_only, shares
 from isogal.matching.interfaces import Information
-from isogal.matching.pmht.attitude import with_attitude
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 seeds = st.integers(0, 2**32 - 1)

@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isogal.matching.pmht.filtered import as_points, path_nodes
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
@@ -11,9 +14,6 @@ from isogal.fields.gravity import DISTURBANCE
 from isogal.fields.simulator import ReadingSimulator, between_scans
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.path import FilterPath, Path
-from isogal.matching.pmht.filtered import as_points, path_nodes
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
 from isogal.scenario import Gravimeter, MapError, Matcher, Scenario
 from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State

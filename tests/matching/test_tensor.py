@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht.map_error import MapErrorEstimate
+from isogal.matching.pmht.noise_model import NoiseModel
 
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.gradients import tensor_maps
@@ -14,9 +17,6 @@ from isogal.maps.tensor_error import (
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.channels import channel_batch, first_channel
 from isogal.matching.expansion import expansion_of
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.map_error import MapErrorEstimate
-from isogal.matching.pmht.noise_model import NoiseModel
 from isogal.scenario import load_scenario
 
 EOTVOS = 1e-9

@@ -8,8 +8,8 @@ import pytest
 
 from helpers.batches import field_map_of, wavy
 from helpers.tracks import made_track
+from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
-from isogal.matching.pmht.noise_model import residual_covariance
 from isogal.tracks.map_error import fit_map_error, rms_gradient
 
 FIELD = field_map_of(wavy)
@@ -29,9 +29,12 @@ def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
             step=(30.0, 260.0),
         )
         sigma = sigma_of(track.latitude, track.longitude)
-        covariance = residual_covariance(
-            track.latitude, track.longitude, 1e-6 * sigma**2, sigma, length, 0.0
+        at = track.latitude, track.longitude
+        apart = horizontal_difference(*(axis[:, None] for axis in at), *at)
+        covariance = (
+            np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / length) * sigma[:, None] * sigma
         )
+        covariance += np.diag(1e-6 * sigma**2)
         error = np.linalg.cholesky(covariance) @ np.random.default_rng(
             100 + number
         ).standard_normal(count)

@@ -65,7 +65,7 @@ def test_all_formats_hold_the_same_and_json_goes_to_stdout(files, tmp_path):
         (["--batch-length", 20], [195.0, 395.0, 595.0]),
         (["--batch-length", 20, "--stride", 10], [195.0, 295.0, 395.0, 495.0, 595.0]),
         (
-            ["--set", "matcher.batch_length=50", "--set", "matcher.options.samples=256"],
+            ["--set", "matcher.batch_length=50", "--set", "matcher.options.trust=3"],
             [495.0, 595.0],
         ),
         (["--matcher", "pmht-paper"], [295.0, 595.0]),

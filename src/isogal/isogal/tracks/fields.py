@@ -9,10 +9,7 @@ from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import tensor_of
 from isogal.matching.interfaces import Batch, Beside, Matcher
-from isogal.matching.monitoring import Monitored
-from isogal.matching.pmht.robust import TrackMonitor
-from isogal.matching.registry import load_matcher
-from isogal.matching.several import JointMatcher
+from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import build_batch, without_map_edge
@@ -105,10 +102,6 @@ def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matc
         each = [IntegratedMatcher.from_settings(one.settings) for one in fields]
         names = [one.name for one in fields]
         return each[0].beside(list(zip(names, each, strict=True))[1:])
-    matchers = tuple(
-        load_matcher(one.settings, isinstance(one.field_map, ChannelMap)) for one in fields
-    )
     if len(fields) > 1:
-        return JointMatcher(matchers, tuple(one.name for one in fields), 0)
-    only = matchers[0]
-    return TrackMonitor(only) if checked and isinstance(only, Monitored) else only
+        return matcher_of_fields([one.settings for one in fields], [one.name for one in fields], 0)
+    return load_matcher(fields[0].settings, isinstance(fields[0].field_map, ChannelMap))

@@ -141,7 +141,7 @@ def match_track(
         Instead of the one that the settings name.
     checked : bool
         Whether fixes must stand up to a wrong noise model: `pmht` integrates its noise out where
-        the track is rigid (`isogal.tracks.integrated`), else see `isogal.matching.pmht.robust`.
+        the track is rigid (`isogal.tracks.integrated`).
     progress : callable, optional
         Called after each batch with how many are done and how many there are.
 

@@ -32,7 +32,7 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, mean, covariance):
+def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
     """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
@@ -62,7 +62,7 @@ def propagated(which, growth_factor, transition, growth, mean, covariance):
 
 
 @kernel(error_model="numpy")
-def _predicted(grid, rows, t, north, east, lag):
+def _predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
     """Return the map's value and its derivatives to north and east (per m) for row t of a
     navigator that is `north` and `east` (m) of the truth; a mean over the path where the
     instrument's filter is told or has a time constant `lag` (s)."""
@@ -95,7 +95,7 @@ def _predicted(grid, rows, t, north, east, lag):
 
 
 @kernel(error_model="numpy")
-def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
+def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignore[no-untyped-def]
     """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
     them are on the map."""
     n = BATCH_STATES
@@ -120,7 +120,7 @@ def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
 
 
 @kernel(error_model="numpy")
-def _stepped(x, P, step, joined, c, work):
+def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
     """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
     `joined` added to their covariance."""
     n, size = BATCH_STATES, step.shape[0]
@@ -149,7 +149,7 @@ def _stepped(x, P, step, joined, c, work):
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):
+def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # type: ignore[no-untyped-def]
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
@@ -205,7 +205,7 @@ def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):
+def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ignore[no-untyped-def]
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 
@@ -221,7 +221,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
         m = which[k]
-        c, used = models.count[m], models.used[m]
+        c, used = models.sizes[m], models.used[m]
         if m != before:
             before, length = m, models.length[m]
             for t in range(n):
@@ -251,9 +251,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
                 x[i] = mean[k, used[i]]
                 for j in range(c):
                     P[i, j] = covariance[k, used[i], used[j]]
-            evidence[k] = _filtered(
-                x, P, z, H, R, keep, fresh, step, joined, used, c, PH
-            )
+            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, step, joined, used, c, PH)
             moved = math.hypot(x[0] - at[0], x[1] - at[1])
             if not moved > SETTLED_M + SETTLED_SHARE * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
                 break
@@ -271,7 +269,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
 
 
 @kernel(error_model="numpy")
-def _bend(grid, rows, north, east, step):
+def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
     """Return the root of the sum over rows of the squared largest second derivative of the map
     (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
     total = 0.0
@@ -288,7 +286,7 @@ def _bend(grid, rows, north, east, step):
 
 
 @kernel(error_model="numpy")
-def curvature(
+def curvature(  # type: ignore[no-untyped-def]
     grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
 ):
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
@@ -308,9 +306,9 @@ def curvature(
             continue
         spread = covariance[k, 0, 0] + covariance[k, 1, 1]
         away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
-        if away + reach * math.sqrt(spread) < step:
-            if 0.5 * reach * reach * spread * bend < enough:
-                continue
+        near = away + reach * math.sqrt(spread) < step
+        if near and 0.5 * reach * reach * spread * bend < enough:
+            continue
         m = which[k]
         a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
@@ -322,7 +320,7 @@ def curvature(
             departure = change = 0.0
             for t in range(0, rows.level.shape[0], stride):
                 north = east = 0.0
-                for i in range(models.count[m]):
+                for i in range(models.sizes[m]):
                     state = models.used[m, i]
                     north += rows.place[t, 0, state] * mean[k, state]
                     east += rows.place[t, 1, state] * mean[k, state]
@@ -343,7 +341,7 @@ def curvature(
 
 
 @kernel(error_model="numpy")
-def merged(which, log_weight, mean, covariance, limit):
+def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyped-def]
     """Merge hypotheses of one model whose places overlap by their moments, in place, and return
     the indices of those that stay.
 

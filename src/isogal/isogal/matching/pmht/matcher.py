@@ -31,6 +31,7 @@ from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
 from isogal.matching.pmht.settings import Settings
+from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
 WIDE_M = 500.0
@@ -76,6 +77,9 @@ class Pmht:
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
+        for one in (batch, *(beside.batch for beside in batch.beside)):
+            if (reason := unusable(one)) is not None:
+                return declined(batch, reason), memory
         prior, by_seven = navigator_states(batch)
         if memory is None:
             memory, forward = Memory.before(prior), np.eye(BATCH_STATES)
@@ -121,7 +125,9 @@ class Pmht:
                 field = FieldMemory(
                     states, models, None if lost else Hypotheses.before(models, prior)
                 )
-            new, epoch = rows_of(one.batch, one.field_map, field.states, field.models.lengths, field.epoch)
+            new, epoch = rows_of(
+                one.batch, one.field_map, field.states, field.models.lengths, field.epoch
+            )
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)
         return replace(memory, fields=fields), rows
@@ -146,7 +152,8 @@ def _propagated(
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
         memory = memory.moved(off)
-    return memory.propagated(before, back, prior), np.linalg.inv(back)
+    forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
+    return memory.propagated(before, back, prior), forward
 
 
 def _observed(

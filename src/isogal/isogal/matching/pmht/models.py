@@ -6,6 +6,7 @@ worse than it says. One thing beside the map is wrong at a time. docs/mathematic
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ class Models(NamedTuple):
     """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
     used: Integers
     """(M, N) the states that a model has come first."""
-    count: Integers
+    sizes: Integers
     """(M,) how many they are."""
     family: Integers
     """(M,)."""
@@ -140,7 +141,7 @@ class Assumed:
 def models_of(assumed: Assumed, states: States) -> Models:
     """Return the models of a run."""
     told = assumed.sigma is not None
-    faults = FAULTS
+    faults: tuple[Fault, ...] = FAULTS
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
         faults = FAULTS[:1]  # who tells it to the letter leaves nothing to doubt
     if not states.unknown:
@@ -157,7 +158,10 @@ def models_of(assumed: Assumed, states: States) -> Models:
     for fault in faults:
         errors = fine if fault.family == NONE else coarse
         total = np.logaddexp.reduce([e[2] for e in errors])
-        rows += [(s, length, lp - total + math.log(fault.probability), fault) for s, length, lp in errors]
+        rows += [
+            (s, length, lp - total + math.log(fault.probability), fault)
+            for s, length, lp in errors
+        ]
     return _table(rows, assumed, states)
 
 
@@ -189,13 +193,19 @@ def _told_errors(assumed: Assumed) -> list[tuple[float, float, float]]:
         return [(assumed.sigma, assumed.length, 0.0)]
     steps = np.linspace(-2.0, 2.0, 5)
     return [
-        (assumed.sigma * assumed.trust**a, assumed.length * assumed.trust**b, -0.5 * (a * a + b * b))
+        (
+            assumed.sigma * assumed.trust**a,
+            assumed.length * assumed.trust**b,
+            -0.5 * (a * a + b * b),
+        )
         for a in steps
         for b in (-1.5, 0.0, 1.5)
     ]
 
 
-def _table(rows: list, assumed: Assumed, states: States) -> Models:
+def _table(
+    rows: Sequence[tuple[float, float, float, Fault]], assumed: Assumed, states: States
+) -> Models:
     """Return models of (sigma, length, log prior, fault)."""
     count = len(rows)
     initial = np.zeros((count, states.channels + len(states.sigma)))
@@ -240,5 +250,5 @@ def few(models: Models, shares: Array) -> Models:
     plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
     sigma = models.sigma[plain]
     wanted = [0, *(int(np.abs(sigma - s).argmin()) for s in shares * sigma.max())]
-    part = Models(*(column[plain[np.unique(wanted)]] for column in models))
+    part = Models._make(column[plain[np.unique(wanted)]] for column in models)
     return part._replace(log_prior=np.full(len(part.sigma), -math.log(len(part.sigma))))

@@ -134,11 +134,12 @@ def _after(memory: Memory, taken: Array, covariance: Array) -> Memory:
 
 def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
     """Return sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have
-    shown them."""
+    shown them; None where it is told that there is none."""
     for one in each:
         bank = memory.fields[one.field].bank
         if one.field_map.quantity in GRAVITY and bank is not None:
-            return bank.map_error
+            sigma, length = bank.map_error
+            return (sigma, length) if sigma > 0.0 else None
     return None
 
 
@@ -176,7 +177,9 @@ def _of_each_scan(
         known = Information(information.vector[:size], information.matrix[:size, :size])
         parts[new] = shares(known, prior[:size, :size], each.backward[new])
     late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
-    places = np.stack([each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1)
+    places = np.stack(
+        [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
+    )
     return replace(
         fix,
         scan_position=None if late else places,

@@ -249,7 +249,9 @@ def _effects(
     n, first = len(which), BATCH_STATES + states.channels
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
     xi, rest = by_seven[:4], by_seven[4:]
-    place[..., :BATCH_STATES] = batch.transition[which] @ xi + batch.nuisance_position[which] @ rest
+    place[..., :BATCH_STATES] = (
+        batch.transition[which] @ xi + batch.nuisance_position[which] @ rest
+    )
     reading[:, :BATCH_STATES] = (
         batch.reading_jacobian[which] @ xi + batch.nuisance_reading[which] @ rest
     )
@@ -285,7 +287,9 @@ def _loads(
     maps = channels_of(field_map)
     own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
     usual = np.array([stated_sigma(one) for one in maps])[channel]
-    ratio = np.where((usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0)
+    ratio = np.where(
+        (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
+    )
     if batch.of_one_potential is not None:
         names = batch.of_one_potential
         sigma = np.concatenate([np.sqrt(shares(names)), np.zeros(states.channels - len(names))])
@@ -332,7 +336,9 @@ def _tensor_steps(
         gain = np.linalg.solve(every[:, size:, size:], cross).swapaxes(1, 2)
         step[k, scans, :size] = gain
         step[k][scans[:, None], older, older - size] = 1.0
-        joined[k][scans[:, None, None], np.arange(size)[:, None], np.arange(size)] = now - gain @ cross
+        joined[k][scans[:, None, None], np.arange(size)[:, None], np.arange(size)] = (
+            now - gain @ cross
+        )
         if begins:
             step[k, 0], joined[k, 0] = 0.0, every[0, :whole, :whole]
     return np.concatenate([before, moved[scans]])[-ORDER:], step, joined

@@ -20,6 +20,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
 
 COARSE_M, FINE_M = 1000.0, 333.0
@@ -87,22 +88,18 @@ def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
 
 def _together(parts: Sequence[Rows]) -> Rows:
     axis = dict.fromkeys(OF_LENGTHS, 1)
-    return Rows(
-        *(
-            np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
-            for name in Rows._fields
-        )
+    return Rows._make(
+        np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
+        for name in Rows._fields
     )
 
 
 def some(rows: Rows, first: int, last: int) -> Rows:
     """Return rows from a first one to before a last one."""
     part = slice(first, last)
-    return Rows(
-        *(
-            np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
-            for name, column in zip(Rows._fields, rows, strict=True)
-        )
+    return Rows._make(
+        np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
+        for name, column in zip(Rows._fields, rows, strict=True)
     )
 
 
@@ -145,8 +142,8 @@ def places(
     centres = (centres[best][:, None] + inside).reshape(-1, 2)
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
-    pairs = np.unravel_index(_best(log.ravel(), FINE_BEST), log.shape)
-    return _hypotheses(models, centres[pairs[0]], pairs[1], fine, wide), gain
+    cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
+    return _hypotheses(models, centres[cell], model, fine, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +172,7 @@ class Search:
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return None
-            them = them.pruned(most)
+            them = pruned(them, most)
         return Search(them, last)
 
 
@@ -201,9 +198,9 @@ def _density(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _best(log: Array, most: int) -> Array:
+def _best(log: Array, most: int) -> Integers:
     order = np.argsort(-log)[:most]
-    return order[log[order] > log[order[0]] - WORTH]
+    return np.asarray(order[log[order] > log[order[0]] - WORTH], dtype=np.int64)
 
 
 def _square(axis: Array) -> Array:
@@ -232,12 +229,16 @@ class _Seen:
         n = len(rows.level)
         size = -(-n // GROUPS)
         count = n // size
-        mean = lambda a: a[n - count * size :].reshape(count, size, *a.shape[1:]).mean(axis=1)
-        n7 = BATCH_STATES
+
+        def mean(a: Array) -> Array:
+            groups = a[n - count * size :].reshape(count, size, *a.shape[1:])
+            return np.asarray(groups.mean(axis=1))
+
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[n - count * size :: size],
+            load=np.stack([mean(one) for one in rows.load]),
+            channel=rows.channel[n - count * size :: size],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
@@ -246,10 +247,11 @@ class _Seen:
         slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
         rest = prior.copy()
         rest[:2], rest[:, :2] = 0.0, 0.0
-        own = grouped.place[:, :, :n7]
+        own = grouped.place[:, :, :BATCH_STATES]
         bend = np.sqrt(0.5 * np.einsum("tai,ij,taj->t", own, rest, own))
         return cls(
-            grouped, field_map.grid, mean(rows.noise) / size, np.hypot(apart[..., 0], apart[..., 1]),
+            grouped, field_map.grid, mean(rows.noise) / size,
+            np.hypot(apart[..., 0], apart[..., 1]),
             slope if math.isfinite(slope) else 0.0, bend, models,
         )  # fmt: skip
 
@@ -304,7 +306,7 @@ class _Seen:
 
 
 @kernel(error_model="numpy")
-def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):
+def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):  # type: ignore[no-untyped-def]
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]

@@ -3,18 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
-from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.pmht.robust import with_excess
+from isogal.matching.information import likelihood_information, measurement_only, positive_part
+from isogal.matching.interfaces import Batch, Fix, Information, declined
 from isogal.matching.pmht.settings import Settings
 from isogal.matching.usability import too_few, unusable
+from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.integrated.continued_map import ContinuedMap, continued
 from isogal.tracks.integrated.estimates import figures, outliers
@@ -79,14 +78,12 @@ class IntegratedMatcher:
 
         What the section does not say itself counts as not told."""
         settings, said = Settings.of(matcher), matcher.model_fields_set
-        noise = settings.noise
-        known = "map_sigma" in said and not settings.adaptive
-        length = noise.correlation_length
+        length = settings.length
         return cls(
             Told(
-                sigma=noise.map_sigma if known else None,
+                sigma=settings.map_sigma if "map_sigma" in said else None,
                 correlation_length=length if "map_correlation_length" in said else None,
-                offset_sigma=noise.bias_sigma if "bias_sigma" in said else None,
+                offset_sigma=settings.bias_sigma if "bias_sigma" in said else None,
                 trust=settings.options.trust,
             )
         )
@@ -233,7 +230,20 @@ def _fix(batch: Batch, posterior: ShiftPosterior, excess: Array, numbers: dict[s
         diagnostics=numbers,
         information=information,
     )
-    full: Any = np.zeros((4, 4))
+    return _with_excess(fix, excess)
+
+
+def _with_excess(fix: Fix, excess: Array) -> Fix:
+    """Return the fix with more covariance (2, 2) about the same place."""
+    if not excess.any() or fix.information is None:
+        return fix
+    full = np.zeros((4, 4))
     full[:2, :2] = excess
-    widened = with_excess(fix, full, batch.new)
-    return replace(widened, diagnostics=numbers)
+    # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions
+    # without information stay without
+    size = np.sqrt(1.0 / np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
+    told = positive_part(fix.information, size)
+    spread = np.eye(4) + told.matrix @ full
+    matrix, vector = np.linalg.solve(spread, told.matrix), np.linalg.solve(spread, told.vector)
+    information = Information(vector, symmetric(matrix))
+    return replace(fix, covariance=fix.covariance + excess, information=information)
