@@ -6,6 +6,7 @@ thousands are one matrix product; the best become hypotheses of few models and t
 readings. docs/mathematics.md, section 9.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -101,6 +102,15 @@ def some(rows: Rows, first: int, last: int) -> Rows:
         np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
         for name, column in zip(Rows._fields, rows, strict=True)
     )
+
+
+def parts_of(rows: Rows) -> list[Rows]:
+    """Return rows in parts of at most so many as hypotheses take in one update: the first of them
+    leave few places where there were many."""
+    count = len(rows.level)
+    number = -(-count // CHUNK)
+    ends = [count * k // number for k in range(number + 1)]
+    return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
 def places(
