@@ -38,7 +38,7 @@ GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
-OF_LENGTHS = ("load", "step", "joined")
+OF_LENGTHS = ("step", "joined")
 """Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
@@ -247,7 +247,7 @@ class _Seen:
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=np.stack([mean(one) for one in rows.load]),
+            load=mean(rows.load),
             channel=rows.channel[n - count * size :: size],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
@@ -302,7 +302,7 @@ class _Seen:
         models, rows = self.models, self.rows
         blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
         other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load[models.shape[0]]
+        load = rows.load
         shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
         factor = np.linalg.inv(np.linalg.cholesky(other))
         values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
