@@ -19,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import MOST, Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -36,6 +36,8 @@ WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
 GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
+MOST_CHANNELS = 3
+"""Of several channels so many times as many, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("step", "joined")
@@ -176,7 +178,8 @@ class Search:
         most : int
             Hypotheses at most.
         """
-        them, last = self.hypotheses, min(self.done + AT_ONCE, len(rows.level))
+        them, count = self.hypotheses, len(rows.level)
+        last = min(self.done + AT_ONCE * them.most // MOST, count)
         for first in range(self.done, last, CHUNK):
             part = some(rows, first, min(first + CHUNK, last))
             them = them.split(grid, part).observed(grid, part)
@@ -236,19 +239,18 @@ class _Seen:
 
     @classmethod
     def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
-        n = len(rows.level)
-        size = -(-n // GROUPS)
-        count = n // size
+        size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
+        # those of a channel one after the other, the last of them in whole groups
+        each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
+        which = np.concatenate([one[len(one) % size :] for one in each])
 
         def mean(a: Array) -> Array:
-            groups = a[n - count * size :].reshape(count, size, *a.shape[1:])
-            return np.asarray(groups.mean(axis=1))
+            return np.asarray(a[which].reshape(-1, size, *a.shape[1:]).mean(axis=1))
 
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=mean(rows.load),
-            channel=rows.channel[n - count * size :: size],
+            load=mean(rows.load), channel=rows.channel[which[::size]],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
