@@ -7,14 +7,16 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from helpers.batches import INTERVAL, field_map_of, make_batch
+from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
+from isogal.maps.tensor_error import tensor_covariance
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Soundings
 from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
-from isogal.matching.pmht.rows import States, navigator_states, rows_of
+from isogal.matching.pmht.rows import TENSOR_ORDER, States, navigator_states, rows_of
 from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.reduction import State
@@ -173,3 +175,45 @@ def test_beams_share_what_is_not_white():
     np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))
     np.testing.assert_array_equal(rows.reading[:, BATCH_STATES + 3], 1.0)
     np.testing.assert_array_equal(rows.travelled[1:3], 0.0)
+
+
+@pytest.mark.parametrize("velocity", [(14.0, 17.0), (-20.0, 5.0)])
+def test_map_errors_of_one_potential_are_those_of_the_last_scans(velocity):
+    """Of the first scans, one more than the chain has, nothing is left out."""
+    names, count = ("nn", "ne", "nd", "ee"), TENSOR_ORDER + 1
+    maps = ChannelMap([plane(*slope) for slope in ((2, -3), (-1, 2), (3, 0), (0, 1))])
+    one, _ = make_batch(maps.channels[0], scans=count, seed=None, velocity=velocity)
+    readings = np.zeros((count, 4))
+    batch = channel_batch(one, readings, np.diag(np.full(4, 1e-10)))
+    each = 4 * np.arange(count)
+    apart = horizontal_difference(
+        batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude
+    )
+    batch = replace(batch, of_one_potential=names)
+    states = States.of(batch, maps)
+    rows, _ = rows_of(batch, maps, states, np.array([400.0]), None)
+    u = np.zeros((states.channels,) * 2)
+    for t in each:
+        u = rows.step[0, t] @ u @ rows.step[0, t].T + rows.joined[0, t]
+    scale = rows.load[:4, :4].diagonal()
+    expected = tensor_covariance(names, batch.channel, -apart, 400.0)
+    size = states.channels
+    last = np.arange(len(batch)).reshape(count, 4)[::-1].ravel()[:size]
+    found = u * np.tile(scale, TENSOR_ORDER) * np.tile(scale, TENSOR_ORDER)[:, None]
+    np.testing.assert_allclose(found, expected[np.ix_(last, last)], atol=2e-3)
+
+
+def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
+    """Those of the fore beam come back under the one behind it."""
+    one, _ = make_batch(plane(2e-8, -3e-8), scans=5, seed=None, velocity=(10.0, 0.0))
+    foot = np.array([[100.0, 0.0, 0.0], [-100.0, 0.0, 0.0], [0.0, 70.0, 0.0]])
+    batch = Soundings(3, 0.0).expand(one, np.zeros((5, 3)), [foot] * 5)
+    states = States.of(batch, plane(2e-8, -3e-8))
+    assert states.order == 2
+    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([80.0]), None)
+    u = np.zeros((states.channels,) * 2)
+    for t in range(0, 15, 3):
+        u = rows.step[0, t] @ u @ rows.step[0, t].T + rows.joined[0, t]
+    places = np.concatenate([foot[:, :2], foot[:, :2] - [100.0, 0.0]])
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    np.testing.assert_allclose(u, np.exp(-apart / 80.0), atol=2e-3)

@@ -13,7 +13,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.memory import DIVERGED_LOG_ODDS, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import carried, pruned, resolved, spread_over
-from isogal.matching.pmht.rows import Rows, usual_noise
+from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
 from isogal.matching.pmht.search import Past, Search, places, unaided
 
 SEARCH_SHARES = np.array([0.1, 0.3, 0.9])
@@ -35,7 +35,7 @@ def remembered(
     there per unit of error at the last batch end, `evidence` their log evidence by the bank."""
     nothing = np.zeros(BATCH_STATES)
     past = (*diverged.past, Past(rows, forward, nothing, evidence, time, diverged.start))
-    return replace(diverged, past=past, wait=diverged.wait - len(rows.level))
+    return replace(diverged, past=past, wait=diverged.wait - scans_of(rows))
 
 
 def pursued(

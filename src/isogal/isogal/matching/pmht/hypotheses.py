@@ -33,8 +33,8 @@ SPLIT = (
 variance of 1; theirs loses 4.5 % of it at each split."""
 ROUNDS = 8
 """Of splits of splits, at most."""
-MOST = 4000
-"""Hypotheses at most: bounds the time of a fix."""
+MOST, USUAL_STATES = 4000, 11
+"""Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT, LIGHT_MERGE = 5.0, 16.0
@@ -137,7 +137,7 @@ class Hypotheses:
                 whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
-            room = (MOST - sum(len(one) for one in done) - len(whole)) // 2
+            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
                 kept = np.zeros(len(cut), bool)
@@ -206,11 +206,16 @@ class Hypotheses:
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
 
-    def reduced(self, most: int = MOST) -> "Hypotheses":
+    @property
+    def most(self) -> int:
+        """How many there may be."""
+        return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
+
+    def reduced(self) -> "Hypotheses":
         """Merge places, drop what is negligible, keep the best of each model."""
         them = self
-        if len(them) > most:
-            them = them.part(np.argsort(-them.log_weight)[:most])
+        if len(them) > self.most:
+            them = them.part(np.argsort(-them.log_weight)[: self.most])
         log_weight = them.log_weight - np.logaddexp.reduce(them.log_weight)
         log_weight = np.maximum(log_weight, LEAST)
         order = np.lexsort((-log_weight, them.which))

@@ -30,6 +30,7 @@ from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
+from isogal.matching.pmht.search import parts_of
 from isogal.matching.pmht.settings import Settings
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
@@ -178,15 +179,19 @@ def _observed(
         field = fields[one.field]
         if new is None or field.bank is None:
             continue
-        bank = field.bank.informed(told.total, prior)
-        seen = bank.split(one.field_map.grid, new).observed(one.field_map.grid, new)
+        bank, log = field.bank.informed(told.total, prior), 0.0
+        for part in parts_of(new):
+            seen = bank.split(one.field_map.grid, part).observed(one.field_map.grid, part)
+            if not len(seen):
+                break
+            log += seen.log_evidence
+            bank = seen.reduced()
         if not len(seen):
             if one is each[0]:
                 return None
             continue
         if one is each[0]:
-            evidence = seen.log_evidence
-        bank = seen.reduced()
+            evidence = log
         fields[one.field] = replace(field, bank=bank)
         told = told.with_bank(one.field, bank, prior)
     for index, field in fields.items():

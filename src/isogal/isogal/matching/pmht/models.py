@@ -29,6 +29,9 @@ ROUGH_FACTOR = 5.0
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
+TOLD_STEPS, TOLD_LENGTHS = (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.5, 0.0, 1.5)
+"""1-sigmas from what is told to the models' sigmas and lengths; beside a fault every other sigma
+and one length."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
 LATE_S = 20.0
@@ -152,8 +155,16 @@ def models_of(assumed: Assumed, states: States) -> Models:
         faults = tuple(f for f in faults if not f.delay)
     if assumed.filtered:
         faults = tuple(f for f in faults if not f.lag)
-    fine = _told_errors(assumed) if told else _map_errors(assumed, FINE_STEP, True)
-    coarse = fine if told else _map_errors(assumed, COARSE_STEP, False)
+    fine = (
+        _told_errors(assumed, TOLD_STEPS, TOLD_LENGTHS)
+        if told
+        else _map_errors(assumed, FINE_STEP, True)
+    )
+    coarse = (
+        _told_errors(assumed, TOLD_STEPS[::2], (0.0,))
+        if told
+        else _map_errors(assumed, COARSE_STEP, False)
+    )
     rows = []
     for fault in faults:
         errors = fine if fault.family == NONE else coarse
@@ -186,20 +197,21 @@ def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[floa
     return errors
 
 
-def _told_errors(assumed: Assumed) -> list[tuple[float, float, float]]:
-    """Return those about what is told, log-normal."""
+def _told_errors(
+    assumed: Assumed, sigmas: Sequence[float], lengths: Sequence[float]
+) -> list[tuple[float, float, float]]:
+    """Return those at some steps from what is told, in 1-sigmas of a log-normal prior."""
     assert assumed.sigma is not None
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
         return [(assumed.sigma, assumed.length, 0.0)]
-    steps = np.linspace(-2.0, 2.0, 5)
     return [
         (
             assumed.sigma * assumed.trust**a,
             assumed.length * assumed.trust**b,
             -0.5 * (a * a + b * b),
         )
-        for a in steps
-        for b in (-1.5, 0.0, 1.5)
+        for a in sigmas
+        for b in lengths
     ]
 
 

@@ -12,7 +12,6 @@ docs/mathematics.md, section 5.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -34,10 +33,11 @@ UNKNOWN = ("bias", "drift", "delay")
 """States of every instrument that is one number: what readings are off by (map's unit), by how
 much that changes per s, and by how many s readings are later than told."""
 BIAS, DRIFT, DELAY = range(3)
-ORDER = 2
+TENSOR_ORDER, MOST_ERRORS = 2, 24
 """Scans whose map errors of one potential say what those of the next are. Against the whole
 covariance a straight track has 1.4 to 1.5 times the error with independent chains, 1.2 to 1.3 with
-one scan, 1.1 to 1.2 with two, 1.1 with three."""
+one scan, 1.1 to 1.2 with two, 1.1 with three. Beams need as many scans as their footprints are
+long, since what is behind meets where others have been; not more than so many errors in all."""
 LEAST_STEP_M, NUGGET = 1.0, 1e-6
 """Nearer to the scan before map errors are the same; share of their variance that is each one's
 own, against rounding."""
@@ -59,8 +59,7 @@ class Rows(NamedTuple):
     reading: Array
     """(n, N)."""
     load: Array
-    """(L, n, K) map errors per unit of u, for each of the correlation lengths of the models; in
-    units of a model's sigma."""
+    """(n, U) map errors per unit of the U states u, in units of a model's sigma."""
     noise: Array
     """(n,) variance."""
     travelled: Array
@@ -70,8 +69,9 @@ class Rows(NamedTuple):
     fresh: Array
     """(n, N - 7) variance that has joined it."""
     step: Array
-    """(L, n, U, U) what has become of all U map errors since the row before where they depend on
-    each other, instead of `keep`; U = 0 where they do not."""
+    """(L, n, U, U) what has become of map errors since the row before where they depend on each
+    other, for each of the L correlation lengths of the models, instead of `keep`; (L, n, 0, 0)
+    where they do not."""
     joined: Array
     """(L, n, U, U) covariance that has joined them; 0 where `step` is of no concern."""
     rate: Array
@@ -97,7 +97,10 @@ class States:
     walk: Array
     """(C,) random walk, unit per root second."""
     channels: int
-    """K; of one potential ORDER times as many."""
+    """K times `order`."""
+    order: int
+    """Scans whose map errors say what the next ones are, where those of one scan depend on each
+    other; 1 = the last one."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
 
@@ -110,14 +113,18 @@ class States:
         more = 0 if batch.channel is not None else len(UNKNOWN)
         last = np.array([batch.bias_walk, 0.0, 0.0])[:more]
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
+        order = 1
         if batch.of_one_potential is not None:
-            channels *= ORDER
+            order = TENSOR_ORDER
+        elif batch.beam is not None:
+            order = _scans_underneath(batch, channels)
         return cls(
             told.names,
             np.concatenate([told.sigma, np.zeros(more)]),
             np.concatenate([told.times, np.full(more, np.inf)]),
             np.concatenate([told.walks, last]),
-            channels,
+            channels * order,
+            order,
             more,
         )
 
@@ -136,7 +143,7 @@ class Epoch:
     time: float
     """s, the last one."""
     steps: Array
-    """(ORDER, 2) m, north and east, from one of the last scans to the next."""
+    """(order, 2) m, north and east, from one of the last scans to the next."""
 
 
 @lru_cache(maxsize=4)  # several ask it of the same batch
@@ -178,15 +185,14 @@ def rows_of(
     maps = channels_of(field_map)
     latitude, longitude, time = (a[which] for a in (batch.latitude, batch.longitude, batch.time))
     channel = np.zeros_like(which) if batch.channel is None else batch.channel[which]
-    part = np.zeros_like(which) if batch.beam is None else batch.beam[which]
     velocity = batch.velocity[which]
-    first = last or _before(batch, which)
+    first = last or _before(batch, which, states.order)
     elapsed = np.diff(time, prepend=first.time)
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
     travelled = np.hypot(*moved.T)
-    names = batch.of_one_potential
-    steps, step, joined = _tensor_steps(names, moved, first.steps, lengths, last is None)
+    chain = _Chain.of(batch, states)
+    steps, step, joined = _steps(chain, moved, first.steps, lengths, last is None)
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
@@ -198,7 +204,7 @@ def rows_of(
         batch.reading[which] - batch.offset[which],
         place,
         reading,
-        _loads(batch, which, field_map, states, lengths, channel, part),
+        _loads(batch, which, field_map, states, channel),
         _white(batch)[which] + rounding,
         travelled,
         keep,
@@ -213,12 +219,12 @@ def rows_of(
     return rows, Epoch(first.start, float(time[-1]), steps)
 
 
-def _before(batch: Batch, which: Integers) -> Epoch:
+def _before(batch: Batch, which: Integers, order: int) -> Epoch:
     """Return the epoch before the first reading of a run: as if one had been there."""
     begin = float(batch.time[which[0]])
     later = batch.time[which] - begin
     interval = float(later[later > 0.0].min()) if later.any() else 10.0
-    return Epoch(begin, begin, np.tile(batch.velocity[which[0]] * interval, (ORDER, 1)))
+    return Epoch(begin, begin, np.tile(batch.velocity[which[0]] * interval, (order, 1)))
 
 
 def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
@@ -270,20 +276,10 @@ def _effects(
 
 
 def _loads(
-    batch: Batch,
-    which: Integers,
-    field_map: AnyMap,
-    states: States,
-    lengths: Array,
-    channel: Integers,
-    part: Integers,
+    batch: Batch, which: Integers, field_map: AnyMap, states: States, channel: Integers
 ) -> Array:
-    """Return `Rows.load`.
-
-    The errors of K channels of one potential are u times their 1-sigmas. Those of others or of
-    beams at one epoch have a covariance with a Cholesky factor C, and are C u. Along the track
-    each decays by the same exp(-d / L), so that u are independent Gauss-Markov processes: of
-    beams this is an exponential in the sum of the distances along and across the track."""
+    """Return `Rows.load`: u are in units of their own 1-sigmas, those of this scan's channels or
+    beams first."""
     maps = channels_of(field_map)
     own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
     usual = np.array([stated_sigma(one) for one in maps])[channel]
@@ -291,47 +287,85 @@ def _loads(
         (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
     )
     if batch.of_one_potential is not None:
-        names = batch.of_one_potential
-        sigma = np.concatenate([np.sqrt(shares(names)), np.zeros(states.channels - len(names))])
-        factor = np.diag(sigma)[None] + np.zeros((len(lengths), 1, 1))
-        row = channel
-    elif batch.beam is not None:
-        factor, row = _beam_factors(batch, states.channels, lengths), part
-    else:
-        factor = np.eye(states.channels)[None] + np.zeros((len(lengths), 1, 1))
-        row = channel
-    return np.ascontiguousarray(factor[:, row] * ratio[:, None])
+        ratio = ratio * np.sqrt(shares(batch.of_one_potential))[channel]
+    load = np.zeros((len(which), states.channels))
+    load[np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
+    return load
 
 
-def _tensor_steps(
-    names: Sequence[str] | None, moved: Array, before: Array, lengths: Array, begins: bool
+def _scans_underneath(batch: Batch, beams: int) -> int:
+    """Return how many scans it takes until the last beam is where the first one was."""
+    foot = _footprints(batch, beams)
+    along = batch.velocity[-1]
+    speed = math.hypot(*along)
+    if not speed > 0.0:
+        return 1
+    extent = np.ptp(foot @ along) / speed
+    interval = float(batch.time[-1] - batch.time[-1 - beams]) if len(batch) > beams else math.inf
+    return max(1, min(math.ceil(extent / (speed * interval)), MOST_ERRORS // beams))
+
+
+def _footprints(batch: Batch, beams: int) -> Array:
+    """Return (B, 2) m north and east of the first where the beams of the batch's last scan met the
+    ground."""
+    last = np.arange(len(batch) - beams, len(batch))
+    lat, lon = batch.latitude[last], batch.longitude[last]
+    return horizontal_difference(lat, lon, lat[:1], lon[:1])
+
+
+class _Chain(NamedTuple):
+    """Map errors of a scan that depend on each other."""
+
+    order: int
+    places: Array
+    """(K, 2) m, north and east."""
+    names: tuple[str, ...] | None
+    """Tensor components of one potential; None = one map."""
+
+    @classmethod
+    def of(cls, batch: Batch, states: States) -> "_Chain | None":
+        """Return that of a batch; None where they do not depend on each other."""
+        count, names = states.channels // states.order, batch.of_one_potential
+        if names is not None:
+            return cls(states.order, np.zeros((count, 2)), names)
+        return None if batch.beam is None else cls(states.order, _footprints(batch, count), None)
+
+    def correlation(self, apart: Array, length: float) -> Array:
+        """Return (..., N, N) that of N = (order + 1) K errors, [i, j] `apart` from i to j."""
+        if self.names is None:
+            return np.asarray(np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / length))
+        every = np.tile(np.arange(len(self.names)), self.order + 1)
+        unit = 1.0 / np.sqrt(shares(self.names))[every]
+        return tensor_covariance(self.names, every, apart, length) * unit[:, None] * unit
+
+
+def _steps(
+    chain: _Chain | None, moved: Array, before: Array, lengths: Array, begins: bool
 ) -> tuple[Array, Array, Array]:
     """Return `Epoch.steps` after rows that are (n, 2) m from those before, `Rows.step` and
     `Rows.joined`, given `Epoch.steps` before and whether a run begins with them.
 
-    Map errors of one potential have a covariance that says what to expect of the next scan's by
-    those of ORDER scans, as if those before did not matter (a vector autoregression; Vecchia 1988,
-    J. R. Stat. Soc. B 50:297)."""
+    The covariance of map errors says what to expect of the next scan's by those of `order` scans,
+    as if those before did not matter (a vector autoregression; Vecchia 1988, J. R. Stat. Soc. B
+    50:297)."""
     count = len(moved)
-    if names is None:
+    if chain is None:
         nothing = np.zeros((len(lengths), count, 0, 0))
         return before, nothing, nothing
-    size, whole = len(names), ORDER * len(names)
+    order, size = chain.order, len(chain.places)
+    whole = order * size
     step, joined = (np.zeros((len(lengths), count, whole, whole)) for _ in range(2))
     if begins:
         moved = np.concatenate([before[:1], moved[1:]])
     scans = np.flatnonzero(np.hypot(*moved.T) > LEAST_STEP_M)
     trail = np.concatenate([before[1:], moved[scans]])
-    back = np.stack([trail[ORDER - 1 - k :][: len(scans)] for k in range(ORDER)], axis=1)
+    back = np.stack([trail[order - 1 - k :][: len(scans)] for k in range(order)], axis=1)
     places = np.concatenate([np.zeros((len(scans), 1, 2)), -np.cumsum(back, axis=1)], axis=1)
-    places = np.repeat(places, size, axis=1)
+    places = (places[:, :, None] + chain.places).reshape(len(scans), -1, 2)
     apart = places[:, None] - places[:, :, None]
-    channel = np.tile(np.arange(size), ORDER + 1)
-    unit = np.tile(1.0 / np.sqrt(shares(names)), ORDER + 1)
     older = np.arange(size, whole)
     for k, length in enumerate(lengths):
-        every = tensor_covariance(names, channel, apart, float(length)) * unit[:, None] * unit
-        every = every + NUGGET * np.eye(len(channel))
+        every = chain.correlation(apart, float(length)) + NUGGET * np.eye(whole + size)
         now, cross = every[:, :size, :size], every[:, size:, :size]
         gain = np.linalg.solve(every[:, size:, size:], cross).swapaxes(1, 2)
         step[k, scans, :size] = gain
@@ -341,24 +375,7 @@ def _tensor_steps(
         )
         if begins:
             step[k, 0], joined[k, 0] = 0.0, every[0, :whole, :whole]
-    return np.concatenate([before, moved[scans]])[-ORDER:], step, joined
-
-
-def _beam_factors(batch: Batch, beams: int, lengths: Array) -> Array:
-    """Return (L, B, B) Cholesky factors of the map errors' correlation under the beams of the
-    batch's last scan."""
-    assert batch.beam is not None
-    last = np.arange(len(batch) - beams, len(batch))
-    lat, lon = batch.latitude[last], batch.longitude[last]
-    apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
-    distance = np.hypot(apart[..., 0], apart[..., 1])
-    return np.stack([_factor(np.exp(-distance / length)) for length in lengths])
-
-
-def _factor(covariance: Array) -> Array:
-    """Return a lower factor of a covariance that may be singular."""
-    size = len(covariance)
-    return np.linalg.cholesky(covariance + 1e-9 * np.trace(covariance) / size * np.eye(size))
+    return np.concatenate([before, moved[scans]])[-order:], step, joined
 
 
 def stated_sigma(one: FieldMap) -> float:
@@ -369,6 +386,11 @@ def stated_sigma(one: FieldMap) -> float:
     sigma = np.asarray(one.sigma, dtype=np.float64)
     known = sigma[np.isfinite(sigma)]
     return float(known.mean()) if known.size else 0.0
+
+
+def scans_of(rows: Rows) -> int:
+    """Return how many scans there are of one channel."""
+    return int((rows.channel == rows.channel[0]).sum())
 
 
 def usual_noise(rows: Rows) -> float:

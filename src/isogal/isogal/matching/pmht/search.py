@@ -6,6 +6,7 @@ thousands are one matrix product; the best become hypotheses of few models and t
 readings. docs/mathematics.md, section 9.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import MOST, Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -35,9 +36,11 @@ WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
 GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
+MOST_CHANNELS = 3
+"""Of several channels so many times as many, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
-OF_LENGTHS = ("load", "step", "joined")
+OF_LENGTHS = ("step", "joined")
 """Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
@@ -103,6 +106,15 @@ def some(rows: Rows, first: int, last: int) -> Rows:
     )
 
 
+def parts_of(rows: Rows) -> list[Rows]:
+    """Return rows in parts of at most so many as hypotheses take in one update: the first of them
+    leave few places where there were many."""
+    count = len(rows.level)
+    number = -(-count // CHUNK)
+    ends = [count * k // number for k in range(number + 1)]
+    return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
+
+
 def places(
     rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array,
     own: Array | None = None, at_least: float = 0.0,
@@ -166,7 +178,8 @@ class Search:
         most : int
             Hypotheses at most.
         """
-        them, last = self.hypotheses, min(self.done + AT_ONCE, len(rows.level))
+        them, count = self.hypotheses, len(rows.level)
+        last = min(self.done + AT_ONCE * them.most // MOST, count)
         for first in range(self.done, last, CHUNK):
             part = some(rows, first, min(first + CHUNK, last))
             them = them.split(grid, part).observed(grid, part)
@@ -226,19 +239,18 @@ class _Seen:
 
     @classmethod
     def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
-        n = len(rows.level)
-        size = -(-n // GROUPS)
-        count = n // size
+        size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
+        # those of a channel one after the other, the last of them in whole groups
+        each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
+        which = np.concatenate([one[len(one) % size :] for one in each])
 
         def mean(a: Array) -> Array:
-            groups = a[n - count * size :].reshape(count, size, *a.shape[1:])
-            return np.asarray(groups.mean(axis=1))
+            return np.asarray(a[which].reshape(-1, size, *a.shape[1:]).mean(axis=1))
 
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=np.stack([mean(one) for one in rows.load]),
-            channel=rows.channel[n - count * size :: size],
+            load=mean(rows.load), channel=rows.channel[which[::size]],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
@@ -292,7 +304,7 @@ class _Seen:
         models, rows = self.models, self.rows
         blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
         other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load[models.shape[0]]
+        load = rows.load
         shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
         factor = np.linalg.inv(np.linalg.cholesky(other))
         values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
