@@ -47,6 +47,9 @@ RANGES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 """Of the promised probability of a second place."""
 _OUTSIDE = 13.8
 """Chi-square of two degrees of freedom that one in a thousand exceeds."""
+_TOUCHING, _VALLEY = 4.0, 0.1
+"""Squared distance of two hypotheses of one place, and density in units of the largest one below
+which there is a valley between two places."""
 _MARGIN = 0.12
 """Share of the map along its edges in which no place is drawn."""
 _SECOND = 0.05
@@ -95,16 +98,23 @@ def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses:
 
 
 def heaviest(bank: Hypotheses) -> tuple[Array, Array, float]:
-    """Return mean (2,) and covariance (2, 2) of the heaviest place, and its probability: of the
-    hypotheses whose places overlap with that of the likeliest one."""
+    """Return mean (2,) and covariance (2, 2) of the heaviest place, and its probability.
+
+    A place is what is left and right of the densest hypothesis without a valley in between: those
+    of at least `_VALLEY` of its density that touch it, or another one of it."""
     weight = np.exp(bank.log_weight - np.logaddexp.reduce(bank.log_weight))
-    best = int(np.argmax(weight))
-    apart = bank.mean[:, :2] - bank.mean[best, :2]
-    spread = bank.covariance[:, :2, :2] + bank.covariance[best, :2, :2]
-    square = np.einsum("ki,kij,kj->k", apart, np.linalg.inv(spread), apart)
-    same = bank.part(square < _OUTSIDE)
+    within = bank.covariance[:, :2, :2]
+    apart = bank.mean[:, None, :2] - bank.mean[:, :2]
+    inverse = np.linalg.inv(within[:, None] + within)
+    touching = np.einsum("kli,klij,klj->kl", apart, inverse, apart) < _TOUCHING
+    density = weight / np.sqrt(np.linalg.det(within))
+    dense = density > _VALLEY * density.max()
+    place = np.arange(len(bank)) == np.argmax(density)
+    while (grown := touching[place].any(axis=0) & dense).sum() > place.sum():
+        place = grown
+    same = bank.part(place)
     mean, covariance = same.moments()
-    return mean[:2], covariance[:2, :2], float(weight[square < _OUTSIDE].sum())
+    return mean[:2], covariance[:2, :2], float(weight[touching[place].any(axis=0)].sum())
 
 
 def draw(area: Area, count: int, seed: int) -> list[tuple[int, int, float]]:

@@ -43,9 +43,8 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
         found.append(("coupling_forward", share, np.inf, forward))
         found.append(("coupling_right", share, np.inf, right))
     if instrument.platform_tilt > 0.0:
-        north, east = (
-            np.gradient(velocity, time, axis=0).T if several else np.zeros((2, len(time)))
-        )
+        force: Array = np.gradient(velocity, time, axis=0) if several else 0.0 * velocity
+        north, east = force[:, 0], force[:, 1]
         tilt, time_constant = instrument.platform_tilt, instrument.platform_time
         found.append(("levelling", -mean_error(instrument), 0.5 * time_constant, one))
         found.append(("tilt_north", tilt, time_constant, east))

@@ -24,12 +24,13 @@ CURVED = 0.25
 REACH = 2.0
 """1-sigma at which that is looked at."""
 SPLIT = (
-    (0.2252246249, 0.5495507502, 0.2252246249),
-    (-1.0575154615, 0.0, 1.0575154615),
+    (0.2129622780, 0.5740754440, 0.2129622780),
+    (-1.1353227127, 0.0, 1.1353227127),
     0.6715662887,
 )
-"""Weights, means and 1-sigma of three Gaussians for one (DeMars, Bishop & Jah 2013, JGCD 36:1047,
-table 1)."""
+"""Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
+(2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
+variance of 1; theirs loses 4.5 % of it at each split."""
 ROUNDS = 8
 """Of splits of splits, at most."""
 MOST, USUAL_STATES = 4000, 11

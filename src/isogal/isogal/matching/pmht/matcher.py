@@ -22,7 +22,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
 from isogal.matching.pmht.diverged import decided, pursued, remembered
 from isogal.matching.pmht.hypotheses import Hypotheses
@@ -78,15 +78,15 @@ class Pmht:
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
-        for one in (batch, *(beside.batch for beside in batch.beside)):
-            if (reason := unusable(one)) is not None:
+        each = (Beside(self.lead, batch, field_map), *batch.beside)
+        for one in each:
+            if (reason := unusable(one.batch) or _unlike(one)) is not None:
                 return declined(batch, reason), memory
         prior, by_seven = navigator_states(batch)
         if memory is None:
             memory, forward = Memory.before(prior), np.eye(BATCH_STATES)
         else:
             memory, forward = _propagated(memory, batch, prior, by_seven)
-        each = (Beside(self.lead, batch, field_map), *batch.beside)
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
@@ -132,6 +132,15 @@ class Pmht:
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)
         return replace(memory, fields=fields), rows
+
+
+def _unlike(one: Beside) -> str | None:
+    """Why readings cannot be of a map, in one line; None where they can."""
+    channels = 1 if one.batch.channel is None else one.batch.rows_per_scan
+    maps = len(channels_of(one.field_map))
+    if channels <= maps:
+        return None
+    return f"the readings have {channels} channels, the map {maps}"
 
 
 def _propagated(

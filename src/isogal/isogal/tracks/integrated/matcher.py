@@ -244,6 +244,9 @@ def _with_excess(fix: Fix, excess: Array) -> Fix:
     size = np.sqrt(1.0 / np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
     told = positive_part(fix.information, size)
     spread = np.eye(4) + told.matrix @ full
-    matrix, vector = np.linalg.solve(spread, told.matrix), np.linalg.solve(spread, told.vector)
+    matrix, vector = (
+        np.asarray(np.linalg.solve(spread, part), dtype=np.float64)
+        for part in (told.matrix, told.vector)
+    )
     information = Information(vector, symmetric(matrix))
     return replace(fix, covariance=fix.covariance + excess, information=information)

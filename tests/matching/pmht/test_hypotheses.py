@@ -1,0 +1,241 @@
+"""The bank: what splits, merges and updates keep."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from helpers.bank import PLANE, models, moments_of, random_bank, states_of
+from helpers.batches import field_map_of, make_batch, wavy
+from helpers.navigators import random_covariance
+from isogal.matching.interfaces import Information
+from isogal.matching.pmht import hypotheses as bank_of
+from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
+from isogal.matching.pmht.models import BIASED, NONE
+from isogal.matching.pmht.places import carried, gathered, pruned, resolved, spread_over
+from isogal.matching.pmht.rows import rows_of
+
+ROUGH = field_map_of(wavy)
+SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
+EXACT = models(sigma=0.0)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def same(a, b, within=1e-9):
+    scale = np.sqrt(np.diag(b[1]))
+    np.testing.assert_allclose(a[0] / scale, b[0] / scale, atol=within)
+    np.testing.assert_allclose(
+        a[1] / scale / scale[:, None], b[1] / scale / scale[:, None], atol=within
+    )
+
+
+def rows(field_map=ROUGH, scans=15, which=EXACT, **keys):
+    batch, _ = make_batch(field_map, scans=scans, **keys)
+    return rows_of(batch, field_map, states_of(), which.lengths, None)[0]
+
+
+def test_before_any_reading_they_are_the_prior():
+    prior, which = random_covariance(SIGMA), models()
+    bank = Hypotheses.before(which, prior)
+    assert bank.log_evidence == pytest.approx(0.0)
+    plain = bank.part(which.family == NONE)
+    same(plain.moments(), (np.zeros(7), prior), 1e-12)
+    np.testing.assert_allclose(
+        bank.covariance[:, :7, :7], which.start[:, None, None] * prior, rtol=1e-12
+    )
+
+
+@given(seeds)
+def test_a_split_conserves_weight_mean_and_covariance(seed):
+    bank = random_bank(seed, 3)
+    direction = np.random.default_rng(seed).standard_normal((3, 2))
+    roots = np.linalg.cholesky(bank.covariance[:, :2, :2])  # to 1-sigma vectors
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    direction = np.einsum("kij,kj->ki", roots, direction)
+    parts = bank._thirds(direction)
+    assert len(parts) == 9
+    assert parts.log_evidence == pytest.approx(bank.log_evidence, abs=1e-8)
+    for k in range(3):
+        one = bank.part(np.array([k]))
+        three = parts.part(np.array([k, 3 + k, 6 + k]))
+        same(moments_of(three), moments_of(one), 1e-6)  # the weights have ten digits
+        assert (np.linalg.eigvalsh(three.covariance / one.covariance.max()) > -1e-9).all()
+        narrower = direction[k] @ np.linalg.solve(three.covariance[0, :2, :2], direction[k])
+        assert narrower == pytest.approx(1.0 / bank_of.SPLIT[2] ** 2)
+
+
+def test_places_are_split_until_the_map_is_nearly_linear():
+    prior = np.diag(np.square([400.0, 300.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
+    bank = Hypotheses.before(EXACT, prior)
+    on_plane = bank.split(PLANE.grid, rows(PLANE))
+    assert on_plane is bank
+    parts = bank.split(ROUGH.grid, rows())
+    assert len(parts) > 9
+    assert parts.log_evidence == pytest.approx(0.0, abs=1e-6)
+    same(parts.moments(), (np.zeros(7), prior), 1e-6)
+    assert np.median(np.sqrt(parts.covariance[:, 0, 0])) < 250.0
+
+
+def test_there_are_never_more_than_so_many():
+    prior = np.diag(np.square([4000.0, 4000.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
+    parts = Hypotheses.before(models(), prior).split(ROUGH.grid, rows(which=models()))
+    assert 1000 < len(parts) <= MOST
+    assert len(parts.reduced()) <= MOST
+
+
+@given(seeds)
+def test_being_informed_is_a_gaussian_update(seed):
+    bank, random = random_bank(seed, 4), np.random.default_rng(seed)
+    root = random.standard_normal((5, 7)) / SIGMA
+    matrix, vector = root.T @ root, root.T @ random.standard_normal(5)
+    after = bank.informed(Information(vector, matrix), np.diag(SIGMA**2))
+    H = np.zeros((7, bank.mean.shape[1]))
+    H[:, :7] = np.eye(7)
+    for k in range(len(bank)):
+        precision = np.linalg.inv(bank.covariance[k]) + H.T @ matrix @ H
+        covariance = np.linalg.inv(precision)
+        mean = covariance @ (np.linalg.solve(bank.covariance[k], bank.mean[k]) + H.T @ vector)
+        same((after.mean[k], after.covariance[k]), (mean, covariance), 1e-5)
+        # evidence: the integral of exp(vector' x - x' matrix x / 2) over the prior
+        P, m = bank.covariance[k, :7, :7], bank.mean[k, :7]
+        inverse = np.linalg.inv(P)
+        b = inverse @ m + vector
+        log = 0.5 * b @ np.linalg.solve(inverse + matrix, b) - 0.5 * m @ inverse @ m
+        log -= 0.5 * np.linalg.slogdet(np.eye(7) + P @ matrix)[1]
+        assert after.log_weight[k] - bank.log_weight[k] == pytest.approx(log, rel=1e-5, abs=1e-5)
+
+
+def test_negative_information_tells_nothing():
+    bank = random_bank(0, 2)
+    unit = np.diag(SIGMA**-2.0)
+    assert bank.informed(Information(np.zeros(7), 0.0 * unit), np.diag(SIGMA**2)) is bank
+    after = bank.informed(Information(np.ones(7), -unit), np.diag(SIGMA**2))
+    np.testing.assert_allclose(after.covariance, bank.covariance)
+    np.testing.assert_allclose(after.log_weight, bank.log_weight)
+
+
+@given(seeds)
+def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed):
+    before = random_covariance(SIGMA, seed)
+    forward = np.eye(7) + np.diag([60.0, 60.0, 0.0, 0.0, 0.0], 2)
+    back = np.linalg.inv(forward)
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((7, 7)) * SIGMA[:, None] * 0.3
+    prior = forward @ before @ forward.T + root @ root.T
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior)
+    same(bank.moments(), (np.zeros(7), prior), 1e-7)
+    learnt = forward @ before @ forward.T
+    gain = learnt[:, :1] / (learnt[0, 0] + 50.0**2)
+    told = learnt - gain @ learnt[:1]  # an aid has measured one position
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, told)
+    same(bank.moments(), (np.zeros(7), told), 1e-5)
+    unaided = Hypotheses.before(EXACT, before).propagated(before, back, told, aided=False)
+    same(unaided.moments(), (np.zeros(7), learnt), 1e-5)
+
+
+def test_a_worse_navigator_grows_by_its_factor():
+    which = models()
+    before = np.diag(SIGMA**2)
+    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before)
+    expected = (which.start + which.growth)[:, None] * np.diag(before)
+    np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
+
+
+def test_reduced_keeps_moments_of_what_overlaps_and_every_model():
+    which = models()
+    bank = random_bank(1, 4, EXACT)
+    bank.mean[:, :2] *= 0.01  # one place
+    same(moments_of(bank.reduced()), moments_of(bank), 1e-9)
+    bank = Hypotheses.before(which, np.diag(SIGMA**2))
+    bank = replace(bank, log_weight=np.where(which.family == BIASED, 0.0, -500.0))
+    after = bank.reduced()
+    assert set(after.which) == set(range(len(which.sigma)))
+    assert after.log_evidence == pytest.approx(0.0)
+    np.testing.assert_allclose(after.log_weight.max() - after.log_weight.min(), FLOOR)
+
+
+def test_light_models_have_one_place_and_negligible_ones_go():
+    bank = random_bank(2, 6, models(sigma=3e-5))
+    bank.which[:] = [0, 0, 0, 1, 1, 1]
+    bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
+    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 1.0, -LIGHT - 1.5, -LIGHT - 2.0]
+    after = bank.reduced()
+    assert list(after.which) == [0, 0, 1]
+
+
+def test_moved_and_carried():
+    bank = random_bank(3)
+    by = np.arange(7.0)
+    np.testing.assert_allclose(bank.moved(by).moments()[0], bank.moments()[0] - by)
+    forward = np.eye(7) + np.diag([60.0] * 5, 2)
+    mean, covariance = bank.moments()
+    same(
+        carried(bank, forward, by).moments(),
+        (forward @ mean + by, forward @ covariance @ forward.T),
+        1e-8,
+    )
+
+
+def test_pruned_keeps_weights_as_they_are():
+    bank = random_bank(4, 12)
+    bank.mean[:, 0] = 1e5 * np.arange(12.0)
+    bank.log_weight[:] = 100.0 - np.arange(12.0) * 1.5
+    after = pruned(bank, 6)
+    assert len(after) == 6
+    np.testing.assert_array_equal(np.sort(after.log_weight)[::-1], bank.log_weight[:6])
+    assert len(pruned(bank, 100)) == 8  # the others are negligible
+
+
+@pytest.mark.parametrize(("away", "sigma", "known"), [
+    (200.0, 50.0, True), (3000.0, 50.0, False), (0.0, 900.0, False),
+])  # fmt: skip
+def test_a_place_is_known_where_all_that_is_probable_is_near(away, sigma, known):
+    bank = random_bank(5, 2, EXACT)
+    bank.mean[:, :2] = [[0.0, 0.0], [away, 0.0]]
+    bank.covariance[:, :2, :2] = sigma**2 * np.eye(2)
+    bank.log_weight[:] = [-0.7, -0.7]
+    assert resolved(bank) is known
+    unlikely = replace(bank, log_weight=np.array([0.0, -8.0]))
+    assert resolved(unlikely) is (sigma < 500.0)
+
+
+def test_places_that_are_gathered_are_all_of_what_is_known():
+    bank = random_bank(7, 40, EXACT)
+    after = gathered(bank, 5)
+    assert len(after) == 5
+    same(moments_of(after), moments_of(bank))
+    assert after.log_evidence == pytest.approx(bank.log_evidence)
+    assert gathered(bank, 40) is bank
+    same(spread_over(bank, models()).moments(), bank.moments())
+
+
+def test_places_under_other_models():
+    bank, which = random_bank(6, 3, EXACT), models()
+    spread = spread_over(bank, which)
+    assert len(spread) == 3 * len(which.sigma)
+    same(spread.moments(), bank.moments())
+    np.testing.assert_allclose(spread._of_models(spread.which, spread.log_weight),
+                               which.log_prior + bank.log_evidence)  # fmt: skip
+    np.testing.assert_allclose(spread.covariance[0, 7:, 7:], np.diag(which.initial[0] ** 2))
+
+
+def test_faults_that_are_not_likely_are_not_published():
+    which = models()
+    bank = Hypotheses.before(which, np.diag(SIGMA**2))
+    kept = set(which.family[bank.credible().which])
+    shares = np.bincount(which.family, np.exp(which.log_prior))
+    assert kept == set(np.flatnonzero(shares > bank_of.CREDIBLE))
+    assert bank.faults[BIASED] == pytest.approx(shares[BIASED])
+
+
+def test_figures_are_means():
+    which = models()
+    bank = Hypotheses.before(which, np.diag(SIGMA**2))
+    weight = np.exp(which.log_prior)
+    sigma, length = bank.map_error
+    assert sigma == pytest.approx(weight @ which.sigma)
+    assert math.log(length) == pytest.approx(weight @ np.log(which.length))
+    assert bank.figures(states_of()) == {"bias": 0.0, "drift": 0.0, "delay": 0.0}

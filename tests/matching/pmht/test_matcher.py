@@ -1,0 +1,276 @@
+"""The default matcher as a whole: batch after batch, alone and among others, and odd data."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.bank import LETTER, PLANE, close, flown, kalman, noise_of, pmht, posterior_of
+from helpers.batches import field_map_of, make_batch, wavy
+from isogal import checkpoints
+from isogal.checkpoints import Saved
+from isogal.matching.interfaces import LOST_COVARIANCE
+from isogal.matching.pmht.matcher import Pmht
+from isogal.scenario import Matcher
+
+ERROR = (250.0, -300.0, 0.03, 0.02)
+ROUGH = field_map_of(wavy)
+UNTOLD = Pmht.from_settings(Matcher())
+
+
+def flight(legs=3, matcher=UNTOLD, field_map=ROUGH, **keys):
+    return list(flown(field_map, matcher, legs, **keys))
+
+
+def as_bytes(memory) -> bytes:
+    return checkpoints.encode("me", Saved(0, memory), lambda value: value is ROUGH)
+
+
+def test_the_same_goes_in_and_the_same_comes_out():
+    """And the memory that went in is as it was."""
+    *_, (_, _, memory, _), (batch, *_) = flight(4)
+    before = as_bytes(memory)
+    first, after = UNTOLD.match(batch, ROUGH, memory)
+    assert as_bytes(memory) == before
+    other = Pmht.from_settings(Matcher())
+    again, later = other.match(batch, ROUGH, pickle.loads(pickle.dumps(memory)))
+    assert as_bytes(after) == as_bytes(later)
+    assert (first.latitude, first.longitude) == (again.latitude, again.longitude)
+    np.testing.assert_array_equal(first.information.matrix, again.information.matrix)
+
+
+def test_a_run_is_the_same_among_others():
+    """Two navigators whose batches come by turns."""
+    one, two = flight(3), flight(3, error=(-90.0, 40.0, 0.0, 0.02), start=(2e3, -9e3))
+    memories = [None, None]
+    for parts in zip(one, two, strict=True):
+        for k, (batch, expected, *_) in enumerate(parts):
+            fix, memories[k] = UNTOLD.match(batch, ROUGH, memories[k])
+            assert (fix.latitude, fix.longitude) == (expected.latitude, expected.longitude)
+
+
+def test_a_checkpoint_goes_on_as_if_nothing_had_been():
+    *_, (_, _, memory, _), (batch, expected, *_) = flight(4)
+    text = checkpoints.encode("me", Saved(5, memory))
+    back = checkpoints.decode(text, "me", "here").content
+    assert as_bytes(back) == as_bytes(memory)
+    fix, _ = UNTOLD.match(batch, ROUGH, back)
+    assert (fix.latitude, fix.longitude) == (expected.latitude, expected.longitude)
+    assert json.dumps({k: float(v) for k, v in fix.diagnostics.items()})
+
+
+def test_the_memory_stays_small():
+    sizes = [len(as_bytes(memory)) for *_, memory, _ in flight(12)]
+    assert max(sizes) < 2_000_000
+    assert sizes[-1] < 3 * sizes[3]
+
+
+def test_fixes_follow_the_navigator_closer_and_closer():
+    left = [np.hypot(*(error - posterior_of(fix, batch.prior)[0])[:2])
+            for batch, fix, _, error in flight(6, error=(140.0, -120.0, 0.04, 0.02))]  # fmt: skip
+    assert left[-1] < 30.0
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_fix_that_the_navigator_did_not_take_is_known_not_to_be(taken):
+    """The memory is about the navigator as it is, and its covariance is that of the navigator."""
+    *_, (batch, fix, memory, error) = flight(4, pmht(**LETTER), taken=taken)
+    bank = memory.fields[0].bank.moved(-memory.taken)
+    mean, covariance = bank.moments()
+    off = (error - mean[:4]) / np.sqrt(np.diag(covariance))[:4]
+    assert np.abs(off).max() < 4.0
+    close(posterior_of(fix, batch.prior), (mean[:4], covariance[:4, :4]), 0.05)
+    np.testing.assert_allclose(
+        memory.covariance[:4, :4], posterior_of(fix, batch.prior)[1], rtol=0.02, atol=1e-6
+    )
+
+
+def test_a_fix_taken_twice_is_seen():
+    """A navigator that moves by twice what a fix says: the bank follows."""
+    ((batch, fix, memory, error),) = flight(1, pmht(**LETTER))
+    mean, covariance = posterior_of(fix, batch.prior)
+    forward = np.eye(4)
+    forward[:2, 2:] = 150.0 * np.eye(2)
+    left = forward @ (np.array(error) - 2.0 * mean)
+    again, _ = make_batch(
+        ROUGH, left, 15, start=(-6000.0 + 2100.0, -6000.0 + 2550.0), seed=9,
+        prior=forward @ covariance @ forward.T, correction=np.r_[-2.0 * mean, 0.0, 0.0, 0.0],
+        back_transition=np.linalg.inv(forward), back_nuisance=np.zeros((4, 0)),
+        time=1150.0 + 10.0 * np.arange(15),
+    )  # fmt: skip
+    _, after = pmht(**LETTER).match(again, ROUGH, memory)
+    mean, covariance = after.fields[0].bank.moved(-after.taken).moments()
+    assert (np.abs(left - mean[:4]) < 4.0 * np.sqrt(np.diag(covariance)[:4])).all()
+    ignored, _ = pmht(**LETTER).match(replace(again, correction=None), ROUGH, memory)
+    assert np.hypot(*(left - posterior_of(ignored, again.prior)[0])[:2]) > np.hypot(
+        *(left - mean[:4])[:2]
+    )
+
+
+def test_readings_that_are_missing_are_left_out():
+    batch, _ = make_batch(PLANE, ERROR)
+    reading = batch.reading.copy()
+    reading[::2] = np.nan
+    fix, _ = pmht().match(replace(batch, reading=reading), PLANE, None)
+    kept = batch.part(np.arange(1, 30, 2))
+    close(posterior_of(fix, batch.prior), kalman(kept, noise_of(kept)), 0.02)
+
+
+def test_a_batch_without_a_new_reading_is_declined_and_the_next_goes_on():
+    def change(batch, number):
+        silent = np.full(len(batch), np.nan)
+        return replace(batch, reading=silent) if number == 1 else batch
+
+    legs = flight(4, pmht(**LETTER), change=change)
+    assert legs[1][1].reason == "there is no new reading"
+    batch, fix, _, error = legs[-1]
+    mean, covariance = posterior_of(fix, batch.prior)
+    assert (np.abs(error - mean) < 4.0 * np.sqrt(np.diag(covariance))).all()
+
+
+def test_off_the_map_there_is_no_fix():
+    batch, _ = make_batch(PLANE, ERROR)
+    away = replace(batch, latitude=batch.latitude + 0.2)
+    fix, memory = UNTOLD.match(away, PLANE, None)
+    assert not fix.published
+    assert "on the map" in fix.reason
+    fix, _ = UNTOLD.match(batch, PLANE, memory)
+    assert fix.published
+
+
+def test_a_part_of_the_map_that_is_missing_declines_or_is_gone_around():
+    values = ROUGH.values.copy()
+    values[:, ROUGH.shape[1] // 2 :] = np.nan
+    batch, _ = make_batch(ROUGH, ERROR)
+    fix, _ = UNTOLD.match(batch, replace(ROUGH, values=values), None)
+    assert not fix.published or np.isfinite(fix.covariance).all()
+
+
+def test_a_map_without_features_tells_nothing():
+    flat = field_map_of(lambda north, east: 0.0 * (north + east), step=2000.0)
+    batch, _ = make_batch(flat, ERROR)
+    for matcher in (UNTOLD, pmht(), pmht(map_sigma=1e-5)):
+        fix, _ = matcher.match(batch, flat, None)
+        if fix.published:
+            told = posterior_of(fix, batch.prior)[1]
+            np.testing.assert_allclose(np.diag(told), np.diag(batch.prior), rtol=0.05)
+        else:
+            assert fix.reason == "the batch tells nothing that the navigator does not know"
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"latitude": np.full(30, np.nan)}, "latitude of the navigator is not finite"),
+    ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
+    ({"prior": -np.eye(4)}, "covariance is not positive definite"),
+    ({"time": np.zeros(30)}, "do not increase"),
+])  # fmt: skip
+def test_what_no_matcher_can_use_is_declined(changes, words):
+    batch, _ = make_batch(PLANE)
+    fix, memory = UNTOLD.match(replace(batch, **changes), PLANE, None)
+    assert words in fix.reason
+    assert memory is None
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, np.inf])
+def test_readings_that_cannot_be_true_do_no_harm(value):
+    batch, _ = make_batch(ROUGH, (60.0, -50.0, 0.0, 0.0), prior_sigma=(100.0, 0.02))
+    good, _ = UNTOLD.match(batch, ROUGH, None)
+    reading = batch.reading.copy()
+    reading[7] = value
+    fix, _ = UNTOLD.match(replace(batch, reading=reading), ROUGH, None)
+    if fix.published:
+        mean, covariance = posterior_of(fix, batch.prior)
+        expected, _ = posterior_of(good, batch.prior)
+        assert np.isfinite(fix.covariance).all()
+        assert (np.abs(mean - expected) < 3.0 * np.sqrt(np.diag(covariance))).all()
+
+
+def test_spikes_are_left_out():
+    """Five of 30 readings are off by 30 sigma: as if they were not there."""
+    for seed in range(4):
+        batch, _ = make_batch(ROUGH, (60.0, -50.0, 0.0, 0.0), prior_sigma=(100.0, 0.02), seed=seed)
+        spikes = np.zeros(30)
+        spikes[[3, 9, 10, 20, 28]] = 3e-4
+        fix, _ = pmht().match(replace(batch, reading=batch.reading + spikes), ROUGH, None)
+        without = replace(batch, reading=np.where(spikes > 0.0, np.nan, batch.reading))
+        expected, _ = pmht().match(without, ROUGH, None)
+        got, wanted = (posterior_of(one, batch.prior) for one in (fix, expected))
+        close(got, wanted, 0.3)
+
+
+def test_candidates_are_the_hypotheses_at_each_scan():
+    batch, truth = make_batch(ROUGH, ERROR)
+    fix, memory = UNTOLD.match(batch, ROUGH, None)
+    shown = fix.candidates
+    count = len(shown.weight) // 30
+    assert 1 <= count <= 64
+    np.testing.assert_allclose(np.bincount(shown.scan, shown.weight), 1.0)  # within each scan
+    assert (shown.weight > 0.0).all()
+    last = shown.scan == 29
+    best = np.argmax(shown.weight[last])
+    assert abs(shown.latitude[last][best] - truth.latitude) < 1e-4
+    assert len(memory.fields[0].bank) >= count
+
+
+def test_a_navigator_with_attitude_is_told_of_it_and_one_without_is_not():
+    batch, _ = make_batch(PLANE, ERROR)
+    fix, _ = pmht().match(batch, PLANE, None)
+    assert fix.information.vector.shape == (4,)
+    known = replace(
+        batch, nuisance_position=np.zeros((30, 2, 3)), nuisance_reading=np.zeros((30, 3)),
+        attitude=(np.zeros((3, 4)), 1e-5 * np.eye(3)),
+    )  # fmt: skip
+    fix, _ = pmht().match(known, PLANE, None)
+    assert fix.information.vector.shape == (7,)
+
+
+def test_fixes_name_a_map_error_but_where_none_is_told():
+    batch, _ = make_batch(ROUGH, ERROR)
+    assert pmht().match(batch, ROUGH, None)[0].map_error is None
+    sigma, length = pmht(map_sigma=3e-5, **LETTER).match(batch, ROUGH, None)[0].map_error
+    assert (sigma, length) == pytest.approx((3e-5, 4000.0))
+
+
+def test_a_start_told_to_be_wide_is_searched_for():
+    """5 km: declined until the place is known, then told to the navigator."""
+    found = None
+    for number, (batch, fix, memory, error) in enumerate(  # noqa: B007
+        flown(ROUGH, pmht(**LETTER), 10, (4000.0, -5500.0, 0.05, -0.05), (5000.0, 0.1),
+              start=(-12e3, -12e3))
+    ):  # fmt: skip
+        if fix.published:
+            found = number
+            break
+        assert memory.fields[0].bank is None
+        assert fix.reason == "the place is searched for"
+    assert found is not None and found >= 1
+    mean, covariance = posterior_of(fix, batch.prior)
+    assert not fix.reset
+    assert np.hypot(*(mean - error)[:2]) < 4.0 * np.sqrt(np.trace(covariance[:2, :2])) < 400.0
+
+
+def test_a_navigator_that_has_diverged_is_told_so():
+    """10 km off, and sure of itself: found, and its covariance is to grow before the fix."""
+    resets = []
+    for number, (batch, fix, memory, error) in enumerate(  # noqa: B007
+        flown(ROUGH, UNTOLD, 14, (8000.0, -6000.0, 0.1, -0.1), (100.0, 0.05), start=(-16e3, -16e3))
+    ):  # fmt: skip
+        if fix.reset:
+            resets.append(number)
+            prior = batch.prior + LOST_COVARIANCE[:4, :4]
+            mean, covariance = posterior_of(fix, prior)
+            assert np.hypot(*(mean - error)[:2]) < 5.0 * np.sqrt(np.trace(covariance[:2, :2]))
+            break
+    assert len(resets) == 1
+    assert memory.diverged.found is None
+    assert memory.fields[0].bank is not None
+
+
+def test_a_healthy_navigator_is_not():
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        error = random.standard_normal(4) * [100.0, 100.0, 0.03, 0.03]
+        for _, fix, _, _ in flown(ROUGH, UNTOLD, 12, error, (100.0, 0.03), start=(-16e3, -16e3)):
+            assert not fix.reset
