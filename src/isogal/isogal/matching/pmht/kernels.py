@@ -32,7 +32,9 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, shift, wrong, mean, covariance):  # type: ignore[no-untyped-def]
+def propagated(  # type: ignore[no-untyped-def]
+    which, growth_factor, transition, growth, shift, wrong, mean, covariance
+):
     """Carry hypotheses to another epoch in place: x -> A x + b for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance; the second one of A, b and
     growth where a model says that an aid is wrong."""
@@ -151,7 +153,9 @@ def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # type: ignore[no-untyped-def]
+def _filtered(  # type: ignore[no-untyped-def]
+    x, P, z, H, noise, keep, fresh, step, joined, used, c, PH
+):
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
@@ -207,7 +211,9 @@ def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # typ
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ignore[no-untyped-def]
+def observed(  # type: ignore[no-untyped-def]
+    grid, rows, models, which, mean, covariance, evidence
+):
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 
