@@ -16,7 +16,13 @@ from isogal.matching.expansion import Soundings
 from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
-from isogal.matching.pmht.rows import TENSOR_ORDER, States, navigator_states, rows_of
+from isogal.matching.pmht.rows import (
+    TENSOR_ORDER,
+    States,
+    _filter_steps,
+    navigator_states,
+    rows_of,
+)
 from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.reduction import State
@@ -217,3 +223,19 @@ def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
     places = np.concatenate([foot[:, :2], foot[:, :2] - [100.0, 0.0]])
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     np.testing.assert_allclose(u, np.exp(-apart / 80.0), atol=2e-3)
+
+
+@pytest.mark.parametrize("length", [4000.0, 600.0])
+def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
+    """Against a discrete filter of a Gauss-Markov process in steps of 1 m."""
+    memory, steps = 600.0, 150
+    step, joined = _filter_steps(memory, np.array([0.0, steps]), np.array([length]), True)
+    a, keep = 1.0 - np.exp(-1.0 / memory), np.exp(-1.0 / length)
+    one = np.array([[1.0 - a, a * keep], [0.0, keep]])
+    fresh = (1.0 - keep**2) * np.array([[a * a, a], [a, 1.0]])
+    u = joined[0, 0]
+    for _ in range(20000):
+        u = one @ u @ one.T + fresh
+    np.testing.assert_allclose(joined[0, 0], u, atol=2e-3)
+    np.testing.assert_allclose(step[0, 1], np.linalg.matrix_power(one, steps), atol=2e-3)
+    np.testing.assert_allclose(step[0, 1] @ u @ step[0, 1].T + joined[0, 1], u, atol=2e-3)

@@ -32,16 +32,20 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
-    """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
-    `growth` (7, 7) times the model's factor added to their covariance."""
+def propagated(  # type: ignore[no-untyped-def]
+    which, growth_factor, transition, growth, shift, wrong, mean, covariance
+):
+    """Carry hypotheses to another epoch in place: x -> A x + b for the navigator's errors x, with
+    `growth` (7, 7) times the model's factor added to their covariance; the second one of A, b and
+    growth where a model says that an aid is wrong."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
-    A = transition
     product, x = np.empty((n, size)), np.empty(n)
     for k in range(count):
         P = covariance[k]
+        way = wrong[which[k]]
+        A = transition[way]
         for i in range(n):
-            x[i] = 0.0
+            x[i] = shift[way, i]
             for j in range(n):
                 x[i] += A[i, j] * mean[k, j]
             for c in range(size):
@@ -55,7 +59,7 @@ def propagated(which, growth_factor, transition, growth, mean, covariance):  # t
             for c in range(n, size):
                 P[i, c] = P[c, i] = product[i, c]
             for c in range(i + 1):
-                value = factor * growth[i, c]
+                value = factor * growth[way, i, c]
                 for j in range(n):
                     value += product[i, j] * A[c, j]
                 P[i, c] = P[c, i] = value
@@ -149,7 +153,9 @@ def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # type: ignore[no-untyped-def]
+def _filtered(  # type: ignore[no-untyped-def]
+    x, P, z, H, noise, keep, fresh, step, joined, used, c, PH
+):
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
@@ -205,7 +211,9 @@ def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # typ
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ignore[no-untyped-def]
+def observed(  # type: ignore[no-untyped-def]
+    grid, rows, models, which, mean, covariance, evidence
+):
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 

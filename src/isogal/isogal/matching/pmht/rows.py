@@ -97,7 +97,8 @@ class States:
     walk: Array
     """(C,) random walk, unit per root second."""
     channels: int
-    """K times `order`."""
+    """K times `order`; 2 where the instrument's filter is told: the map's error after it, and as
+    it is."""
     order: int
     """Scans whose map errors say what the next ones are, where those of one scan depend on each
     other; 1 = the last one."""
@@ -118,6 +119,8 @@ class States:
             order = TENSOR_ORDER
         elif batch.beam is not None:
             order = _scans_underneath(batch, channels)
+        elif batch.filter_path is not None and channels == 1:
+            channels = 2
         return cls(
             told.names,
             np.concatenate([told.sigma, np.zeros(more)]),
@@ -193,6 +196,9 @@ def rows_of(
     travelled = np.hypot(*moved.T)
     chain = _Chain.of(batch, states)
     steps, step, joined = _steps(chain, moved, first.steps, lengths, last is None)
+    if batch.filter_path is not None and states.channels == 2:
+        memory = batch.filter_path.memory
+        step, joined = _filter_steps(memory, travelled, lengths, last is None)
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
@@ -376,6 +382,29 @@ def _steps(
         if begins:
             step[k, 0], joined[k, 0] = 0.0, every[0, :whole, :whole]
     return np.concatenate([before, moved[scans]])[-order:], step, joined
+
+
+def _filter_steps(
+    memory: float, travelled: Array, lengths: Array, begins: bool
+) -> tuple[Array, Array]:
+    """Return `Rows.step` and `Rows.joined` of a map's error after a low-pass filter with a memory
+    (m), f, and as it is, m, over distances (n,): f' = (m - f) / memory and m a Gauss-Markov
+    process, both stationary."""
+    step, joined = (np.zeros((len(lengths), len(travelled), 2, 2)) for _ in range(2))
+    moved = travelled > LEAST_STEP_M
+    for k, length in enumerate(lengths):
+        s = memory if abs(memory / length - 1.0) > 1e-3 else 1.002 * memory  # else 0 / 0
+        share = length / (length + s)
+        stationary = np.array([[share, share], [share, 1.0]])
+        old, left = np.exp(-travelled / s), np.exp(-travelled / length)
+        step[k, :, 0, 0], step[k, :, 1, 1] = old, left
+        step[k, :, 0, 1] = (left - old) / (1.0 - s / length)
+        joined[k] = stationary - step[k] @ stationary @ step[k].swapaxes(1, 2)
+        joined[k, :, 0, 0] = np.maximum(joined[k, :, 0, 0], NUGGET**2)
+        if begins:
+            moved[0], step[k, 0], joined[k, 0] = True, 0.0, stationary
+        step[k][~moved], joined[k][~moved] = 0.0, 0.0
+    return step, joined
 
 
 def stated_sigma(one: FieldMap) -> float:

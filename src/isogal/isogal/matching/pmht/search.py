@@ -318,7 +318,9 @@ class _Seen:
 
 
 @kernel(error_model="numpy")
-def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):  # type: ignore[no-untyped-def]
+def _residuals(  # type: ignore[no-untyped-def]
+    grid, latitude, longitude, radian, level, place, reading, channel, centres
+):
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]
