@@ -30,7 +30,7 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 REACH = 2.7
 """1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 250, 1200
+COARSE_BEST, FINE_BEST = 500, 3000
 """Cells of the first grid, and cells with a model of the second, that are followed up."""
 WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
