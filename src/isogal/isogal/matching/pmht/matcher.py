@@ -164,7 +164,7 @@ def _propagated(
             before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
         memory = memory.moved(off)
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-    return memory.propagated(before, back, prior), forward
+    return memory.propagated(before, back, prior, elapsed), forward
 
 
 def _observed(
