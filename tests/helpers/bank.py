@@ -132,14 +132,14 @@ def flown(
     error=(100.0, -80.0, 0.02, 0.01),
     prior_sigma=(150.0, 0.03),
     *,
-    scans: int = 15,
-    start=(-6000.0, -6000.0),
     taken: bool = True,
     change=lambda batch, number: batch,
     **keys: Any,
 ) -> Iterator[tuple[Batch, Fix, Any, np.ndarray]]:
     """Yield batch, fix, memory and the error before the fix of a navigator that flies straight
-    with a constant velocity error, batch after batch; `taken` = takes the fixes."""
+    with a constant velocity error, batch after batch; `taken` = takes the fixes. Other keys are
+    those of `make_batch`."""
+    scans, start = keys.pop("scans", 15), keys.pop("start", (-6000.0, -6000.0))
     error, memory, correction = np.array(error), None, None
     covariance = np.diag(np.repeat(np.square(prior_sigma), 2))
     age = 10.0 * scans
