@@ -14,14 +14,13 @@ from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
-from isogal.matching.pmht.models import BIASED, NONE, WRONG_AID
+from isogal.matching.pmht.models import BIASED, NONE
 from isogal.matching.pmht.places import carried, gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.rows import rows_of
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
 EXACT = models(sigma=0.0)
-NOTHING = np.zeros(7)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -126,21 +125,21 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
     random = np.random.default_rng(seed)
     root = random.standard_normal((7, 7)) * SIGMA[:, None] * 0.3
     prior = forward @ before @ forward.T + root @ root.T
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior, 50.0, NOTHING)
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior)
     same(bank.moments(), (np.zeros(7), prior), 1e-7)
     learnt = forward @ before @ forward.T
     gain = learnt[:, :1] / (learnt[0, 0] + 50.0**2)
     told = learnt - gain @ learnt[:1]  # an aid has measured one position
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, told, 50.0, NOTHING)
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, told)
     same(bank.moments(), (np.zeros(7), told), 1e-5)
-    unaided = Hypotheses.before(EXACT, before).propagated(before, back, told, 50.0)
+    unaided = Hypotheses.before(EXACT, before).propagated(before, back, told, aided=False)
     same(unaided.moments(), (np.zeros(7), learnt), 1e-5)
 
 
 def test_a_worse_navigator_grows_by_its_factor():
     which = models()
     before = np.diag(SIGMA**2)
-    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before, 50.0)
+    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before)
     expected = (which.start + which.growth)[:, None] * np.diag(before)
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 
@@ -240,20 +239,3 @@ def test_figures_are_means():
     assert sigma == pytest.approx(weight @ which.sigma)
     assert math.log(length) == pytest.approx(weight @ np.log(which.length))
     assert bank.figures(states_of()) == {"bias": 0.0, "drift": 0.0, "delay": 0.0}
-
-
-def test_by_a_model_of_a_wrong_aid_it_draws_the_navigator_back():
-    """A log that is off by a current of 0.3 m/s, and a fix that has taken these off: by the model
-    they are there again, less what the navigator's own covariance still gives the fix."""
-    which = models()
-    wrong = np.flatnonzero(which.family == WRONG_AID)
-    before = np.diag(np.array([100.0, 100.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]) ** 2)
-    told = before.copy()
-    told[2, 2] = told[3, 3] = 0.01**2
-    taken = np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
-    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), told, 50.0, taken)
-    right = np.flatnonzero(which.family == NONE)
-    np.testing.assert_allclose(bank.mean[right, 2], 0.0)
-    np.testing.assert_allclose(bank.covariance[right, 2, 2], 0.01**2, rtol=1e-6)
-    np.testing.assert_allclose(bank.mean[wrong, 2], 0.3 * 0.99, rtol=1e-6)
-    assert (bank.covariance[wrong, 2, 2] > 0.1**2).all()
