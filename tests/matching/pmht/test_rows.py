@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from helpers.bank import PLANE, VELOCITY
+from helpers.bank import PLANE
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.maps.channels import ChannelMap

@@ -32,20 +32,16 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(  # type: ignore[no-untyped-def]
-    which, growth_factor, transition, growth, shift, wrong, mean, covariance
-):
-    """Carry hypotheses to another epoch in place: x -> A x + b for the navigator's errors x, with
-    `growth` (7, 7) times the model's factor added to their covariance; the second one of A, b and
-    growth where a model says that an aid is wrong."""
+def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
+    """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
+    `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
+    A = transition
     product, x = np.empty((n, size)), np.empty(n)
     for k in range(count):
         P = covariance[k]
-        way = wrong[which[k]]
-        A = transition[way]
         for i in range(n):
-            x[i] = shift[way, i]
+            x[i] = 0.0
             for j in range(n):
                 x[i] += A[i, j] * mean[k, j]
             for c in range(size):
@@ -59,7 +55,7 @@ def propagated(  # type: ignore[no-untyped-def]
             for c in range(n, size):
                 P[i, c] = P[c, i] = product[i, c]
             for c in range(i + 1):
-                value = factor * growth[way, i, c]
+                value = factor * growth[i, c]
                 for j in range(n):
                     value += product[i, j] * A[c, j]
                 P[i, c] = P[c, i] = value

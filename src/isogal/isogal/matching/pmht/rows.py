@@ -99,11 +99,11 @@ class States:
     channels: int
     """K times `order`; 2 where the instrument's filter is told: the map's error after it, and as
     it is."""
-    order: int
-    """Scans whose map errors say what the next ones are, where those of one scan depend on each
-    other; 1 = the last one."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
+    order: int = 1
+    """Scans whose map errors say what the next ones are, where those of one scan depend on each
+    other; 1 = the last one."""
 
     @classmethod
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
@@ -127,8 +127,8 @@ class States:
             np.concatenate([told.times, np.full(more, np.inf)]),
             np.concatenate([told.walks, last]),
             channels * order,
-            order,
             more,
+            order,
         )
 
     @property
