@@ -155,7 +155,7 @@ def places(
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
     cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
-    return _hypotheses(models, centres[cell], model, fine, wide), gain
+    return at_cells(models, centres[cell], model, fine, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +189,7 @@ class Search:
         return Search(them, last)
 
 
-def _hypotheses(
+def at_cells(
     models: Models, centres: Array, which: Integers, cell: float, wide: Array
 ) -> Hypotheses:
     """Return those at cells (K, 2), each with a model (K,); their weights are those of the
@@ -284,15 +284,7 @@ class _Seen:
 
     def residuals(self, centres: Array) -> Array:
         """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
-        rows = self.rows
-        return np.asarray(
-            _residuals(
-                self.grid, rows.latitude, rows.longitude, rows.radian, rows.level,
-                np.ascontiguousarray(rows.place[:, :, :2]),
-                np.ascontiguousarray(rows.reading[:, :2]), rows.channel,
-                np.ascontiguousarray(centres),
-            )
-        )  # fmt: skip
+        return residuals_at(self.rows, self.grid, centres)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -315,6 +307,17 @@ class _Seen:
         log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
         log[~np.isfinite(log)] = -np.inf
         return np.asarray(log)
+
+
+def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
+    """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
+    place, reading = (np.ascontiguousarray(a[..., :2]) for a in (rows.place, rows.reading))
+    return np.asarray(
+        _residuals(
+            grid, rows.latitude, rows.longitude, rows.radian, rows.level, place, reading,
+            rows.channel, np.ascontiguousarray(centres),
+        )
+    )  # fmt: skip
 
 
 @kernel(error_model="numpy")
