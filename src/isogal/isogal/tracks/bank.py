@@ -83,14 +83,14 @@ class TrackMatcher:
         """Build it from matcher sections; raises InputError on a bad option."""
         return cls(tuple(Told.of(one) for one in matchers), tuple(names), rigid, checked)
 
-    def match(
-        self, batch: Batch, field_map: AnyMap, memory: Memory | None
-    ) -> tuple[Fix, Memory]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
         """Match one batch; see `interfaces.Matcher`."""
         memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        each = [(one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)]
+        each = [
+            (one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)
+        ]
         found = [(one.field, seen) for one, seen in each if seen is not None]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
@@ -134,9 +134,7 @@ class TrackMatcher:
         rows = rows._replace(load=np.concatenate([rows.load, rows.load]))
         return Seen.of(rows, around.field, around, models)
 
-    def _fix(
-        self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]
-    ) -> Fix:
+    def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
         mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
         if self.checked:
@@ -166,7 +164,9 @@ class TrackMatcher:
     ) -> dict[str, float]:
         """Return what readings say of errors, those of other fields with their names."""
         numbers: dict[str, float] = {}
-        given = {field: one for field, one in ((0, batch), *((b.field, b.batch) for b in batch.beside))}
+        given = {
+            field: one for field, one in ((0, batch), *((b.field, b.batch) for b in batch.beside))
+        }
         for k, field in enumerate(fields):
             one, used = given[field], len(shifts.seen[k].each.level)
             off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
