@@ -40,7 +40,7 @@ MOST_CHANNELS = 3
 """Of several channels so many times as many, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
-OF_LENGTHS = ("step", "joined")
+OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
@@ -250,7 +250,7 @@ class _Seen:
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=mean(rows.load), channel=rows.channel[which[::size]],
+            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
@@ -296,7 +296,7 @@ class _Seen:
         models, rows = self.models, self.rows
         blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
         other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load
+        load = rows.load[models.shape[0]]
         shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
         factor = np.linalg.inv(np.linalg.cholesky(other))
         values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
