@@ -161,7 +161,7 @@ def test_readings_of_several_channels_have_an_error_of_each_map():
     assert (states.channels, states.unknown, states.count) == (2, 0, 9)
     np.testing.assert_array_equal(made.channel, np.tile([0, 1], 30))
     np.testing.assert_allclose(made.noise, np.tile([1e-10, 4e-10], 30))
-    np.testing.assert_array_equal(made.load[:2], np.eye(2))  # each map's own
+    np.testing.assert_array_equal(made.load[0, :2], np.eye(2))  # each map's own
     assert (made.travelled[1::2] == 0.0).all()
 
 
@@ -181,7 +181,7 @@ def test_map_errors_under_beams_fall_off_with_distance():
     made, _, states = rows(batch, PLANE)
     count = states.channels
     assert count == 3 * states.order
-    np.testing.assert_array_equal(made.load[:3, :3], np.eye(3))
+    np.testing.assert_array_equal(made.load[0, :3, :3], np.eye(3))
     apart = 600.0 * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
     for length, joined in zip(LENGTHS, made.joined, strict=True):
         first = joined[0]  # what a run begins with
@@ -195,8 +195,8 @@ def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
     batch, _ = make_batch(ROUGH)
     made, _, _ = rows(batch, replace(ROUGH, sigma=sigma))
     own = replace(ROUGH, sigma=sigma).sigma_at(batch.latitude, batch.longitude)
-    np.testing.assert_allclose(made.load[:, 0], own / sigma.mean())
-    assert np.ptp(made.load) > 0.5
+    np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
+    assert np.ptp(made.load[0]) > 0.5
     assert (rows(batch)[0].load == 1.0).all()
 
 

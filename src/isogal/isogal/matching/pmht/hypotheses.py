@@ -41,9 +41,6 @@ LIGHT, LIGHT_MERGE = 5.0, 16.0
 """Models less probable by this log have one place only, and merge over this squared distance."""
 LEAST = -600.0
 """Of a log weight: its exponential is not 0."""
-WRONG_AID, WRONG_AID_TIME = 0.5, 1800.0
-"""1-sigma of the velocity (m/s) that a wrong aid gives the navigator, a current or a scale factor,
-and s over which that changes."""
 FLOOR = 15.0
 """No model falls further below the best than this log: what was wrong for hours may become
 right."""
@@ -98,14 +95,12 @@ class Hypotheses:
         )
 
     def propagated(
-        self, before: Array, back: Array, prior: Array, elapsed: float, taken: Array | None = None
+        self, before: Array, back: Array, prior: Array, aided: bool = True
     ) -> "Hypotheses":
         """Carry them to a batch end.
 
         What the navigator's covariance has grown by joins each hypothesis; where it has learnt
-        from other aids, each is narrowed as it was. By a model that an aid is wrong nothing is
-        learnt: the aid has drawn the navigator to where it was before its fix, and its own error
-        changes slowly.
+        from other aids, each is narrowed as it was.
 
         Parameters
         ----------
@@ -113,11 +108,8 @@ class Hypotheses:
             The navigator's covariance at the last batch end after its fix, and at this one.
         back : (7, 7) array
             Error there per unit of error here.
-        elapsed : float
-            Since then, s.
-        taken : (7,) array, optional
-            What the fix took off the error; None = of a navigator that has diverged, of which
-            other aids tell nothing.
+        aided : bool
+            Whether what other aids have told the navigator is theirs as well.
         """
         scale = np.sqrt(np.diag(prior))
         unit = np.outer(scale, scale)
@@ -125,21 +117,13 @@ class Hypotheses:
         dynamic = forward @ before @ forward.T
         values, vectors = np.linalg.eigh((prior - dynamic) / unit)
         growth = (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
-        transition, shift = np.stack([forward, forward]), np.zeros((2, BATCH_STATES))
-        growths = np.stack([growth, growth])
-        if taken is not None and values[0] < -1e-9:
-            whole = (dynamic + growth) / unit
-            learnt = _transport(whole, prior / unit) * scale[:, None] / scale
-            transition[0], growths[0] = learnt @ forward, learnt @ growth @ learnt.T
-            kept = np.linalg.solve(whole, prior / unit).T * scale[:, None] / scale
-            shift[1] = forward @ taken - kept @ forward @ taken
-            fresh = 1.0 - math.exp(-2.0 * elapsed / WRONG_AID_TIME)
-            growths[1, [2, 3], [2, 3]] += WRONG_AID**2 * fresh
+        learnt = np.eye(BATCH_STATES)
+        if aided and values[0] < -1e-9:
+            learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
+        transition = np.ascontiguousarray(learnt @ forward)
+        growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        kernels.propagated(
-            self.which, self.models.growth, transition, growths, shift, self.models.wrong_aid,
-            mean, covariance,
-        )  # fmt: skip
+        kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
     def split(self, grid: Grid, rows: Rows) -> "Hypotheses":

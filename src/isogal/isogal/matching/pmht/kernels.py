@@ -32,20 +32,16 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(  # type: ignore[no-untyped-def]
-    which, growth_factor, transition, growth, shift, wrong, mean, covariance
-):
-    """Carry hypotheses to another epoch in place: x -> A x + b for the navigator's errors x, with
-    `growth` (7, 7) times the model's factor added to their covariance; the second one of A, b and
-    growth where a model says that an aid is wrong."""
+def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
+    """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
+    `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
+    A = transition
     product, x = np.empty((n, size)), np.empty(n)
     for k in range(count):
         P = covariance[k]
-        way = wrong[which[k]]
-        A = transition[way]
         for i in range(n):
-            x[i] = shift[way, i]
+            x[i] = 0.0
             for j in range(n):
                 x[i] += A[i, j] * mean[k, j]
             for c in range(size):
@@ -59,7 +55,7 @@ def propagated(  # type: ignore[no-untyped-def]
             for c in range(n, size):
                 P[i, c] = P[c, i] = product[i, c]
             for c in range(i + 1):
-                value = factor * growth[way, i, c]
+                value = factor * growth[i, c]
                 for j in range(n):
                     value += product[i, j] * A[c, j]
                 P[i, c] = P[c, i] = value
@@ -224,7 +220,7 @@ def observed(  # type: ignore[no-untyped-def]
     keep, fresh = rows.keep.copy(), rows.fresh.copy()
     x, at, PH = np.empty(size), np.empty(size), np.empty(size)
     P = np.empty((size, size))
-    channels = rows.load.shape[1]
+    channels = rows.load.shape[2]
     before = -1
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
@@ -248,7 +244,7 @@ def observed(  # type: ignore[no-untyped-def]
             if near:
                 at[i] += shift[used[i]]
         shape = models.shape[m]
-        load, step, joined = rows.load, rows.step[shape], rows.joined[shape]
+        load, step, joined = rows.load[shape], rows.step[shape], rows.joined[shape]
         for iteration in range(ITERATIONS):
             if not _linearised(
                 grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
@@ -338,7 +334,7 @@ def curvature(  # type: ignore[no-untyped-def]
                 g2, _, _ = _predicted(grid, rows, t, north + reach * u, east + reach * v, lag)
                 f = math.exp(-rows.travelled[t] / models.length[m])
                 R = rows.noise[t] * models.noise[m]
-                load = rows.load
+                load = rows.load[models.shape[m]]
                 for j in range(load.shape[1]):
                     R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
                 departure += (0.5 * (g1 + g2) - g0) ** 2 / R

@@ -149,13 +149,12 @@ def _propagated(
     """Return the memory at the end of a batch, before its readings, and (7, 7) the error there per
     unit of error at the last batch end."""
     last = len(batch) - batch.new - 1
-    elapsed = float(batch.time[-1] - batch.time[max(last, 0)])
     back = np.eye(BATCH_STATES)
     if batch.backward is not None and last >= 0:  # what a gap in the inertial data adds is growth
         size = batch.backward.shape[1]
         back[:size, :size] = batch.backward[last]
     else:
-        xi, rest = batch.back(elapsed)
+        xi, rest = batch.back(float(batch.time[-1] - batch.time[max(last, 0)]))
         back[: len(xi)] = xi @ by_seven[:4] + rest @ by_seven[4:]
     before = memory.covariance
     if batch.correction is not None:
@@ -164,7 +163,7 @@ def _propagated(
             before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
         memory = memory.moved(off)
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-    return memory.propagated(before, back, prior, elapsed), forward
+    return memory.propagated(before, back, prior), forward
 
 
 def _observed(

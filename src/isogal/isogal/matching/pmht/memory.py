@@ -80,13 +80,13 @@ class Memory:
             taken=self.taken + by,
         )
 
-    def propagated(self, before: Array, back: Array, prior: Array, elapsed: float) -> "Memory":
+    def propagated(self, before: Array, back: Array, prior: Array) -> "Memory":
         """Return it at the next batch end; parameters of `Hypotheses.propagated`."""
         found = self.diverged.found
         if found is not None:
-            found = found.propagated(before, back, prior, elapsed)
+            found = found.propagated(before, back, prior, aided=False)
         return replace(
-            self._each(lambda bank: bank.propagated(before, back, prior, elapsed, self.taken)),
+            self._each(lambda bank: bank.propagated(before, back, prior)),
             covariance=prior,
             diverged=replace(self.diverged, found=found),
             taken=np.zeros(BATCH_STATES),

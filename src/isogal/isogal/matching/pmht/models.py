@@ -176,7 +176,7 @@ def models_of(assumed: Assumed, states: States) -> Models:
             (s, length, lp - total + math.log(fault.probability), fault)
             for s, length, lp in errors
         ]
-    return _table(rows, assumed, states)
+    return table_of(rows, assumed, states)
 
 
 def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[float, float, float]]:
@@ -218,7 +218,7 @@ def _told_errors(
     ]
 
 
-def _table(
+def table_of(
     rows: Sequence[tuple[float, float, float, Fault]], assumed: Assumed, states: States
 ) -> Models:
     """Return models of (sigma, length, log prior, fault)."""
