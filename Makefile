@@ -4,6 +4,7 @@
 #   make test [ARGS="tests/cli -k help"]   the test suite
 #   make wheel-test   build and install the library alone, and match a track with it
 #   make bench        accuracy and speed beside the last committed figures
+#   make accept [ARGS=--quick]   accuracy, honesty and cost in one table, beside the kept one
 #   make coverage     which lines and branches of the library the tests reach
 #   make docs         the documentation as a site, in build/site
 #   make test-docs    all commands of README and docs (minutes)
@@ -15,7 +16,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test coverage test-docs wheel-test docs bench lint format install install-development lock clean
+.PHONY: demo test coverage test-docs wheel-test docs bench accept lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -42,6 +43,11 @@ wheel-test:
 # Accuracy and speed beside the figures that were committed last (benchmarks/figures.json).
 bench: install-development
 	@$(BIN)/python benchmarks/bench.py $(ARGS)
+
+# All that a change of the matcher must not make worse, in two hours (benchmarks/acceptance.json);
+# with --quick in ten minutes. It goes on where it was interrupted.
+accept: install-development
+	@$(BIN)/python benchmarks/acceptance.py $(ARGS)
 
 # The documentation as a site, in build/site; its tools have a venv of their own.
 docs:

@@ -34,7 +34,7 @@ from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix
-from isogal.matching.registry import build_matcher
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal.sensors.imu import simulate_imu
@@ -105,7 +105,7 @@ class Run:
     ) -> None:
         self._world, self._outages, self._delays = world, outages, delays
         scenario = world.scenario
-        self._matcher = build_matcher(scenario.matcher, False)
+        self._matcher = load_matcher(scenario.matcher, False)
         field = measured_field(scenario)
         self._reduction = field.reduction(scenario)
         self._builder = BatchBuilder(

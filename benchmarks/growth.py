@@ -1,5 +1,5 @@
 """How CPU time and memory grow: with runs, workers, length of the route, nodes of the map, length
-of a batch, points of the sampler and hypotheses, each with its exponent.
+of a batch, each with its exponent.
 
     python benchmarks/growth.py                  # all, some minutes
     python benchmarks/growth.py --only runs      # one of them
@@ -46,8 +46,6 @@ from isogal.sensors.trajectory import build_trajectory
 SHORT = ["route.duration=1800", "gravity.field=normal", "matcher.map_sigma=0"]
 """Half an hour of the default scenario, 35 batches of 30 readings, one each 50 s."""
 LONG = ["gravity.field=normal", "matcher.map_sigma=0", "matcher.stride=30"]
-LOST = ["initial_error.position=5000", "matcher.stride=30"]
-"""The navigator is told that it may be kilometres off: the first batches have many hypotheses."""
 SIDES = 40.0, 90.0
 """km north and east, of the map about half an hour of the default route."""
 WAVES = 3.0, 5.0, 9.0, 16.0, 30.0
@@ -69,12 +67,7 @@ AXES = {
     "route": Axis("length of the route", (300, 600, 1500, 3000, 6000), " km"),
     "nodes": Axis("nodes of the map about a route", (400, 1600, 6400, 12800), " thousand"),
     "batch": Axis("readings in a batch, a fix every five", (8, 15, 30, 60, 120)),
-    "samples": Axis(
-        "points of the sampler (`matcher.options.samples`), lost by 5 km", (512, 1024, 2048, 8192)
-    ),
-    "hypotheses": Axis(
-        "hypotheses kept (`matcher.options.hypotheses`), lost by 5 km", (64, 512, 4096)
-    ),
+    "start": Axis("start known to so many m", (50, 500, 1000, 5000), " m"),
 }
 
 
@@ -116,10 +109,8 @@ def case(name: str, size: int, folder: Path) -> tuple[Scenario, int]:
         changes += [f"map.source={folder / 'map.nc'}"]
     elif name == "batch":
         changes += [f"matcher.batch_length={size}", "matcher.stride=5"]
-    elif name == "samples":
-        changes += [*LOST, f"matcher.options={{samples: {size}}}"]
     else:
-        changes += [*LOST, f"matcher.options={{hypotheses: {size}}}"]
+        changes += [f"initial_error.position={size}"]
     return load_scenario(None, changes), runs
 
 

@@ -110,13 +110,18 @@ def parts_of(scenario: Scenario, runs: int, folder: Path) -> Iterator[tuple[rang
         yield range(first, last), folder / f"{name}-{first}-{last}.npz"
 
 
-def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str, Any]:
-    """Return the figures of a row."""
+def bound_of(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> Array:
+    """Return (K,) m, the RMS bound of a row's world at the times of a record."""
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
     world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario
     share = map_share(world, field_map, record)
-    bound = posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
+    return posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
+
+
+def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str, Any]:
+    """Return the figures of a row."""
+    bound = bound_of(row, scenario, record, maps)
     summary = summarise(record, scenario, bound)
     late = record.elapsed > SETTLED_AFTER
     squared = (record.horizontal_error[:, late] ** 2).mean(axis=1)

@@ -33,9 +33,10 @@ from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.pmht.attitude import joint_prior
-from isogal.matching.pmht.gaussian_mixture import Mixture
-from isogal.matching.pmht.past_batches import posterior_of
+from isogal.matching.pmht.diverged import PLACES
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.places import carried
+from isogal.matching.pmht.search import unaided
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
@@ -46,6 +47,9 @@ RANGES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 """Of the promised probability of a second place."""
 _OUTSIDE = 13.8
 """Chi-square of two degrees of freedom that one in a thousand exceeds."""
+_TOUCHING, _VALLEY = 4.0, 0.1
+"""Squared distance of two hypotheses of one place, and density in units of the largest one below
+which there is a valley between two places."""
 _MARGIN = 0.12
 """Share of the map along its edges in which no place is drawn."""
 _SECOND = 0.05
@@ -67,8 +71,8 @@ class Listening:
     """A matcher that says nothing to the navigator, and remembers what it found."""
 
     matcher: Any
-    found: list[tuple[Mixture, float]] = field(default_factory=list)
-    """Of each batch: the heaviest place, and its probability."""
+    found: list[tuple[Array, Array, float]] = field(default_factory=list)
+    """Of each batch: mean (2,), covariance (2, 2) and probability of the heaviest place."""
 
     def __post_init__(self) -> None:
         self.name, self.context = self.matcher.name, self.matcher.context
@@ -76,12 +80,41 @@ class Listening:
 
     def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
         """Match one batch; see `isogal.matching.interfaces.Matcher`."""
-        fix, after = self.matcher.match(batch, field_map, None)
-        places, sure = after.hypotheses, fix.diagnostics.get("probability", 0.0)
-        if fix.published:  # the hypotheses are about what the fix leaves
-            places = Mixture.gaussian(*posterior_of(joint_prior(batch), fix.information))
-        self.found.append((places, sure))
+        _, after = self.matcher.match(batch, field_map, None)
+        bank = after.fields[0].bank
+        searched = bank is None
+        them = _searched(after.diverged, field_map) if searched else bank.moved(-after.taken)
+        self.found.append(heaviest(them))  # a bank is about what the fix leaves
         return declined(batch, "only listening"), after
+
+
+def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses:
+    """Return the hypotheses of a search that takes all readings at once."""
+    rows, to_end, off = unaided(diverged.past)
+    search = diverged.search
+    while search.done < len(rows.level):
+        search = search.continued(rows, field_map.grid, PLACES)
+    return carried(search.hypotheses.normalised(), to_end, off)
+
+
+def heaviest(bank: Hypotheses) -> tuple[Array, Array, float]:
+    """Return mean (2,) and covariance (2, 2) of the heaviest place, and its probability.
+
+    A place is what is left and right of the densest hypothesis without a valley in between: those
+    of at least `_VALLEY` of its density that touch it, or another one of it."""
+    weight = np.exp(bank.log_weight - np.logaddexp.reduce(bank.log_weight))
+    within = bank.covariance[:, :2, :2]
+    apart = bank.mean[:, None, :2] - bank.mean[:, :2]
+    inverse = np.linalg.inv(within[:, None] + within)
+    touching = np.einsum("kli,klij,klj->kl", apart, inverse, apart) < _TOUCHING
+    density = weight / np.sqrt(np.linalg.det(within))
+    dense = density > _VALLEY * density.max()
+    place = np.arange(len(bank)) == np.argmax(density)
+    while (grown := touching[place].any(axis=0) & dense).sum() > place.sum():
+        place = grown
+    same = bank.part(place)
+    mean, covariance = same.moments()
+    return mean[:2], covariance[:2, :2], float(weight[touching[place].any(axis=0)].sum())
 
 
 def draw(area: Area, count: int, seed: int) -> list[tuple[int, int, float]]:
@@ -152,9 +185,9 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[di
         record = simulate(leg, range(runs), ground, ear)
         truth = record.error[:, -1]
         wrong = [
-            _outside(place, error) for (place, _), error in zip(ear.found, truth, strict=True)
+            _outside(*place[:2], error) for place, error in zip(ear.found, truth, strict=True)
         ]
-        left = np.array([1.0 - sure for _, sure in ear.found])
+        left = np.array([1.0 - sure for _, _, sure in ear.found])
         results.append(
             {
                 "promised": case.promised,
@@ -168,12 +201,9 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[di
     return results
 
 
-def _outside(place: Mixture | None, error: Array) -> bool:
+def _outside(mean: Array, covariance: Array, error: Array) -> bool:
     """Whether the navigator's error (2,) is outside the ellipse of the best place."""
-    if place is None:
-        return True
-    apart = error - place.mean[0, :2]
-    return bool(apart @ np.linalg.solve(place.covariance[0, :2, :2], apart) > _OUTSIDE)
+    return bool((error - mean) @ np.linalg.solve(covariance, error - mean) > _OUTSIDE)
 
 
 def rank_correlation(a: Sequence[float], b: Sequence[float]) -> float:

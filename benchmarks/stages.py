@@ -22,22 +22,23 @@ from typing import Any
 import numpy as np
 
 from isogal.matching import joint_batches
-from isogal.matching.pmht import assumptions_monitor, hypotheses, lost_navigator, matcher, state
-from isogal.matching.pmht.likelihood import BatchLikelihood
+from isogal.matching.pmht import diverged, kernels, matcher
+from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.montecarlo import engine
 from isogal.scenario import load_scenario
 
 _loop = engine._ClosedLoop
 STAGES: tuple[tuple[str, Any, str], ...] = (
-    ("prepare", matcher, "prepare"),
-    ("publish", matcher, "publish"),
-    ("update: hypotheses", state, "update"),
-    ("update: nearly linear", hypotheses, "nearly_linear"),
-    ("update: samples", hypotheses, "sample"),
-    ("update: likelihood", BatchLikelihood, "log"),
+    ("hypotheses carried along", Hypotheses, "propagated"),
+    ("rows", matcher, "rows_of"),
+    ("split: looks at the map", kernels, "curvature"),
+    ("split: rest", Hypotheses, "split"),
+    ("readings taken", Hypotheses, "observed"),
+    ("merged", Hypotheses, "reduced"),
+    ("search: cells", diverged, "places"),
+    ("search: rest", matcher, "pursued"),
+    ("publish", matcher, "published"),
     ("the matcher's rest", matcher.Pmht, "match"),
-    ("monitor of assumptions", assumptions_monitor.AssumptionsMonitor, "match"),
-    ("monitor of lost navigators", lost_navigator.LostNavigatorMonitor, "match"),
     ("batch built", joint_batches.JointBatches, "build"),
     ("batch corrected", _loop, "_correct_batches"),
     ("fix taken", _loop, "_aid"),
@@ -89,22 +90,23 @@ def measure(settings: list[str], runs: int, hours: float) -> None:
     clock = Clock()
     for name, owner, attribute in STAGES:
         setattr(owner, attribute, clock.timed(name, getattr(owner, attribute)))
-    names = ("outliers", "update: rest", "learn", "assess")
-    matcher.STAGES = tuple(map(clock.timed, names, matcher.STAGES))
     fixes: list[float] = []
-    monitored = assumptions_monitor.AssumptionsMonitor.match
+    timed = matcher.Pmht.match
 
     def match(*values: Any) -> Any:
         start = thread_time()
-        result = monitored(*values)
+        result = timed(*values)
         fixes.append(1e3 * (thread_time() - start))
         return result
 
-    assumptions_monitor.AssumptionsMonitor.match = match
+    matcher.Pmht.match = match
     engine.simulate(scenario, range(runs))
     total = sum(clock.spent.values())
     print(f"{runs * hours / total:.2f} run-hours per CPU second")
-    print(f"a fix: median {np.median(fixes):.2f} ms, mean {np.mean(fixes):.2f} ms")
+    print(
+        f"a fix: median {np.median(fixes):.2f} ms, mean {np.mean(fixes):.2f} ms,"
+        f" 99 % {np.percentile(fixes, 99.0):.2f} ms, longest {max(fixes):.2f} ms"
+    )
     for name, seconds in sorted(clock.spent.items(), key=lambda item: -item[1]):
         print(f"{1e3 * seconds / len(fixes):8.3f} ms  {name}")
 

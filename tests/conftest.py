@@ -67,8 +67,9 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def nothing_old_is_searched_for_garbage() -> Iterator[None]:
-    """Thousands of tests, numba and matplotlib are there to stay: a collection of garbage that
-    looks at them takes a fifth of a second, and closing a ROS context is one."""
+    """Thousands of tests, numba and matplotlib are there to stay, and a collection of garbage that
+    looks at them takes a fifth of a second. What is garbage already would stay as well."""
+    gc.collect()
     gc.freeze()
     yield
 

@@ -15,8 +15,8 @@ from isogal import checkpoints
 from isogal.checkpoints import Saved, decode, encode, load, owner, save
 from isogal.errors import InputError
 from isogal.inertial.error_state import Estimate
-from isogal.matching.interfaces import Information
-from isogal.matching.pmht.memory import Memory, VarianceFactor
+from isogal.matching.interfaces import Beside, Information
+from isogal.matching.pmht.memory import Memory
 
 ME = owner({"seed": 1}, 0)
 
@@ -61,28 +61,29 @@ def test_arrays(kind, shape) -> None:
 
 
 def test_dataclasses_and_named_tuples_of_the_library(tmp_path) -> None:
-    memory = Memory(
-        12.5, np.eye(4), outlier_times=frozenset({1.0, 2.0}), variance_factor=VarianceFactor(3.0)
-    )
+    memory = Memory.before(3.0 * np.eye(7))
     estimate = Estimate(np.ones(3), np.zeros(3), np.array([1.0, 0, 0, 0]))
     path = tmp_path / "deep" / "file"
-    save(path, ME, Saved(7, {"memory": memory, "estimate": estimate}))
+    save(
+        path, ME, Saved(7, {"memory": memory, "estimate": estimate, "set": frozenset({1.0, 2.0})})
+    )
     content = load(path, ME).content
     assert isinstance(content["memory"], Memory)
-    assert content["memory"].outlier_times == {1.0, 2.0}
-    assert content["memory"].variance_factor == VarianceFactor(3.0)
-    np.testing.assert_array_equal(content["memory"].prior, np.eye(4))
+    assert content["set"] == {1.0, 2.0}
+    np.testing.assert_array_equal(content["memory"].diverged.start, 3.0 * np.eye(7))
+    np.testing.assert_array_equal(content["memory"].covariance, 3.0 * np.eye(7))
     assert isinstance(content["estimate"], Estimate)
 
 
 def test_what_is_left_out_is_found_anew() -> None:
     kept = Information(np.ones(4), np.eye(4))
-    data = encode(ME, Saved(0, Memory(1.0, kept)), lambda value: isinstance(value, Information))
+    beside = Beside(1, kept, None)
+    data = encode(ME, Saved(0, beside), lambda value: isinstance(value, Information))
     seen = []
     got = decode(data, ME, "here", restore=lambda known: seen.append(known) or "found")
-    assert got.content.prior == "found"
-    assert seen[0]["time"] == 1.0
-    with pytest.raises(InputError, match="prior was left out"):
+    assert got.content.batch == "found"
+    assert seen[0]["field"] == 1
+    with pytest.raises(InputError, match="batch was left out"):
         decode(data, ME, "here")
 
 
@@ -120,7 +121,7 @@ def forged(content: object, arrays: list | None = None) -> bytes:
     (forged({"class": "subprocess:Popen", "fields": {"args": "true"}}), "class subprocess:Popen"),
     (forged({"class": "isogal.files:os.system", "fields": {}}), "class isogal.files:os.system"),
     (forged({"class": "isogal.files:write_atomic", "fields": {}}), "class isogal.files"),
-    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 2 required"),
+    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 3 required"),
     (forged({"array": 0}), "IndexError"),
     (forged(1, [["<f8", [10**12]]]), "ValueError"),
     (forged(1, [["|O", [1]]]), "array of"),

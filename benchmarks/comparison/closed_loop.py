@@ -6,7 +6,7 @@ from typing import Any
 
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, Matcher
-from isogal.matching.registry import build_matcher
+from isogal.matching.registry import load_matcher
 from isogal.montecarlo import engine
 from isogal.scenario import Scenario
 
@@ -48,7 +48,7 @@ def measure_closed_loop(
 ) -> tuple[dict[str, float], list[Batch]]:
     """CPU seconds of a Monte Carlo, in all and by part; the batches of its first run."""
     clock = Clock()
-    matcher = WatchedMatcher(build_matcher(scenario.matcher), clock)
+    matcher = WatchedMatcher(load_matcher(scenario.matcher), clock)
     kept = engine.propagate, engine.propagate_ins
     engine.propagate = clock.watch("filter", engine.propagate)
     engine.propagate_ins = clock.watch("strapdown", engine.propagate_ins)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,39 @@ among them, and 1 and 7 lie beside those."""
 Rows = list[dict[str, Any]]
 
 
+class Group(NamedTuple):
+    """Lines that are matched alike."""
+
+    field_map: FieldMap
+    lines: Sequence[Line]
+    sigma: float
+    """Of the readings' white noise, in the map's unit."""
+    directions: int
+    length: int
+    """Of a batch, readings."""
+
+
+GROUPS = {
+    "Clear Lake, 4 directions": (GRAVITY_SIGMA, 4, WHOLE),
+    "Clear Lake, batches of 30, 2 directions": (GRAVITY_SIGMA, 2, BATCH),
+    "Scotland, tie lines, 2 directions": (MAGNETIC_SIGMA, 2, WHOLE),
+    "Scotland, flight lines, 2 directions": (MAGNETIC_SIGMA, 2, WHOLE),
+}
+
+
+def group_of(name: str, data: Path) -> Group:
+    """Return one of `GROUPS` with its map and lines."""
+    if name.startswith("Clear Lake"):
+        field_map, lines, _ = clear_lake(data)
+    else:
+        field_map, flights, ties = scotland(data)
+        lines = ties if "tie lines" in name else flights
+    return Group(field_map, lines, *GROUPS[name])
+
+
 def study_untold(data: Path) -> dict[str, Any]:
     """Return summaries of all lines, whole and at Clear Lake in batches as well."""
-    lake, lines, _ = clear_lake(data)
-    midland, flights, ties = scotland(data)
-    return {
-        "Clear Lake, 4 directions": _matched(lake, lines, GRAVITY_SIGMA, 4, WHOLE),
-        "Clear Lake, batches of 30, 2 directions": _matched(lake, lines, GRAVITY_SIGMA, 2, BATCH),
-        "Scotland, tie lines, 2 directions": _matched(midland, ties, MAGNETIC_SIGMA, 2, WHOLE),
-        "Scotland, flight lines, 2 directions": _matched(
-            midland, flights, MAGNETIC_SIGMA, 2, WHOLE
-        ),
-    }
+    return {name: matched(*group_of(name, data)) for name in GROUPS}
 
 
 def study_gridded(data: Path) -> dict[str, Any]:
@@ -57,9 +78,9 @@ def study_gridded(data: Path) -> dict[str, Any]:
         ("shipped map", lake, midland),
     ):
         results |= {
-            f"Clear Lake, {kind}": _matched(lake_map, lines, GRAVITY_SIGMA, 2, WHOLE),
-            f"Scotland, tie lines, {kind}": _matched(scotland_map, ties, MAGNETIC_SIGMA, 2, WHOLE),
-            f"Scotland, flight lines, {kind}": _matched(
+            f"Clear Lake, {kind}": matched(lake_map, lines, GRAVITY_SIGMA, 2, WHOLE),
+            f"Scotland, tie lines, {kind}": matched(scotland_map, ties, MAGNETIC_SIGMA, 2, WHOLE),
+            f"Scotland, flight lines, {kind}": matched(
                 scotland_map, flights, MAGNETIC_SIGMA, 2, WHOLE
             ),
         }
@@ -84,16 +105,22 @@ def study_left_out(data: Path) -> dict[str, Any]:
             on_map = np.isfinite(field_map.value(*where)).mean()
             if row.size >= FEWEST and on_map > 0.9:
                 lines.append(Line(f"line {number}", *where, survey.value[row]))
-        found = _matched(field_map, lines, MAGNETIC_SIGMA, 2, WHOLE)
+        found = matched(field_map, lines, MAGNETIC_SIGMA, 2, WHOLE)
         rows += found["rows"]
         results[f"lines {first}, {first + 8}, ..."] = found
     return results | {"all": summary_of(rows) | {"rows": rows}}
 
 
-def _matched(
-    field_map: FieldMap, lines: Sequence[Line], sigma: float, directions: int, length: int
+def matched(
+    field_map: FieldMap,
+    lines: Sequence[Line],
+    sigma: float,
+    directions: int,
+    length: int,
+    name: str = "pmht",
 ) -> dict[str, Any]:
-    settings = Matcher(batch_length=length)
+    """Return the summary and the rows of lines that are matched from some directions."""
+    settings = Matcher(name=name, batch_length=length)
     rows = []
     for line in lines:
         for shift in bearings(directions):

@@ -257,9 +257,12 @@ def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
         try:
             yield made
         finally:
+            made.executor.shutdown()
             for node in (made.node, made.probe):
-                made.executor.remove_node(node)
                 node.destroy_node()
+            # it keeps what it has had, and others would find that for as long as anybody, as the
+            # traceback of a failed test, keeps the executor
+            made.executor.shutdown()
 
 
 def run_here(scenario: Scenario, bag: Path | None) -> Outcome:

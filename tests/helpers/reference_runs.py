@@ -253,8 +253,11 @@ def main() -> int:
     chosen = LIBRARY | GRAPH
     if command == "keep":
         KEPT.parent.mkdir(exist_ok=True)
+        kept = json.loads(KEPT.read_text())
         lines = [
-            f"{json.dumps(name)}: {json.dumps(sampled(make()))}" for name, make in chosen.items()
+            f"{json.dumps(name)}: {json.dumps(sampled(make()))}"
+            for name, make in chosen.items()
+            if name in kept
         ]
         KEPT.write_text("{\n" + ",\n".join(lines) + "\n}\n")
         return 0

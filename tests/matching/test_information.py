@@ -6,13 +6,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from helpers.batches import field_map_of, make_batch
 from helpers.navigators import random_covariance
 from isogal.matching.information import likelihood_information, measurement_only, shares
 from isogal.matching.interfaces import Information
-from isogal.matching.pmht.attitude import with_attitude
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 seeds = st.integers(0, 2**32 - 1)
@@ -112,64 +108,6 @@ def test_position_fix_of_one_direction_leaves_the_other_open():
     assert abs(R[0, 1]) < 1e-6 * R[1, 1]
     assert fix[1] == pytest.approx(40.0 / (1.0 - (10.0 / 200.0) ** 2))
     assert fix[0] == 0.0
-
-
-PLANE = field_map_of(lambda north, east: 4e-8 * north - 3e-8 * east, half=60e3, step=2000.0)
-
-
-def test_attitude_is_what_the_readings_say_of_it():
-    """On a plane: conditioning the joint of (xi, attitude) on all readings at once."""
-    random = np.random.default_rng(5)
-    age = np.linspace(1.0, 0.0, 30)
-    by_xi, root = (
-        random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5],
-        random.standard_normal((3, 3)) * 3e-5,
-    )
-    batch, _ = make_batch(
-        PLANE,
-        (200.0, -100.0, 0.03, 0.02),
-        nuisance_position=300.0 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3)),
-        nuisance_reading=1e-5 * age[:, None] * random.standard_normal(3),
-        attitude=(by_xi, root),
-    )
-    likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel(map_sigma=1e-5))
-    residual, slope = likelihood.linearise(np.zeros(4))
-    # x = (xi, d): residual = -slope xi - drift d + e
-    H = -np.concatenate([slope, likelihood.nuisance_at(np.zeros(4))], axis=1)
-    start = np.block([[batch.prior, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
-    S = np.linalg.inv(np.linalg.inv(start) + H.T @ np.linalg.solve(likelihood.covariance, H))
-    turn = np.block([[np.eye(4), np.zeros((4, 3))], [by_xi, root]])
-    x, covariance = (
-        turn @ S @ H.T @ np.linalg.solve(likelihood.covariance, residual),
-        turn @ S @ turn.T,
-    )
-    mean, got, prior = with_attitude(
-        batch,
-        likelihood,
-        (S @ H.T @ np.linalg.solve(likelihood.covariance, residual))[:4],
-        S[:4, :4],
-    )
-    scale = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose((mean - x) / scale, 0.0, atol=1e-6)
-    np.testing.assert_allclose(
-        got / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-6
-    )
-    np.testing.assert_allclose(prior, turn @ start @ turn.T, rtol=1e-9, atol=1e-30)
-    information = likelihood_information(mean, got, prior)
-    back, P = bayes(prior, information.vector, information.matrix)
-    np.testing.assert_allclose((back - x) / scale, 0.0, atol=1e-3)
-    np.testing.assert_allclose(
-        P / scale / scale[:, None], covariance / scale / scale[:, None], atol=1e-3
-    )
-    assert got[6, 6] < 0.99 * prior[6, 6]
-
-
-def test_without_attitude_it_is_position_and_velocity():
-    batch, _ = make_batch(PLANE)
-    likelihood = BatchLikelihood.of(batch, PLANE, NoiseModel())
-    mean, _, prior = with_attitude(batch, likelihood, np.ones(4), np.eye(4))
-    assert mean.shape == (4,)
-    assert prior is batch.prior
 
 
 @given(seeds, st.integers(1, 8))

@@ -10,12 +10,10 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fields.gravity import DISTURBANCE
 from isogal.fields.simulator import ReadingSimulator, between_scans
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.path import FilterPath, Path
-from isogal.matching.pmht.filtered import as_points, path_nodes
-from isogal.matching.pmht.likelihood import BatchLikelihood
-from isogal.matching.pmht.noise_model import NoiseModel, residual_covariance
+from isogal.matching.path import Path
+from isogal.matching.pmht.low_pass import as_points, path_nodes
+from isogal.matching.pmht.matcher import Pmht
 from isogal.scenario import Gravimeter, MapError, Matcher, Scenario
-from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
@@ -111,53 +109,17 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     np.testing.assert_array_equal(raw.reading, batch.reading)
 
 
-def test_the_likelihood_peaks_at_the_navigator_s_error():
-    for keys in ({"delay": 20.0}, {"delay": 5.0, "filter_time": 20.0}):
-        batch, _ = batch_of(scenario(**keys), error=(120.0, -70.0))
-        likelihood = BatchLikelihood.of(batch, MAP, NoiseModel())
-        offsets = np.array([[0.0, 0.0], [30.0, 0.0], [-30.0, 0.0], [0.0, 30.0], [0.0, -30.0]])
-        xi = np.concatenate([np.array([120.0, -70.0]) + offsets, np.zeros((5, 2))], axis=1)
-        log = likelihood.log(xi)
-        assert log[0] == log.max()
-        assert log[0] > log[1:].max() + 3.0
-
-
-def test_a_filtered_reading_is_the_mean_of_the_map_wherever_the_navigator_is():
-    """Also far from where it believes to be, where no straight line stands for the map."""
-    batch, _ = batch_of(scenario(filter_time=30.0), error=(400.0, -300.0))
-    likelihood = BatchLikelihood.of(batch, MAP, NoiseModel())
-    xi = np.array([400.0, -300.0, 0.0, 0.0])
-    residual, slope = likelihood.linearise(xi)
-    turning = np.abs(np.gradient(batch.velocity, axis=0)).max(axis=1) > 0.05
-    turning |= np.convolve(turning, np.ones(15), "full")[:40] > 0
-    assert np.abs(residual[~turning]).max() < 6e-7
-    steps = np.diag([1.0, 1.0, 0.01, 0.01])
-    moved = [likelihood.linearise(xi + s * one)[0] for one in steps for s in (0.5, -0.5)]
-    by_hand = np.stack([a - b for a, b in zip(moved[::2], moved[1::2], strict=True)], axis=1)
-    np.testing.assert_allclose(slope @ steps, by_hand, rtol=1e-3, atol=1e-11)
-
-
-@pytest.mark.parametrize("length", [4000.0, 660.0, 300.0])
-def test_the_map_s_error_is_correlated_as_after_the_filter(length):
-    """Against the integral over both paths, on a straight line at 22 m/s."""
-    speed, filter_time = 22.0, 30.0
-    ages, weight = Lag(0.0, filter_time).ages()
-    time = 10.0 * np.arange(30)
-    away = speed * (filter_time - ages)[:, None] * [1.0, 0.0]
-    path = FilterPath(filter_time, np.tile(away, (30, 1, 1)), weight)
-    north = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1], *ORIGIN)[0] / 1e-5
-    where = ORIGIN[0] + speed * time / north, np.full(30, ORIGIN[1])
-    ones = np.ones(30)
-    got = residual_covariance(*where, 0.0 * ones, ones, length, 0.0, filter_path=path)
-    past = np.arange(0.25, 400.0, 0.5)
-    share = np.exp(-past / filter_time)
-    between = past[:, None] - past
-    expected = [
-        (np.outer(share, share) * np.exp(-speed * np.abs(lag + between) / length)).sum()
-        for lag in time
-    ]
-    np.testing.assert_allclose(got[0], np.array(expected) / share.sum() ** 2, atol=2e-3)
-    assert np.linalg.eigvalsh(got).min() > 0.0
+def test_the_posterior_is_at_the_navigator_s_error():
+    """Late, filtered or both: also far from where the navigator believes to be, where no straight
+    line stands for the map."""
+    for keys in ({"delay": 20.0}, {"delay": 5.0, "filter_time": 20.0}, {"filter_time": 30.0}):
+        error = np.array([400.0, -300.0])
+        batch, _ = batch_of(scenario(**keys), error=error)
+        fix, _ = Pmht.from_settings(Matcher(map_sigma=0.0)).match(batch, MAP, None)
+        assert fix.published, fix.reason
+        seen = -horizontal_difference(fix.latitude, fix.longitude, *batch.end)
+        assert np.abs(seen - error).max() < 20.0
+        assert np.sqrt(np.trace(fix.covariance)) < 40.0
 
 
 def test_without_filter_and_delay_nothing_changes():
@@ -194,22 +156,6 @@ def test_map_error_between_scans_is_a_gauss_markov_process():
     distance = 22.0 * np.abs(np.subtract.outer(which, which))
     measured = error[:, which].T @ error[:, which] / runs
     np.testing.assert_allclose(measured, np.exp(-distance / 500.0), atol=5.0 * np.sqrt(2 / runs))
-
-
-def test_a_map_error_that_is_filtered_has_less_variance():
-    batch, _ = batch_of(scenario(filter_time=30.0))
-    noise = NoiseModel(map_sigma=1e-5, correlation_length=2000.0)
-    filtered = BatchLikelihood.of(batch, MAP, noise).covariance
-    rows = np.arange(30)  # before the turn ends
-    # of a Gauss-Markov process through a first-order filter: sigma² b / (a + b), and between
-    # rows b (b exp(-a t) - a exp(-b t)) / (b² - a²)
-    a, b = 22.0 / 2000.0, 1.0 / 30.0
-    lag = np.abs(batch.time[rows][:, None] - batch.time[rows])
-    expected = 1e-10 * b * (b * np.exp(-a * lag) - a * np.exp(-b * lag)) / (b**2 - a**2)
-    straight = batch.time[rows] < 300.0
-    both = np.ix_(rows[straight], rows[straight])
-    measured = (filtered - np.diag(batch.sigma**2))[both]
-    np.testing.assert_allclose(measured, expected[both], rtol=0.08)
 
 
 def test_missing_readings_leave_the_others_in_place():

@@ -4,7 +4,8 @@ import pytest
 
 from isogal import plugins
 from isogal.errors import InputError
-from isogal.matching.registry import build_matcher
+from isogal.matching.pmht.settings import GONE
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
 MATCHERS = plugins.names(plugins.MATCHERS)
@@ -12,7 +13,7 @@ MATCHERS = plugins.names(plugins.MATCHERS)
 
 @pytest.mark.parametrize("name", MATCHERS)
 def test_every_matcher_builds_and_knows_its_name(name):
-    it = build_matcher(Matcher(name=name))
+    it = load_matcher(Matcher(name=name))
     assert it.name == name
     assert it.context >= 0
     assert callable(it.match)
@@ -23,16 +24,16 @@ def test_unknown_options_are_refused(name):
     with pytest.raises(
         InputError, match=rf"^matcher\.options of {name}: unknown key 'nonsense'(; allowed: \w+)?"
     ) as caught:
-        build_matcher(Matcher(name=name, options={"nonsense": 1}))
+        load_matcher(Matcher(name=name, options={"nonsense": 1}))
     assert "\n" not in str(caught.value)
 
 
 def test_bad_values_of_options_are_refused():
     with pytest.raises(
         InputError,
-        match=r"matcher\.options of pmht: confidence: input should be less than 1, not 2",
+        match=r"matcher\.options of pmht: trust: input should be .* 1, not 0\.5",
     ):
-        build_matcher(Matcher(options={"confidence": 2.0}))
+        load_matcher(Matcher(options={"trust": 0.5}))
 
 
 @pytest.mark.parametrize(("name", "message"), [
@@ -41,25 +42,26 @@ def test_bad_values_of_options_are_refused():
 ])  # fmt: skip
 def test_unknown_names(name, message):
     with pytest.raises(InputError, match=message):
-        build_matcher(Matcher().model_copy(update={"name": name}))
+        load_matcher(Matcher().model_copy(update={"name": name}))
 
 
-def test_pmht_sees_a_batch_of_context_unless_told():
-    assert build_matcher(Matcher(batch_length=20)).context == 20
-    assert build_matcher(Matcher(batch_length=20, options={"context": 0})).context == 0
-    assert build_matcher(Matcher(name="pmht-paper")).context == 0
+@pytest.mark.parametrize("name", GONE)
+def test_options_that_the_bank_has_no_use_for_are_refused(name):
+    words = rf"^matcher\.options of pmht: {name}: the bank of hypotheses has no use for it$"
+    with pytest.raises(InputError, match=words):
+        load_matcher(Matcher(options={name: 1}))
 
 
 def test_an_unknown_option_gets_the_nearest_of_its_matcher():
-    with pytest.raises(InputError, match=r"unknown key 'confidenc', did you mean 'confidence'\?"):
-        build_matcher(Matcher(options={"confidenc": 0.5}))
+    with pytest.raises(InputError, match=r"unknown key 'trus', did you mean 'trust'\?"):
+        load_matcher(Matcher(options={"trus": 2.0}))
 
 
 def test_only_pmht_takes_several_channels():
-    assert build_matcher(Matcher(), channels=True).takes_channels
+    assert load_matcher(Matcher(), channels=True).takes_channels
     for name in set(MATCHERS) - {"pmht"}:
         with pytest.raises(
             InputError,
             match=rf"^matcher\.name: {name} takes one number .* several channels give pmht$",
         ):
-            build_matcher(Matcher(name=name), channels=True)
+            load_matcher(Matcher(name=name), channels=True)

@@ -9,7 +9,6 @@ from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Fix
 from isogal.matching.joint_batches import JointBatches
-from isogal.matching.pmht.past_batches import seen_from
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
 from isogal.scenario import Matcher
@@ -71,19 +70,6 @@ def test_a_batch_has_it_beside_the_attitude() -> None:
     np.testing.assert_allclose(moved, 0.5 * SIGMA * 580.0**2, rtol=0.15)
     assert batch.back_nuisance is not None
     assert batch.back_nuisance[:4, 3:].any()
-
-
-def test_another_navigator_sees_it_as_well() -> None:
-    batch = build(SIGMA)
-    other = seen_from(batch, np.zeros(7), 4.0 * PRIOR)
-    np.testing.assert_array_equal(
-        other.nuisance_position[..., 3:], batch.nuisance_position[..., 3:]
-    )
-    assert other.back_nuisance is not None
-    assert batch.back_nuisance is not None
-    assert other.attitude is not None
-    np.testing.assert_array_equal(other.back_nuisance[:, 3:], batch.back_nuisance[:, 3:])
-    assert not other.attitude[1][:, 3:].any()
 
 
 def test_batches_go_by_the_map_error_that_a_fix_tells() -> None:

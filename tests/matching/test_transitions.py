@@ -1,12 +1,10 @@
-"""The compiled loops of transitions, and of what they are joined to, against NumPy."""
+"""The compiled loops of transitions against NumPy."""
 
 import numpy as np
 
-from helpers.navigators import random_covariance
 from isogal.earth.ellipsoid import radii
 from isogal.earth.gravity import normal_gravity
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.matching.pmht.attitude import _joint
 from isogal.matching.transitions import backwards, rates
 
 TIME = np.array([0.0, 10.0, 25.0, 30.0, 50.0])
@@ -33,13 +31,3 @@ def test_backwards_is_a_product_of_exponentials_to_third_order():
         following = (np.eye(7) + f + f @ f / 2.0 + f @ f @ f / 6.0) @ following
         difference = (got[i] - following) * unit / unit[:, None]
         np.testing.assert_allclose(difference, 0.0, atol=1e-12)
-
-
-def test_joint_covariance_is_that_of_numpy():
-    random = np.random.default_rng(1)
-    covariance = random_covariance(np.array([300.0, 200.0, 0.3, 0.2]), 1)
-    gain, half = random.standard_normal((3, 4)), random.standard_normal((3, 3))
-    both = np.vstack([np.eye(4), gain])
-    expected = both @ covariance @ both.T
-    expected[4:, 4:] += half @ half.T
-    np.testing.assert_allclose(_joint(covariance, gain, half @ half.T), expected, rtol=1e-10)

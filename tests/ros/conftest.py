@@ -1,6 +1,7 @@
 """A small map and short scenarios for the graph; every test worker has a ROS domain of its own."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -16,9 +17,11 @@ from helpers.made_once import made_once
 from helpers.node_bench import run_here
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros.graph.domain import DOMAIN, claim_domain
+from isogal_ros.graph.domain import DOMAIN, claim_domain, participants
 
 __all__ = ["maps_once"]
+
+PATIENCE = 10.0
 
 Recorded = tuple[Scenario, Path]
 """A scenario and the bag of its run."""
@@ -33,15 +36,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def domain() -> Iterator[int]:
-    """A free domain, for this worker's tests and for the processes that they start."""
+    """A free domain, for this worker's tests and for the processes that they start; not that of
+    who has started the tests, which all workers would share."""
+    before = os.environ.pop(DOMAIN, None)
     with claim_domain() as number:
-        before = os.environ.get(DOMAIN)
         os.environ[DOMAIN] = str(number)
         yield number
-        if before is None:
-            del os.environ[DOMAIN]
-        else:
-            os.environ[DOMAIN] = before
+        del os.environ[DOMAIN]
+    if before is not None:
+        os.environ[DOMAIN] = before
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nobody_is_left_behind(domain: int) -> Iterator[None]:
+    """What a module starts in the worker's domain is gone at its end: the next one would hear it,
+    and commands would stay out of the domain. Processes may take a while."""
+    yield
+    end = time.monotonic() + PATIENCE
+    while (left := participants(domain)) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not left, f"{left} participants are left in ROS domain {domain}"
 
 
 @pytest.fixture(scope="session")

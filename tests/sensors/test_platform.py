@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isogal.inertial.rotations import from_rotation_vector, matrix
-from isogal.matching.reading_noise import reading_covariance
+from isogal.matching.reading_noise import joined, noise_covariance, noise_states
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.platform import levelling_error, mean_error, tilted_reading
 from isogal.sensors.trajectory import build_trajectory
@@ -55,7 +55,7 @@ def test_its_mean_and_covariance_are_those_that_the_matcher_assumes():
     error = errors_of(range(60), platform_tilt=2e-3)
     assert error.mean() == pytest.approx(mean_error(settings), rel=0.15)
     time, level = 10.0 * np.arange(60), np.tile([17.0, 13.0], (60, 1))
-    assumed = reading_covariance(settings, time, np.zeros(60), level)
+    assumed = noise_covariance(joined(noise_states(settings, time, level)), np.zeros(60), time)
     apart = error - mean_error(settings)
     for lag in (0, 1, 15, 30):
         measured = (apart[:, : apart.shape[1] - lag] * apart[:, lag:]).mean()
@@ -65,7 +65,9 @@ def test_its_mean_and_covariance_are_those_that_the_matcher_assumes():
 def test_in_a_turn_it_takes_horizontal_force():
     settings, time = Gravimeter(platform_tilt=2e-3, platform_time=300.0), 10.0 * np.arange(4)
     velocity = np.outer(time, [0.2, -0.1])
-    still = reading_covariance(settings, time, np.zeros(4), 0.0 * velocity)
-    moving = reading_covariance(settings, time, np.zeros(4), velocity)
+    still, moving = (
+        noise_covariance(joined(noise_states(settings, time, v)), np.zeros(4), time)
+        for v in (0.0 * velocity, velocity)
+    )
     expected = 4e-6 * 0.05 * np.exp(-np.abs(time[:, None] - time) / 300.0)
     np.testing.assert_allclose(moving - still, expected, rtol=1e-9)

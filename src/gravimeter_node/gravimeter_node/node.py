@@ -56,13 +56,11 @@ class GravimeterNode(GraphNode):
 
     def setup(self) -> None:
         """Draw the readings and make publishers and subscriptions."""
-        self._reduced = 0
-        """Readings reduced so far."""
-        self._out_of_range = self._left_out = 0
+        self._reduced = self._out_of_range = self._left_out = 0
+        """Readings so far."""
         covariance = measured_field(self.scenario).covariance(self.scenario)
         self._variance = self.scenario.gravimeter.sigma**2 if covariance is None else covariance
-        self._newest = -1
-        self._same = 0
+        self._newest, self._same = -1, 0
         self._felt_last: Any = math.nan
         self._adapter = adapter_of(self.scenario)
         self._message = self._adapter.new_raw()
@@ -91,6 +89,8 @@ class GravimeterNode(GraphNode):
 
     def _feel(self, data: bytes) -> None:
         ns = peek_ns(data)
+        require_later(ns, self._newest - 1)  # a step may come again
+        self._newest = ns
         if self._vehicle is not None:
             self._vehicle.step(ns)
         if (felt := self._felt.get(ns)) is None:

@@ -86,9 +86,12 @@ class Topic:
     """Message class."""
     consumers: tuple[str, ...] = ()
     """Nodes that cannot do without."""
+    single: bool = True
+    """Whether its messages are those of one publisher, in order of time: of a sensor or a node.
+    Otherwise each message says something by itself, whoever sends it and whenever."""
 
 
-CLOCK = Topic("/clock", Clock)
+CLOCK = Topic("/clock", Clock, single=False)
 IMU = Topic("imu/data_raw", Imu, (UKF_FUSION,))
 BAROMETER = Topic("barometer/data_raw", FluidPressure, (UKF_FUSION,))
 """In air or in water, if `height.source` says so."""
@@ -123,14 +126,14 @@ OF_INSTRUMENTS = (
     SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT,
 )  # fmt: skip
 """Of which a graph has those of its own instrument only."""
-FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM))
-INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,))
+FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM), single=False)
+INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,), single=False)
 """Before each fix: all of it, as `isogal_ros.messages.whole_fix` describes."""
-POSE = Topic("pmht_mm/pose", PoseWithCovarianceStamped)
+POSE = Topic("pmht_mm/pose", PoseWithCovarianceStamped, single=False)
 """After each fix the same in the frame ``map``, for filters that take poses; none where a batch
 gave no fix."""
 CANDIDATES = Topic("pmht_mm/candidates", PointCloud2)
-INITIAL_POSE = Topic("initialpose", PoseWithCovarianceStamped)
+INITIAL_POSE = Topic("initialpose", PoseWithCovarianceStamped, single=False)
 """Where the vehicle is, from a user: the filter starts anew there."""
 NAV_FIX = Topic("nav/fix", NavSatFix, (GRAVIMETER, PMHT_MM))
 NAV_ODOM = Topic("nav/odom", Odometry, (GRAVIMETER, PMHT_MM, INS_SIM))
@@ -140,10 +143,10 @@ v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot c
 NAV_PATH = Topic("nav/path", Path)
 PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
 """m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
-TF = None if TFMessage is None else Topic("/tf", TFMessage)
-TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage)
+TF = None if TFMessage is None else Topic("/tf", TFMessage, single=False)
+TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage, single=False)
 TRANSFORMS = () if TF is None else (TF,)
-DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,))
+DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,), single=False)
 
 ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,

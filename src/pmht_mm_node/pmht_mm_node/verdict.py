@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from isogal.matching.failures import has_failed
+from isogal.matching.failures import UNEXPLAINED, has_failed
 from isogal.matching.interfaces import Fix
-from isogal.matching.pmht.constants import CONSTANTS
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
@@ -15,8 +14,18 @@ FEW, MANY = 3, 10
 AGREED = 10
 """Fixes in a row after which a place that was found is believed: a map that is not what it is
 taken for has places, too, that fit some batches."""
-MISFIT = "agree"
-"""In the reason of a batch whose readings the map does not explain."""
+LIKELY, CERTAIN = 0.5, 0.95
+"""Probability from which on it is said that the navigator is somewhere else, and that something is
+not as it was told."""
+DOUBTS = {
+    UNEXPLAINED: "readings and map do not agree: the map's error is as large as its features",
+    "biased": "readings and map do not agree: there is a constant between them",
+    "navigator": "errors of the navigator are larger than it says",
+    "noisier": "readings are noisier",
+    "late": "readings are late",
+    "filtered": "readings are a mean over the path",
+}
+"""What figures of a fix are the probability of (`isogal.matching.pmht.models`)."""
 
 
 class Verdict:
@@ -38,7 +47,7 @@ class Verdict:
         self._lost = (self._lost or fix.reset) and not fix.published
         self._without = 0 if fix.published else self._without + 1
         self._failures = self._failures + 1 if has_failed(fix.reason) else 0
-        misfit = not fix.published and MISFIT in (fix.reason or "")
+        misfit = not fix.published and fix.diagnostics.get(UNEXPLAINED, 0.0) > LIKELY
         self._misfits = self._misfits + 1 if misfit else 0
         self._count(fix)
         self.level, self.text = self._judge(fix)
@@ -60,8 +69,8 @@ class Verdict:
             return ERROR, f"the navigator is lost: {fix.reason}"
         if self.found:
             return WARN, "the navigator was lost and has been told where it is"
-        if "search_readings" in fix.diagnostics:
-            return WARN, "the navigator may be lost: its place is being searched for"
+        if fix.diagnostics.get("diverged", 0.0) > LIKELY:
+            return WARN, "the navigator may be lost: readings fit better elsewhere"
         if max(self._misfits, self._failures) >= FEW or self._without >= MANY:
             return ERROR, why
         if self._misfits or self._failures or self._without >= FEW:
@@ -76,16 +85,10 @@ class Verdict:
 
 def _doubt(fix: Fix) -> str | None:
     """Return what is probably not as it was told; None where it may all be so."""
-    least, _ = CONSTANTS.assumptions_probability
-    figures = fix.diagnostics
-    if figures.get("as_assumed", 1.0) >= least:
-        return None
-    return (
-        "what was told does not foretell the fixes; more likely are errors of the navigator"
-        f" {figures['navigator_sigma_factor']:.1f} times, of fixes"
-        f" {figures['fix_sigma_factor']:.1f} times as large, and readings"
-        f" {figures['delay']:.0f} s late"
-    )
+    for name, words in DOUBTS.items():
+        if fix.diagnostics.get(name, 0.0) > CERTAIN:
+            return f"what was told does not foretell the readings: {words}"
+    return None
 
 
 def line(ns: int, fix: Fix) -> str:

@@ -9,7 +9,7 @@ from isogal.fields.measured import measured_field, reading_sigma
 from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.failures import match_or_decline
-from isogal.matching.registry import build_matcher
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -24,7 +24,7 @@ def warm_up(scenarios: Sequence[Scenario], maps: Sequence[RouteMap]) -> None:
 def _match(scenario: Scenario, field_map: RouteMap) -> None:
     trajectory = build_trajectory(scenario)
     settings, field = scenario.matcher, measured_field(scenario)
-    matcher = build_matcher(settings, field.channels is not None)
+    matcher = load_matcher(settings, field.channels is not None)
     builder = BatchBuilder(
         settings, field.reduction(scenario), matcher.context, field.covariance(scenario)
     )

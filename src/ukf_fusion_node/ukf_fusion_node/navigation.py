@@ -66,6 +66,8 @@ class Navigation:
         """None = it has no start yet."""
         self.ns = -1
         """Stamp of the newest state."""
+        self._published = -1
+        """Newest stamp published since the start."""
         self.rate = np.zeros(3)
         """Angular rate of the newest sample, FRD."""
         self._warm_up()
@@ -82,6 +84,34 @@ class Navigation:
         """The newest state."""
         assert self.navigator is not None
         return self.navigator.state
+
+    def latest(self) -> tuple[int, FilterState, Array]:
+        """Return stamp, state and angular rate, to be published.
+
+        Samples that were found untrue are forgotten (`back`), what was published of them is not:
+        until there are later ones, it is what becomes of the state until the newest stamp
+        published, if the vehicle goes on as it did."""
+        self._published = max(self.ns, self._published)
+        return self._published, self._state_at(self._published), self.rate
+
+    def _state_at(self, ns: int) -> FilterState:
+        assert self.navigator is not None
+        if ns <= self.ns:
+            return self.state
+        sample = self.navigator.sample
+        ahead = BufferedNavigator(
+            self.model, self.state.copy(), to_seconds(self.ns), 0.0, self._motion, sample
+        )
+        missing = max(0.0, to_seconds(ns - self.ns) - self.model.dt)
+        ahead.propagate(to_seconds(ns), *sample, self._height, missing)
+        return ahead.state
+
+    def require_later(self, ns: int) -> None:
+        """Raise BadMessageError unless a sample's stamp is later than the newest state's and than
+        the newest that was published."""
+        if self.navigator is not None:
+            newest = self.ns if self._stream is None else self._stream.ns
+            require_later(ns, max(newest, self._published))
 
     def begin(self, ns: int) -> bool:
         """Begin with the first sample (its stamp), if there is something to begin with; return
@@ -156,6 +186,7 @@ class Navigation:
         """Forget all: navigate from the scenario's start where it fits the next sample, else from
         a pose that is to come; return what it does next."""
         self._checkpoint.forget()
+        self._published = -1
         self.navigator, self._placed, self._from_start = None, None, True
         self._health.state(WARN, "reset; waits for IMU samples")
         return "waits for a start"
@@ -172,7 +203,6 @@ class Navigation:
         BadMessageError
             It cannot be used.
         """
-        require_later(ns, self.ns if self._stream is None else self._stream.ns)
         if self._stream is None:
             self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
             yield

@@ -78,6 +78,8 @@ class UkfFusionNode(GraphNode):
         self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
+        # before anything is concluded from it: an old sample says nothing of those of now
+        self._navigation.require_later(ns)
         try:
             self._watch.take(force, rate)
         except StuckError as error:
@@ -137,7 +139,7 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        self.outputs.publish(self._navigation.ns, self._navigation.state, self._navigation.rate)
+        self.outputs.publish(*self._navigation.latest())
 
 
 main = main_of(UkfFusionNode, topics.UKF_FUSION)

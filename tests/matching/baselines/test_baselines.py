@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import field_map_of, make_batch
 from isogal import plugins
 from isogal.errors import InputError
-from isogal.matching.registry import build_matcher
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
 NAMES = ["tercom", "iccp", "sitan", "particle", "point-mass", "viterbi"]
@@ -20,7 +20,7 @@ Eötvös term with the velocity east (docs/mathematics.md, section 2.6)."""
 
 
 def build(name, **settings):
-    return build_matcher(Matcher(name=name, **settings))
+    return load_matcher(Matcher(name=name, **settings))
 
 
 def test_all_names_of_a_scenario_are_registered():

@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.matching.paper.iteration import Process, ScanCandidates, maximise
 from isogal.matching.paper.kalman import constant_velocity
 from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
-from isogal.matching.registry import build_matcher
+from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
@@ -194,7 +194,7 @@ def test_the_less_feature_the_more_covariance(rough_map):
 
 def test_retrodiction_holds_the_information_once(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
-    matcher = build_matcher(Matcher(name="pmht-paper", mode="retrodiction"))
+    matcher = load_matcher(Matcher(name="pmht-paper", mode="retrodiction"))
     fix, _ = matcher.match(batch, rough_map, None)
     assert fix.scan_position.shape == (30, 2)
     np.testing.assert_allclose(fix.scan_position[-1], [fix.latitude, fix.longitude])
@@ -225,6 +225,6 @@ def test_odd_data_is_declined(rough_map, changes, reason):
 
 def test_bad_options_are_one_clear_line():
     with pytest.raises(InputError, match=r"^matcher.options of pmht-paper: unknown key 'gama'.*$"):
-        build_matcher(Matcher(name="pmht-paper", options={"gama": 9.0}))
+        load_matcher(Matcher(name="pmht-paper", options={"gama": 9.0}))
     with pytest.raises(InputError, match=r"gamma: input should be greater than 0, not -1"):
-        build_matcher(Matcher(name="pmht-paper", options={"gamma": -1}))
+        load_matcher(Matcher(name="pmht-paper", options={"gamma": -1}))

@@ -1,5 +1,6 @@
 """A ROS domain for one graph."""
 
+import gc
 import re
 import socket
 import subprocess
@@ -11,12 +12,23 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
+from helpers.node_bench import run_here
 from isogal.cli.main import main
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import DOMAIN, claim_domain, defaults, graph_domain, names_of
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.domain import (
+    DOMAIN,
+    claim_domain,
+    defaults,
+    graph_domain,
+    names_of,
+    participants,
+)
 from isogal_ros.graph.domain import local_context as in_domain
+from isogal_ros.graph.replay import replay
+from isogal_ros.nodes.signals import Interrupt
 
 NAMES = names_of(Scenario())
 PUBLISHER = """
@@ -137,6 +149,22 @@ def test_two_graphs_that_start_at_once_are_kept_apart(other_domain, capsys) -> N
             pass
     with graph_domain(NAMES, other_domain) as again:
         assert again == other_domain
+
+
+@pytest.fixture
+def without_garbage_collection() -> Iterator[None]:
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("without_garbage_collection")
+def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, recording, scenario) -> None:
+    """It once was until Python searched for garbage, so that a second one took another domain."""
+    replay(BagReader(recording), Interrupt(), lambda progress: None)
+    assert participants(other_domain) == 0
+    run_here(scenario("route.duration=60.0"), None)
+    assert participants(other_domain) == 0
 
 
 @pytest.fixture

@@ -185,6 +185,26 @@ def test_what_one_node_would_refuse_ends_the_launch_before_any(
     assert made.nodes == {}
 
 
+def test_a_section_for_nobody_is_said(launch, tmp_path, capsys) -> None:
+    """What it asks for once went unheard, as a node does not look at another's section."""
+    names = ("/**", "ukf_fuson_node", "/ship/ukf_fusion_node", "ukf_fusion_node", "/camera")
+    document = {name: {"ros__parameters": {}} for name in names}
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(document))
+    words = {"params": str(tmp_path / "params.yaml"), "bag": str(tmp_path / "bag")}
+    launch(**words).describe()
+    said = [line.rpartition("section ")[2] for line in capsys.readouterr().err.splitlines()]
+    nobody = "is for no node of the graph"
+    assert sorted(said[1:]) == [
+        f"/camera {nobody}",
+        f"/ship/ukf_fusion_node {nobody}; did you mean /ukf_fusion_node?",
+        f"ukf_fuson_node {nobody}; did you mean /ukf_fusion_node?",
+    ]
+    launch(**words, namespace="ship").describe()
+    err = capsys.readouterr().err
+    assert f"section ukf_fusion_node {nobody}; did you mean /ship/ukf_fusion_node?" in err
+    assert f"section /ship/ukf_fusion_node {nobody}" not in err
+
+
 @pytest.mark.parametrize("respawn", ["false", "true"])
 def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
     made = launch(bag=str(tmp_path / "bag"), respawn=respawn)

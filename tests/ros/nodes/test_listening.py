@@ -1,76 +1,209 @@
-"""Publishers that are best effort are heard, those that are reliable without loss."""
+"""Publishers that are best effort are heard, those that are reliable without loss; of several
+publishers of a sensor's topic one is used.
+
+Each test has topics of its own: nodes that have been destroyed can stay for as long as their
+process, and these tests count who is there."""
 
 import time
+from dataclasses import replace
+from itertools import count
 
 import pytest
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.domain import local_context
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.listening import Listening
 from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values
 
 PATIENCE = 20.0
+NUMBER = count()
 
 
 class Hearer(GraphNode):
-    """Keeps the stamps of IMU samples."""
+    """Keeps the stamps of IMU samples, serialised or not, and of poses."""
 
     sections = ("seed",)
 
     def setup(self) -> None:
         self.heard: list[int] = []
-        self.listening = self.listen(topics.IMU, self._take)
+        self.poses: list[int] = []
+        self.said: list[str] = []
+        number = next(NUMBER)
+        self.t_imu, self.t_pose = (
+            replace(topic, name=f"listening_{number}/{topic.name}")
+            for topic in (topics.IMU, topics.INITIAL_POSE)
+        )
+        self.imu = self.listen(self.t_imu, lambda message: self.heard.append(second(message)))
+        self.pose = self.listen(self.t_pose, lambda message: self.poses.append(second(message)))
 
-    def _take(self, message) -> None:
-        self.heard.append(message.header.stamp.sec)
+    def log(self, level: bytes, text: str) -> None:
+        if level == WARN:
+            self.said.append(text)
 
 
-@pytest.fixture
-def graph(domain):
-    """A node that listens, a node to publish from, and a function that spins until something is
-    so."""
-    with local_context(domain) as context:
+class Graph:
+    """A node that listens, and nodes to publish from. These are not on the executor, which keeps
+    what it has had: where a test fails, others would hear their publishers."""
+
+    def __init__(self, context, executor) -> None:
         values = node_values(Scenario(), {"peers": ["hearer"]}, Hearer.sections)
-        hearer = Hearer("hearer", values=values, context=context)
-        driver = rclpy.create_node("driver", context=context)
-        executor = make_executor(context)
-        executor.add_node(hearer)
-        executor.add_node(driver)
+        self.hearer = Hearer("hearer", values=values, context=context)
+        self.executor, self.context = executor, context
+        self.nodes = [self.hearer]
+        executor.add_node(self.hearer)
 
-        def until(so) -> bool:
-            end = time.monotonic() + PATIENCE
-            while not so() and time.monotonic() < end:
-                executor.spin_once(timeout_sec=0.02)
-            return so()
+    def publisher(self, name: str, topic=None, qos=topics.LOSSLESS):
+        """A publisher of a new node, of IMU samples unless a topic is given."""
+        topic = topic or self.hearer.t_imu
+        self.nodes.append(rclpy.create_node(name, context=self.context))
+        return self.nodes[-1].create_publisher(topic.type, topic.name, qos)
 
-        yield hearer, driver, until
-        for node in (hearer, driver):
-            executor.remove_node(node)
+    def connected(self, publisher, listening: Listening, count: int) -> bool:
+        """Spin until either side knows of the other: what is published before is lost."""
+        return self.until(
+            lambda: (
+                publisher.get_subscription_count() == 1
+                and listening.get_publisher_count() == count
+            )
+        )
+
+    def until(self, so) -> bool:
+        """Spin until something is so."""
+        end = time.monotonic() + PATIENCE
+        while not so() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+        return so()
+
+    def close(self) -> None:
+        self.executor.remove_node(self.hearer)
+        for node in self.nodes:
             node.destroy_node()
+        self.executor.shutdown()
 
 
-def sample(second: int):
-    message = topics.IMU.type()
-    message.header.stamp.sec = second
+@pytest.fixture(params=[make_executor, lambda context: SingleThreadedExecutor(context=context)])
+def graph(domain, request):
+    with local_context(domain) as context:
+        made = Graph(context, request.param(context))
+        yield made
+        made.close()
+
+
+def second(message) -> int:
+    return message.header.stamp.sec
+
+
+def sample(number: int, topic=topics.IMU):
+    message = topic.type()
+    message.header.stamp.sec = number
     return message
 
 
-def test_both_kinds_of_publishers_are_heard(graph) -> None:
-    hearer, driver, until = graph
-    reliable = driver.create_publisher(topics.IMU.type, "imu/data_raw", topics.LOSSLESS)
-    assert until(lambda: hearer.listening.get_publisher_count() == 1)
-    reliable.publish(sample(1))
-    assert until(lambda: hearer.heard == [1])
-    careless = driver.create_publisher(topics.IMU.type, "imu/data_raw", qos_profile_sensor_data)
-    assert until(lambda: hearer.listening.get_publisher_count() == 2)
-    reliable.publish(sample(2))
-    assert until(lambda: hearer.heard == [1, 2])
-    careless.publish(sample(3))
-    assert until(lambda: hearer.heard == [1, 2, 3])
-    assert hearer.listening.topic_name == "/imu/data_raw"
-    hearer.listening.end()
+def test_a_best_effort_publisher_is_heard(graph) -> None:
+    hearer, careless = graph.hearer, graph.publisher("driver", qos=qos_profile_sensor_data)
+    assert graph.connected(careless, hearer.imu, 1)
+    careless.publish(sample(1))
+    assert graph.until(lambda: hearer.heard == [1])
+    assert hearer.imu.topic_name == f"/{hearer.t_imu.name}"
+    hearer.imu.end()
+    hearer.pose.end()
     assert len(list(hearer.subscriptions)) == 0
+
+
+def test_both_kinds_of_publishers_are_heard_where_several_may_be(graph) -> None:
+    hearer, topic = graph.hearer, graph.hearer.t_pose
+    reliable = graph.publisher("user", topic)
+    assert graph.connected(reliable, hearer.pose, 1)
+    reliable.publish(sample(1, topic))
+    assert graph.until(lambda: hearer.poses == [1])
+    careless = graph.publisher("viewer", topic, qos_profile_sensor_data)
+    assert graph.connected(careless, hearer.pose, 2)
+    assert graph.connected(reliable, hearer.pose, 2)
+    reliable.publish(sample(2, topic))
+    assert graph.until(lambda: hearer.poses == [1, 2])
+    careless.publish(sample(3, topic))
+    assert graph.until(lambda: hearer.poses == [1, 2, 3])
+
+
+def test_a_best_effort_publisher_does_not_disturb_the_one_that_is_used(graph) -> None:
+    """The subscription was once made anew for it: samples were lost, and the others' guarantee
+    with them."""
+    hearer, reliable = graph.hearer, graph.publisher("driver")
+    assert graph.connected(reliable, hearer.imu, 1)
+    reliable.publish(sample(1))
+    assert graph.until(lambda: hearer.heard == [1])
+    before = list(hearer.subscriptions)
+    graph.publisher("second_driver", qos=qos_profile_sensor_data)
+    told = f"{hearer.t_imu.name} is published by /second_driver, too: /driver is used"
+    assert graph.until(lambda: told in hearer.said)
+    reliable.publish(sample(2))
+    assert graph.until(lambda: hearer.heard == [1, 2])
+    assert list(hearer.subscriptions) == before
+
+
+def test_publishers_are_kept_apart(graph) -> None:
+    """Samples of two drivers were once used by turns; the second one's numbers are all later."""
+    hearer = graph.hearer
+    first, second = graph.publisher("driver"), graph.publisher("simulator")
+    assert graph.connected(first, hearer.imu, 2)
+    assert graph.connected(second, hearer.imu, 2)
+    for number in range(20):
+        first.publish(sample(number))
+        second.publish(sample(100 + number))
+    dropped = hearer.health.dropped
+    assert graph.until(lambda: len(hearer.heard) + dropped.get(hearer.t_imu.name, 0) == 40)
+    assert hearer.heard == list(range(20))
+    assert dropped == {hearer.t_imu.name: 20}
+    assert hearer.health.why[hearer.t_imu.name] == (
+        "of a second publisher, /simulator: /driver is used"
+    )
+    assert sum("dropped: of a second publisher" in text for text in hearer.said) == 1
+    told = f"{hearer.t_imu.name} is published by /simulator, too: /driver is used"
+    assert graph.until(lambda: told in hearer.said)
+    graph.nodes[1].destroy_node()
+    assert graph.until(lambda: hearer.imu.get_publisher_count() == 1)
+    second.publish(sample(200))
+    second.publish(sample(201))
+    assert graph.until(lambda: hearer.heard[20:] == [200, 201])
+
+
+def test_the_first_is_used_whoever_comes_later_and_however_much_is_sent(graph) -> None:
+    hearer, first = graph.hearer, graph.publisher("driver")
+    assert graph.connected(first, hearer.imu, 1)
+    first.publish(sample(0))
+    assert graph.until(lambda: hearer.heard == [0])
+    second = graph.publisher("driver")  # of the same name, and the first still speaks
+    assert graph.connected(second, hearer.imu, 2)
+    for number in range(1, 50):
+        first.publish(sample(number))
+        for _ in range(3):
+            second.publish(sample(1000))
+    assert graph.until(lambda: len(hearer.heard) == 50)
+    assert hearer.heard == list(range(50))
+    assert "another /driver: /driver is used" in hearer.health.why[hearer.t_imu.name]
+
+
+def test_a_successor_of_the_same_name_takes_over_at_once(graph) -> None:
+    """Of a process that was killed the middleware notices only after 20 s that it is gone."""
+    hearer, first = graph.hearer, graph.publisher("driver")
+    assert graph.connected(first, hearer.imu, 1)
+    first.publish(sample(1))
+    assert graph.until(lambda: hearer.heard == [1])
+    second = graph.publisher("driver")
+    assert graph.connected(second, hearer.imu, 2)
+    for number in (2, 3):
+        second.publish(sample(number))
+    assert graph.until(lambda: hearer.heard == [1, 2, 3])
+    assert hearer.health.dropped == {}
+    first.publish(sample(4))  # it was there all the time
+    second.publish(sample(5))
+    first.publish(sample(6))
+    assert graph.until(lambda: hearer.heard[-1] == 6)
+    assert hearer.heard == [1, 2, 3, 4, 6]

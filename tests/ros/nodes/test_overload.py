@@ -113,8 +113,7 @@ def test_a_hundred_topics_of_strangers_are_not_recorded(scenario, tmp_path) -> N
             imu.publish(topics.IMU.type())
         while recorder.writer.messages < 20 and time.monotonic() < end:
             executor.spin_once(timeout_sec=0.05)
-        for node in (recorder, strangers):
-            executor.remove_node(node)
+        executor.shutdown()
         recorder.close()
         strangers.destroy_node()
     messages = list(BagReader(tmp_path / "bag").messages())

@@ -118,8 +118,8 @@ def test_what_truth_says_of_other_nodes_sections_is_left_to_them(context, values
 
 
 def test_keys_inside_a_parameter_of_yaml(probe) -> None:
-    node = probe(matcher__options__samples=64, truth__imu__grade="quantum")
-    assert node.scenario.matcher.options == {"samples": 64}
+    node = probe(matcher__options__trust=3.0, truth__imu__grade="quantum")
+    assert node.scenario.matcher.options == {"trust": 3.0}
     assert not node.has_parameter("truth")
 
 

@@ -19,7 +19,7 @@ from isogal_ros.parameters.values import (
         (),
         ("route.duration=null", "matcher.stride=5", "map.variable=ga", "map.path=x.nc"),
         ("route.waypoints=[[-37, 145, 20], [-36.5, 146, 22.5], [-36, 147, 25]]",),
-        ("matcher.map_sigma=auto", "matcher.options={samples: 256, names: [a, b]}"),
+        ("matcher.map_sigma=auto", "matcher.options={trust: 3, names: [a, b]}"),
         ("matcher.map_sigma=3e-5", "seed=7", "matcher.mode=retrodiction"),
         ("imu.gyroscope.bias=0.01deg/h", "imu.accelerometer.misalignment=[1, 2, 3e-5]"),
         ("imu.grade=tactical", "imu.rate=200", "fusion.rate=2", "imu.grades=null"),

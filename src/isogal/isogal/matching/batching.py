@@ -8,11 +8,13 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
+from isogal.matching.parameters import Parameters
 from isogal.matching.path import Path, sensed
-from isogal.matching.reading_noise import height_covariance, reading_covariance
+from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, Scans, Track
 from isogal.matching.transitions import (
@@ -23,7 +25,6 @@ from isogal.matching.transitions import (
     condition,
     reading_rate,
 )
-from isogal.inertial.error_state import BATCH_STATES
 from isogal.matrices import symmetric
 from isogal.scenario import Gravimeter, Height, Scenario
 from isogal.scenario import Matcher as MatcherSettings
@@ -129,14 +130,16 @@ class BatchBuilder:
     def collected(self) -> Collected:
         """What has been collected."""
         scans = tuple(self._scans[k] for k in range(len(self._scans)))
-        return Collected(scans, self._count, self._unused, self._bridge, self.gravity)
+        return Collected(
+            scans, self._count, self._unused, self._bridge, self.gravity, self._correction
+        )
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
         self._scans = Scans(self._most)
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
-        self._bridge, self._correction = collected.bridge, None
+        self._bridge, self._correction = collected.bridge, collected.correction
         self.gravity = collected.gravity or self.gravity
 
     def begin(self, earlier: int) -> None:
@@ -241,6 +244,7 @@ class BatchBuilder:
         self._unused = 0
         correction, self._correction = self._correction, np.zeros(BATCH_STATES)
         before = len(times) - new - 1
+        noise = self._noise(scans, velocity, times)
         batch = Batch(
             time=times,
             latitude=latitude,
@@ -259,7 +263,8 @@ class BatchBuilder:
             back_nuisance=None if before < 0 else rest[before],
             attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
             backward=backward[:, : len(prior), : len(prior)],
-            reading_covariance=self._noise(scans, sigma, velocity, times),
+            reading_covariance=None if noise is None else noise_covariance(noise, sigma, times),
+            noise=noise,
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=reading_rate(at_scan, velocity, times),
@@ -274,17 +279,15 @@ class BatchBuilder:
             return whole
         return self.expansion.expand(whole, reading, self._scans.details(scans))
 
-    def _noise(self, scans: slice, sigma: Array, velocity: Array, times: Array) -> Array | None:
-        """Return (T, T) the covariance of the readings' noise and of errors of their height; None
-        where it is white."""
-        covariance = reading_covariance(self.instrument, times, sigma, velocity)
-        if not self._height.measured:
-            return covariance
-        latitude, longitude, *_ = self._scans.track(scans)
-        up = self._scans.heights(scans)
-        at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-        white = np.diag(sigma**2) if covariance is None else covariance
-        return white + height_covariance(self._height, self.reduction, times, at)
+    def _noise(self, scans: slice, velocity: Array, times: Array) -> Parameters | None:
+        """Return what readings have beside white noise, errors of their height included."""
+        states = noise_states(self.instrument, times, velocity)
+        if self._height.measured:
+            latitude, longitude, *_ = self._scans.track(scans)
+            up = self._scans.heights(scans)
+            at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
+            states += height_states(self._height, self.reduction, at)
+        return joined(states)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
         """Return a batch of readings that are late, each where the vehicle was at the time that it

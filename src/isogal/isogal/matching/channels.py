@@ -16,6 +16,7 @@ from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
+from isogal.matching.reading_noise import scan_noise
 
 
 def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
@@ -44,7 +45,11 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
             f" have {readings.shape}"
         )
     scans, channels = readings.shape
-    whole = _block_diagonal(np.asarray(covariance, dtype=np.float64), scans, channels)
+    blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
+    by_scan = np.zeros((scans, channels, scans, channels))
+    every = np.arange(scans)
+    by_scan[every, :, every, :] = blocks
+    whole = by_scan.reshape(scans * channels, scans * channels)
 
     def spread(array: Array) -> Array:
         return np.repeat(array, channels, axis=0)
@@ -68,12 +73,13 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         reading_rate=None,
         channel=np.tile(np.arange(channels), scans),
         reading_covariance=whole,
+        noise=scan_noise(blocks),
     )
 
 
-def _block_diagonal(covariance: Array, scans: int, channels: int) -> Array:
-    """Return the covariance (T C, T C) of all readings from that of each scan, (C, C) or
-    (T, C, C); raises InputError as `channel_batch`."""
+def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
+    """Return the covariance (T, C, C) of each scan's readings from that or one for all of them,
+    (C, C); raises InputError as `channel_batch`."""
     if covariance.shape not in ((channels, channels), (scans, channels, channels)):
         raise InputError(
             f"covariance of readings of several channels must have shape ({channels}, {channels})"
@@ -85,10 +91,7 @@ def _block_diagonal(covariance: Array, scans: int, channels: int) -> Array:
         and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
     ):
         raise InputError("covariance of readings of several channels must be positive definite")
-    by_scan = np.zeros((scans, channels, scans, channels))
-    each = np.arange(scans)
-    by_scan[each, :, each, :] = 0.5 * (blocks + blocks.swapaxes(1, 2))
-    return by_scan.reshape(scans * channels, scans * channels)
+    return np.asarray(0.5 * (blocks + blocks.swapaxes(1, 2)))
 
 
 def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:
@@ -109,6 +112,7 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
         channel=None,
         beam=None,
         reading_covariance=None,
+        noise=None,
         of_one_potential=None,
     )
     return part, first

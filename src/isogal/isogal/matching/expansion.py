@@ -169,8 +169,10 @@ class Soundings:
         """Return the batch with a row for each beam, at the place of its footprint."""
         count, foot = self._beams, np.concatenate(details)
 
+        each = np.repeat(np.arange(len(batch)), count)
+
         def spread(array: Array) -> Array:
-            return np.repeat(array, count, axis=0)
+            return np.asarray(array[each])
 
         north, east = metres_per_radian(spread(batch.latitude))
         rows: dict[str, Any] = {name: spread(getattr(batch, name)) for name in PER_ROW}
@@ -182,6 +184,7 @@ class Soundings:
             backward=None if batch.backward is None else spread(batch.backward),
             reading_rate=None,
             reading_covariance=_with_common(batch, count),
+            noise=None if batch.noise is None else batch.noise.part(each),
             beam=np.tile(np.arange(count), len(batch)),
             end_place=batch.end,
         )

@@ -14,6 +14,8 @@ from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 FAILED = "the matcher failed: "
 """Begins the reason of a batch on which the matcher has raised an exception, or whose fix is not
 finite."""
+UNEXPLAINED = "unexplained"
+"""Figure of a batch without a fix whose readings the map does not explain."""
 _NUMERICAL = ("numpy", "scipy", "numba")
 """Packages whose own lines say nothing of where a matcher has failed."""
 

@@ -91,6 +91,9 @@ class Batch:
     reading_covariance: Array | None = None
     """(T, T) covariance of the sensor's noise, where the channels of a scan are correlated, or
     readings one after the other; None = diag(sigma²)."""
+    noise: Parameters | None = None
+    """The same as states: what readings have in common. The rest of their variance is white; None
+    = all of it."""
     reading_rate: Array | None = None
     """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
     unit; None = not at all."""
@@ -147,6 +150,7 @@ class Batch:
             channel=None if self.channel is None else self.channel[which],
             beam=None if self.beam is None else self.beam[which],
             parameters=None if self.parameters is None else self.parameters.part(which),
+            noise=None if self.noise is None else self.noise.part(which),
             reading_covariance=None if covariance is None else covariance[np.ix_(which, which)],
             filter_path=None if path is None else path.part(which),
             cut=int((which < self.cut).sum()),

@@ -1,7 +1,8 @@
 """Constants, or what changes slowly, that are estimated along with the navigator's error: what a
 magnetic vehicle adds to its readings, a wrong speed of sound, the tilt of a gradiometer's platform
-(docs/mathematics.md, section 9.5)."""
+(docs/mathematics.md, section 5.2)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,8 @@ class Parameters:
     reading = map(place - position theta) + reading theta + ..."""
 
     names: tuple[str, ...]
-    """Of the first of them, as the diagnostics have them; may be fewer than C."""
+    """Of the first of them, as the diagnostics have them; may be fewer than C, and "" of those
+    that they do not have."""
     sigma: Array
     """(C,) before the first reading."""
     reading: Array
@@ -42,3 +44,29 @@ class Parameters:
         """Return the parameters of some rows."""
         position = None if self.position is None else self.position[rows]
         return replace(self, reading=self.reading[rows], position=position)
+
+    @classmethod
+    def together(cls, parts: "Sequence[Parameters | None]") -> "Parameters | None":
+        """Return several as one, each but the last with names of all of its own; None where there
+        are none."""
+        some = [one for one in parts if one is not None]
+        if len(some) < 2:
+            return some[0] if some else None
+        return cls(
+            tuple(name for one in some for name in one.names),
+            np.concatenate([one.sigma for one in some]),
+            np.concatenate([one.reading for one in some], axis=1),
+            np.concatenate([one.moves for one in some], axis=2),
+            np.concatenate([one.times for one in some]),
+            np.concatenate([one.walks for one in some]),
+        )
+
+    @property
+    def times(self) -> Array:
+        """`time`, or inf."""
+        return np.full(len(self.sigma), np.inf) if self.time is None else self.time
+
+    @property
+    def walks(self) -> Array:
+        """`walk`, or zeros."""
+        return np.zeros(len(self.sigma)) if self.walk is None else self.walk

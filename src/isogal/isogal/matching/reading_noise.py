@@ -1,74 +1,112 @@
-"""Covariance of the noise of a batch's readings, as told (docs/mathematics.md, section 5.2)."""
+"""What a batch's readings have beside white noise, as told: states with columns, and the
+covariance that follows from them (docs/mathematics.md, section 5.2)."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.matching.parameters import Parameters
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.gravimeter_errors import accelerations
 from isogal.sensors.platform import mean_error
 from isogal.sensors.reduction import Reduction, State
 
+INSTANT_S = 1e-3
+"""Correlation time of what only the readings of one scan have in common."""
+_State = tuple[str, float, float, Array]
+"""Name, 1-sigma, correlation time (s), and what it adds to each of T readings per unit."""
 
-def reading_covariance(
-    instrument: Gravimeter, time: Array, sigma: Array, velocity: Array
-) -> Array | None:
-    """Return (T, T) the covariance of the readings' noise: white, correlated in time, what the
-    vehicle's accelerations add, and what a platform that is not level does; None where it is
-    white.
 
-    The walk of the bias is not in it, which is a state (`pmht.sensor_bias`), nor is the mean of
-    the platform's error (`platform.mean_error`).
+def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_State]:
+    """Return what is correlated in time, what the vehicle's accelerations add, and what a platform
+    that is not level does (docs/mathematics.md, section 2.8).
+
+    The walk of the bias is not among them, which is the matcher's, nor is the mean of the
+    platform's error (`platform.mean_error`).
 
     Parameters
     ----------
-    time, sigma : (T,) arrays
-        s; 1-sigma of the white noise.
+    time : (T,) array
+        s.
     velocity : (T, 2) array
         m/s, north and east, at the stamps.
     """
-    if not (instrument.correlated_sigma or instrument.cross_coupling or instrument.platform_tilt):
-        return None
-    covariance = np.diag(sigma**2)
+    one, several = np.ones(len(time)), len(time) > 1
+    found: list[_State] = []
     if instrument.correlated_sigma > 0.0:
-        covariance += time_covariance(
-            instrument.correlated_sigma, instrument.correlation_time, time
-        )
-    if instrument.cross_coupling > 0.0 and len(time) > 1:
-        moving = instrument.cross_coupling * accelerations(time, velocity)
-        covariance += moving @ moving.T
+        time_constant = instrument.correlation_time
+        found.append(("correlated", instrument.correlated_sigma, time_constant, one))
+    if instrument.cross_coupling > 0.0:
+        forward, right = accelerations(time, velocity).T if several else np.zeros((2, len(time)))
+        share = instrument.cross_coupling
+        found.append(("coupling_forward", share, np.inf, forward))
+        found.append(("coupling_right", share, np.inf, right))
     if instrument.platform_tilt > 0.0:
-        covariance += _levelling_covariance(instrument, time, velocity)
-    return covariance
+        force: Array = np.gradient(velocity, time, axis=0) if several else 0.0 * velocity
+        north, east = force[:, 0], force[:, 1]
+        tilt, time_constant = instrument.platform_tilt, instrument.platform_time
+        found.append(("levelling", -mean_error(instrument), 0.5 * time_constant, one))
+        found.append(("tilt_north", tilt, time_constant, east))
+        found.append(("tilt_east", tilt, time_constant, -north))
+    return found
 
 
-def _levelling_covariance(instrument: Gravimeter, time: Array, velocity: Array) -> Array:
-    """Return (T, T) the covariance of what the platform's tilt does (docs/mathematics.md, section
-    2.8)."""
-    covariance = time_covariance(mean_error(instrument), 0.5 * instrument.platform_time, time)
-    if len(time) > 1:
-        force = np.gradient(velocity, time, axis=0)
-        tilt = time_covariance(instrument.platform_tilt, instrument.platform_time, time)
-        covariance += force @ force.T * tilt
-    return covariance
-
-
-def time_covariance(sigma: float, correlation_time: float, time: Array) -> Array:
-    """Return (T, T) sigma² exp(-|dt| / correlation_time)."""
-    return np.asarray(sigma**2 * np.exp(-np.abs(time[:, None] - time) / correlation_time))
-
-
-def height_covariance(settings: Height, reduction: Reduction, time: Array, at: State) -> Array:
-    """Return (T, T) the covariance of what an error of the measured height makes of reduced
-    readings (docs/mathematics.md, section 3.11).
+def height_states(settings: Height, reduction: Reduction, at: State) -> list[_State]:
+    """Return what an error of the measured height makes of reduced readings (docs/mathematics.md,
+    section 3.11).
 
     Parameters
     ----------
     at : State
         Of T readings, as measured and estimated.
     """
-    share = settings.scale * np.asarray(at.height)
-    error = settings.bias**2 + np.outer(share, share)
-    if settings.weather_sigma > 0.0:
-        error = error + time_covariance(settings.weather_sigma, settings.weather_time, time)
     slope = reduction.height_slope(at)
-    return np.asarray(slope[:, None] * slope * error)
+    each = [
+        ("height_bias", settings.bias, np.inf, slope),
+        ("height_scale", settings.scale, np.inf, slope * np.asarray(at.height)),
+        ("height_weather", settings.weather_sigma, settings.weather_time, slope),
+    ]
+    return [one for one in each if one[1] > 0.0]
+
+
+def joined(states: Sequence[_State]) -> Parameters | None:
+    """Return states together; None where there are none."""
+    if not states:
+        return None
+    names, sigma, time, columns = zip(*states, strict=True)
+    return Parameters(
+        names, np.array(sigma), np.stack(columns, axis=1), time=np.array(time, dtype=np.float64)
+    )
+
+
+def noise_covariance(noise: Parameters, sigma: Array, time: Array) -> Array:
+    """Return (T, T) the covariance of readings with white noise of 1-sigmas (T,) at times (T,)."""
+    covariance = np.diag(sigma**2)
+    assert noise.time is not None
+    for k, time_constant in enumerate(noise.time):
+        column = noise.sigma[k] * noise.reading[:, k]
+        together = np.exp(-np.abs(time[:, None] - time) / time_constant)
+        covariance += np.outer(column, column) * together
+    return covariance
+
+
+def scan_noise(covariance: Array) -> Parameters | None:
+    """Return what the C readings of each of T scans have in common by their covariance (T, C, C),
+    for T C readings; None where it is diagonal.
+
+    In units of the readings' own 1-sigmas the least eigenvalue of a scan is white, and the rest
+    are C - 1 unknowns that are new at each scan."""
+    scans, channels = covariance.shape[:2]
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    unit = covariance / (sigma[:, :, None] * sigma[:, None, :])
+    if np.abs(unit - np.eye(channels)).max() < 1e-9:
+        return None
+    values, vectors = np.linalg.eigh(unit)
+    columns = sigma[:, :, None] * vectors * np.sqrt(values - values[:, :1])[:, None, :]
+    return Parameters(
+        ("",) * (channels - 1),  # nobody wants to see them
+        np.ones(channels - 1),
+        columns[:, :, 1:].reshape(scans * channels, channels - 1),
+        time=np.full(channels - 1, INSTANT_S),
+    )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
@@ -19,7 +19,7 @@ from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
-from isogal.matching.pmht.search import at_cells
+from isogal.matching.pmht.search import OF_LENGTHS, at_cells
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
@@ -132,7 +132,8 @@ class TrackMatcher:
             return None
         if around is None:
             return Seen.of(rows, field_map, None, models)
-        rows = rows._replace(load=np.concatenate([rows.load, rows.load]))
+        twice = {name: np.concatenate([getattr(rows, name)] * 2) for name in OF_LENGTHS}
+        rows = rows._replace(**twice)
         return Seen.of(rows, around.field, around, models)
 
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
@@ -164,15 +165,12 @@ class TrackMatcher:
     ) -> dict[str, float]:
         """Return what readings say of errors, those of other fields with their names."""
         numbers: dict[str, float] = {}
-        given = {
-            field: one for field, one in ((0, batch), *((b.field, b.batch) for b in batch.beside))
-        }
+        given = {0: batch} | {b.field: b.batch for b in batch.beside}
         for k, field in enumerate(fields):
             one, used = given[field], len(shifts.seen[k].each.level)
             off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
-            of_field = {
-                **figures(shifts, k), "readings": float(used), "readings_left_out": float(left[k] + off)
-            }  # fmt: skip
+            of_field = dict(figures(shifts, k))
+            of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
             prefix = f"{self.names[field]}." if field else ""
             numbers |= {prefix + name: value for name, value in of_field.items()}
         each = shifts.places
@@ -242,13 +240,13 @@ def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[i
     return shifts, [int(size[left].sum()) for size, left in zip(sizes, out, strict=True)]
 
 
-def outliers(shifts: Shifts, field: int) -> Array:
+def outliers(shifts: Shifts, field: int) -> Booleans:
     """Return (n,) which readings do not fit the others: residuals e of each predicted from the
     others, with e_i = (R⁻¹ r)_i / (R⁻¹)_ii and variance 1 / (R⁻¹)_ii (Rasmussen & Williams 2006,
     eq. 5.12)."""
     residual, R, _ = best(shifts, field)
     precision = np.linalg.inv(R)
-    return np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision))
+    return np.asarray(np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision)))
 
 
 def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
@@ -305,7 +303,7 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     return them.moments()
 
 
-def pairs(shifts: Shifts, field: int) -> tuple[Array, Array, float]:
+def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:
     """Return models (K,), cells (K, 2) and their size, m: which of them become hypotheses."""
     assert shifts.overview is not None
     size = shifts.size

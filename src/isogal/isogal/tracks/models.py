@@ -54,14 +54,14 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
     """Return the models of a field; of one map twice as many lengths as it has, the second half
     of them of errors that go with its gradient (`places.Seen.placed`)."""
     assumed = told.settings.assumed(batch, field_map)
-    of_one = isinstance(field_map, FieldMap)
-    own = of_one and not isinstance(field_map.sigma, float)
+    one = field_map if isinstance(field_map, FieldMap) else None
+    own = one is not None and not isinstance(one.sigma, float)
     loose = math.log(max(assumed.trust, 1.0 + 1e-9))
     lengths, of_length = _lengths(told, field_map, loose)
     scale, exact = assumed.scale, assumed.trust == 1.0
-    if own:
-        sigmas = usual_sigma(field_map) * (np.ones(1) if exact else np.geomspace(*OWN))
-        of_sigma = -0.5 * (np.log(sigmas / usual_sigma(field_map)) / OWN_LOG_SIGMA) ** 2
+    if one is not None and own:
+        sigmas = usual_sigma(one) * (np.ones(1) if exact else np.geomspace(*OWN))
+        of_sigma = -0.5 * (np.log(sigmas / usual_sigma(one)) / OWN_LOG_SIGMA) ** 2
     elif assumed.sigma is not None:
         sigmas = assumed.sigma * (np.ones(1) if exact else np.array(TOLD_SIGMAS))
         of_sigma = -0.5 * (np.log(np.ones(1) if exact else TOLD_SIGMAS) / loose) ** 2
@@ -75,12 +75,12 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
         for s, a in zip(sigmas, of_sigma, strict=True)
         for length, b in zip(lengths, of_length, strict=True)
     ]
-    faults = (Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0))
+    faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
     if told.constant or not states.unknown:
         faults = faults[:1]
     rows = [(*error, fault) for fault in faults for error in errors]
     models = table_of(rows, assumed, states)
-    if not of_one:
+    if one is None:
         return models
     return _both_shapes(models, own or assumed.sigma is None)
 
@@ -98,12 +98,12 @@ def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]
 
 
 def _both_shapes(models: Models, by_gradient: bool) -> Models:
-    twice = Models(*(np.concatenate([column, column]) for column in models))
+    twice = Models._make(np.concatenate([column, column]) for column in models)
     count = len(models.sigma)
     second = np.arange(2 * count) >= count
     shape = twice.shape + second * len(models.lengths)
     kept = ~second | (by_gradient & (twice.sigma > 0.0))
-    part = Models(*(column[kept] for column in twice._replace(shape=shape)))
+    part = Models._make(column[kept] for column in twice._replace(shape=shape))
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
 
 

@@ -20,7 +20,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import residuals_at
+from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
 from isogal.tracks.continued_map import ContinuedMap
 from isogal.tracks.models import usual_sigma
 
@@ -233,7 +233,7 @@ class Shifts:
         picture[tuple(index.T)] = True
         labels, _ = label(binary_dilation(picture, np.ones((3, 3)), around))
         share = np.bincount(labels[tuple(index.T)], self.weight[high])[1:]
-        return np.sort(share)[::-1]
+        return np.asarray(np.sort(share)[::-1], dtype=np.float64)
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
@@ -318,11 +318,9 @@ def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
     block = np.arange(count) // (size * channels)
     order = np.lexsort((rows.channel, block))
     reach = np.cumsum(rows.travelled)[order]
-    rows = Rows(
-        *(
-            np.ascontiguousarray(column[:, order] if name == "load" else column[order])
-            for name, column in zip(Rows._fields, rows, strict=True)
-        )
+    rows = Rows._make(
+        np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
+        for name, column in zip(Rows._fields, rows, strict=True)
     )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
     new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
     return rows, np.flatnonzero(new)
@@ -347,6 +345,8 @@ def averaged(rows: Rows, first: Integers) -> Rows:
         travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
         keep=np.ascontiguousarray(rows.keep[first]),
         fresh=np.ascontiguousarray(rows.fresh[first]),
+        step=np.ascontiguousarray(rows.step[:, first]),
+        joined=np.ascontiguousarray(rows.joined[:, first]),
         channel=rows.channel[first],
     )
 

@@ -1,6 +1,5 @@
 """A ROS domain that no other graph on this machine uses."""
 
-import gc
 import os
 import socket
 import sys
@@ -165,7 +164,7 @@ def _published(domain: int, names: Collection[str]) -> str | None:
     environment = DISCOVERY | os.environ
     here = all(environment[name] == value for name, value in DISCOVERY.items())
     here = here and not environment.get("ROS_STATIC_PEERS")
-    present = _participants(domain)
+    present = participants(domain)
     if here and not present:
         return None
     with ExitStack() as stack:
@@ -218,10 +217,10 @@ def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
 
 def _in_use(domain: int) -> bool:
     """Whether a participant listens on this machine."""
-    return _participants(domain) > 0
+    return participants(domain) > 0
 
 
-def _participants(domain: int) -> int:
+def participants(domain: int) -> int:
     """Count those that listen on this machine: unicast discovery ports are 7410 + 250 domain + 2
     participant."""
     found = 0
@@ -253,5 +252,3 @@ def local_context(domain: int) -> Iterator[Context]:
         yield context
     finally:
         context.try_shutdown()
-        # nodes are in cycles of references, and until they are collected others see them
-        gc.collect()

@@ -44,8 +44,8 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report) -> Outcome:
                 drain(nodes[RECORDER], executor)
             _require_well(nodes)
         finally:
+            executor.shutdown()  # or it would keep the nodes' publishers
             for node in nodes.values():
-                executor.remove_node(node)
                 node.close()
         _require_well(nodes)  # the recorder finishes its bag last
         return Outcome(bool(interrupt), wall)

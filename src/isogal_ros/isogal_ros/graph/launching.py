@@ -10,6 +10,7 @@ import re
 import shlex
 import shutil
 import signal
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,8 +25,14 @@ from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.checks import check_new_folder, checked
 from isogal_ros.graph.domain import defaults
-from isogal_ros.graph.parameter_files import check_node, read_parameters, scenario_of
-from isogal_ros.graph.plan import Plan, node_class, nodes_of
+from isogal_ros.graph.parameter_files import (
+    check_node,
+    full_name,
+    read_parameters,
+    scenario_of,
+    sections_of_nobody,
+)
+from isogal_ros.graph.plan import CLASSES, Plan, node_class, nodes_of
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
 
@@ -281,11 +288,14 @@ def _check_params(
     names = _names(scenario, real, recorder)
     told: list[Scenario] = []
     for name in names:
-        full_name = f"/{namespace.strip('/')}/{name}".replace("//", "/")
-        check_node(document, name, full_name, where)
-        own = scenario_of(document, full_name, f"{where}: {name}", keys)
+        full = full_name(namespace, name)
+        check_node(document, name, full, where)
+        own = scenario_of(document, full, f"{where}: {name}", keys)
         if own not in told:
             told.append(own)
+    # which may be another node's of the user, thus no error
+    for line in sections_of_nobody(document, {*names, *CLASSES}, namespace):
+        print(f"isogal: {where}: {line}", file=sys.stderr, flush=True)
     for one in told:
         checked(one, simulated=not real)
     return scenario

@@ -1,7 +1,8 @@
 """What a parameter file says to each node of a graph, checked before the first one starts."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -58,19 +59,37 @@ def scenario_of(
     return scenario_from(_fields(of_scenario, specs), where)
 
 
-def check_node(document: Document, name: str, full_name: str, where: str) -> None:
+def full_name(namespace: str, name: str) -> str:
+    """Return a node's name with its namespace."""
+    return f"/{namespace.strip('/')}/{name}".replace("//", "/")
+
+
+def check_node(document: Document, name: str, full: str, where: str) -> None:
     """Raise InputError where a file tells a node what it would refuse."""
     kind = node_class(name)
     own = parameter_specs(kind.settings_model)
     specs = own + parameter_specs(Scenario, sections=kind.sections)
     known = {spec.name for spec in parameter_specs(Scenario)}
     try:
-        values = known_overrides(values_of(document, full_name), specs, known)
+        values = known_overrides(values_of(document, full), specs, known)
     except InputError as error:
         raise InputError(f"{where}: {name}: {error}") from None
     names = {spec.name: spec for spec in own}
     told = {key: value for key, value in values.items() if key in names}
     settings_from(kind.settings_model, _fields(told, names), f"{where}: {name}")
+
+
+def sections_of_nobody(document: Document, names: Collection[str], namespace: str) -> list[str]:
+    """Say which sections of a file are for none of some nodes in a namespace."""
+    full = {name: full_name(namespace, name) for name in names}
+    meant = full | {name: name for name in full.values()}
+    found = []
+    for pattern in document:
+        if not any(_matches(pattern, name) for name in full.values()):
+            near = get_close_matches(pattern, meant, n=1, cutoff=0.8)
+            hint = f"; did you mean {meant[near[0]]}?" if near else ""
+            found.append(f"section {pattern} is for no node of the graph{hint}")
+    return found
 
 
 def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:

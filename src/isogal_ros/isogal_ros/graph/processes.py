@@ -245,5 +245,5 @@ def _watch(
                     break
             return now - first if first is not None else 0.0
         finally:
-            executor.remove_node(watcher)
+            executor.shutdown()
             watcher.destroy_node()

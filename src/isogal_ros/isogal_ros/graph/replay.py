@@ -185,8 +185,8 @@ def _run(
         drain(feeder, executor)
         return feeder.collector, Fed.to(nodes, answered, steps.played)
     finally:
+        executor.shutdown()  # or it would keep the nodes' publishers
         for node in nodes.values():
-            executor.remove_node(node)
             node.destroy_node()
 
 

@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -22,6 +21,7 @@ from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.lifecycle import ManagedNode
 from isogal_ros.nodes.listening import Listening
 from isogal_ros.nodes.memory import Memory
+from isogal_ros.nodes.publishing import Published
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
@@ -115,6 +115,7 @@ class GraphNode(ManagedNode):
         """Whether the node has nothing left to do, so that its process may end."""
         self._expected: dict[Any, tuple[str, int]] = {}
         self._listening: dict[str, Listening] = {}
+        self._published = Published(self)
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -168,19 +169,9 @@ class GraphNode(ManagedNode):
 
     def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the
-        topic. What cannot be published, because a listener takes nothing, is counted."""
+        topic. What it cannot, or must not publish is counted (`Published.watch`)."""
         publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
-        send = publisher.publish
-
-        def publish(message: Any) -> None:
-            try:
-                send(message)
-            except rclpy_implementation.RCLError as error:
-                if not self.context.ok():
-                    raise
-                self.health.drop(topic.name, f"not published, a listener takes nothing: {error}")
-
-        publisher.publish = publish
+        self._published.watch(publisher, topic)
         wanted = topic.consumers if consumers is None else consumers
         listeners = [
             name
@@ -197,12 +188,14 @@ class GraphNode(ManagedNode):
             if self.active:
                 self.guard(topic, handler, message)
 
-        return self.hear(topic, guarded, raw)
+        return self.hear(topic, guarded, raw, topic.single)
 
-    def hear(self, topic: Topic, take: Callable[[Any], None], raw: bool = False) -> Listening:
-        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
-        itself."""
-        self._listening[topic.name] = Listening(self, topic, take, raw)
+    def hear(
+        self, topic: Topic, take: Callable[[Any], None], raw: bool = False, single: bool = False
+    ) -> Listening:
+        """Subscribe, to all publishers or a single one; what `take` raises is raised, and it has
+        to look whether the node is active itself."""
+        self._listening[topic.name] = Listening(self, topic, take, raw, single)
         return self._listening[topic.name]
 
     def guard(self, topic: Topic, action: Callable[..., object], *arguments: Any) -> None:
@@ -225,6 +218,7 @@ class GraphNode(ManagedNode):
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
 
         def reset(_request: Any, response: Any) -> Any:
+            self._published.forget()
             response.success, response.message = True, forget()
             return response
 
@@ -283,6 +277,7 @@ class GraphNode(ManagedNode):
         """Destroy what `setup` made."""
         self._expected = {key: item for key, item in self._expected.items() if key is self._said}
         self._looks.clear()
+        self._published.forget()
         self._listening.clear()
         self._ready = False
         self._readiness.reset()

@@ -31,6 +31,14 @@ class ManagedNode(LifecycleNode):
     def ended(self) -> None:
         """Note that the node was shut down."""
 
+    def destroy_node(self) -> None:
+        """Destroy the node, and its states, which rclpy leaves to the search for garbage: until
+        then others see the node and what it publishes."""
+        super().destroy_node()
+        states = getattr(self, "_state_machine", None)
+        if states is not None:  # a graph without middleware has none
+            states.destroy_when_not_in_use()
+
     def start(self) -> None:
         """Configure and activate; raises what `setup` raises."""
         self.trigger_configure()

@@ -28,7 +28,8 @@ def make_executor(context: Context | None = None) -> Any:
     rclpy has none.
 
     The events executor's ``spin()`` neither dispatches nor ends on SIGINT in some builds;
-    ``spin_once`` in a loop does both."""
+    ``spin_once`` in a loop does both. It holds what its nodes have until it is shut down: of nodes
+    that are destroyed before, others see the publishers for as long as the executor is there."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -113,6 +114,6 @@ def _run(make: Callable[[], Any], interrupt: Interrupt) -> int:
     # for what was published
     patience = node.settings.closing_time
     drain(node, executor, limit=0.5 * patience if interrupt else DRAIN)
-    executor.remove_node(node)
+    executor.shutdown()
     node.close(0.5 * patience)
     return int(node.exit_code)

@@ -43,7 +43,7 @@ class MatcherChoice:
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Any key matcher.*, e.g. matcher.options.samples=4096; repeatable.",
+            help="Any key matcher.*, e.g. matcher.options.trust=3; repeatable.",
         ),
     ] = None
     chain: Annotated[

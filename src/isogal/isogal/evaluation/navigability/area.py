@@ -16,7 +16,6 @@ from isogal.evaluation.navigability.second_places import second_places
 from isogal.fields.measured import measured_field
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
-from isogal.matching.pmht.constants import CONSTANTS
 from isogal.scenario import Scenario
 
 HEADINGS = 8
@@ -31,6 +30,10 @@ _REACH = 3.0
 """1-sigmas of the prior, each way, within which second places are looked for."""
 _CELLS = 24
 """Of the grid of places that are tried, along each side, at most."""
+_SEPARATION = 4.0
+"""Two places are different ones where sqrt(2) |m1 - m2| / sqrt(s1² + s2²) along an axis exceeds
+this (Ashman, Bird & Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians; the two halves of
+one cut Gaussian already reach 2.7)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +163,7 @@ class Area:
             self.values,
             self.cell,
             np.ascontiguousarray(leg.offset[every]),
-            np.array([noise, leg.step * _THINNED, prior, 0.25 * step, CONSTANTS.mode_separation]),
+            np.array([noise, leg.step * _THINNED, prior, 0.25 * step, _SEPARATION]),
             leg.by_place,
             np.linspace(-reach, reach, 2 * count + 1),
             self.sigma,

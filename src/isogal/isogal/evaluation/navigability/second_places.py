@@ -5,7 +5,7 @@ place to a 1-sigma s, by the chi-square f(d) = |w(d) - w(0)|² + |d|² / s², w 
 to be expected there. With the noise of readings and prior, log p(d) / p(0) is N(-f / 2, f), and
 that of the whole posterior about two places, Gaussians whose widths are by the Hessians H of
 f / 2, has the mean -f / 2 + log(|H(0)| / |H(d)|) / 2. A second place is a minimum of f that is a
-place of its own: as far from the true one as `mode_separation` asks of hypotheses, and between
+place of its own: as far from the true one as two places are that are told apart, and between
 them the density goes down as between two Gaussians so far apart. Of several second places odds add
 up (Luce 1959, Individual Choice Behavior): exact for places that are all as likely."""
 

@@ -32,6 +32,7 @@ from isogal.matching.baselines.readings import (
     publish_measured,
     shift_covariance,
 )
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 from isogal.matching.local_plane import LocalPlane
 
@@ -165,6 +166,7 @@ class Iccp(Baseline[IccpOptions]):
         covariance = self.options.covariance_factor * covariance
         figures = {"misfit": excess, "turn": best.turn}
         if excess > self.options.largest_misfit:
+            figures[UNEXPLAINED] = 1.0
             return declined(batch, "no track in the search window fits its contours", **figures)
         if np.linalg.eigvalsh(covariance)[1] > half**2:
             return declined(batch, "the contours leave the track free to move", **figures)

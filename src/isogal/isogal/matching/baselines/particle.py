@@ -25,6 +25,7 @@ from isogal.maps.interpolation import value_and_gradient
 from isogal.matching import quasi_random
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -73,6 +74,7 @@ class Particle(Baseline[ParticleOptions]):
         if not np.isfinite(cloud.weight).all():
             return declined(batch, "no particle lies on the map", **figures)
         if figures["effective_particles"] < options.least:
+            figures[UNEXPLAINED] = 1.0
             return declined(batch, "too few particles agree with the readings", **figures)
         sample = np.concatenate([cloud.position, cloud.linear[:, :2]], axis=1)
         mean = cloud.weight @ sample

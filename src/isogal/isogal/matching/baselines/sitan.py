@@ -20,6 +20,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -54,6 +55,7 @@ class Sitan(Baseline[SitanOptions]):
         mean, covariance, used, misfit = _filter(readings.arrays, start, self.options.region, gate)
         figures = {"readings_used": float(used), "misfit": misfit / max(used, 1)}
         if used == 0:
+            figures[UNEXPLAINED] = 1.0
             return declined(batch, "no reading agrees with the map within the gate", **figures)
         return publish_posterior(batch, mean[:4], covariance[:4, :4], figures)
 

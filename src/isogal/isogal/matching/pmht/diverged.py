@@ -12,18 +12,19 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.memory import DIVERGED_LOG_ODDS, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
-from isogal.matching.pmht.rows import Rows, usual_noise
+from isogal.matching.pmht.places import carried, pruned, resolved, spread_over
+from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
 from isogal.matching.pmht.search import Past, Search, places, unaided
 
 SEARCH_SHARES = np.array([0.1, 0.3, 0.9])
 """Sigmas of the map's error by which places are searched for, in units of the largest."""
-BEGINS, SAYS, GIVES_UP = -2.0, math.log(99.0), -12.0
+BEGINS, SAYS, GIVES_UP = -2.0, math.log(99.0), -5.0
 """Log odds at which hypotheses about a diverged navigator are carried along, at which it is told
 so (a probability of 0.99), and at which they are dropped."""
 SOON, EVERY, LATER, HOUR = 20, 60, 180, 3600.0
 """New readings to the next look: where another place was likelier than the navigator's own, else
 within the first hour, else; and s that they go back."""
-PLACES = 400
+PLACES = 600
 """Hypotheses about a diverged navigator, at most."""
 
 
@@ -34,7 +35,7 @@ def remembered(
     there per unit of error at the last batch end, `evidence` their log evidence by the bank."""
     nothing = np.zeros(BATCH_STATES)
     past = (*diverged.past, Past(rows, forward, nothing, evidence, time, diverged.start))
-    return replace(diverged, past=past, wait=diverged.wait - len(rows.level))
+    return replace(diverged, past=past, wait=diverged.wait - scans_of(rows))
 
 
 def pursued(
@@ -51,7 +52,7 @@ def pursued(
     log_odds = diverged.log_odds + found.log_evidence - evidence
     if lead.bank is not None and log_odds < GIVES_UP:
         return replace(diverged, found=None)
-    return replace(diverged, found=found.pruned(PLACES).normalised(), log_odds=log_odds)
+    return replace(diverged, found=pruned(found, PLACES).normalised(), log_odds=log_odds)
 
 
 def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -68,7 +69,8 @@ def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diver
         if lost:
             begun, _ = places(rows, field_map, models, prior, prior)
         else:
-            own, least = np.linalg.solve(to_end, -off), BEGINS - DIVERGED_LOG_ODDS
+            own = np.asarray(np.linalg.solve(to_end, -off), dtype=np.float64)
+            least = BEGINS - DIVERGED_LOG_ODDS
             wide = prior + LOST_COVARIANCE
             begun, gain = places(rows, field_map, models, prior, wide, own, least)
             diverged = replace(diverged, wait=SOON if gain > 0.0 else diverged.wait)
@@ -81,7 +83,7 @@ def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diver
     log_odds -= sum(one.evidence for one in diverged.past)
     found = None
     if lost or log_odds > BEGINS:
-        found = search.hypotheses.normalised().carried(to_end, off)
+        found = carried(search.hypotheses.normalised(), to_end, off)
     return replace(diverged, search=None, found=found, log_odds=log_odds)
 
 
@@ -98,10 +100,10 @@ def decided(memory: Memory, first: int) -> tuple[Memory, bool]:
     and whether the navigator is to be told that it has diverged."""
     diverged, bank = memory.diverged, memory.fields[first].bank
     found = diverged.found
-    if found is None or not found.resolved or (bank is not None and diverged.log_odds < SAYS):
+    if found is None or not resolved(found) or (bank is not None and diverged.log_odds < SAYS):
         return memory, False
     fields = {
-        index: replace(one, bank=found.spread_over(one.models).reduced())
+        index: replace(one, bank=spread_over(found, one.models).reduced())
         for index, one in memory.fields.items()
     }
     after = Diverged(diverged.start)

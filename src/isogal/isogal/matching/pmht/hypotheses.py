@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
@@ -23,24 +23,29 @@ CURVED = 0.25
 """Share of its change by which a hypothesis may depart from linear before it is split."""
 REACH = 2.0
 """1-sigma at which that is looked at."""
-SPLIT = ((0.2252246249, 0.5495507502, 0.2252246249), (-1.0575154615, 0.0, 1.0575154615), 0.6715662887)
-"""Weights, means and 1-sigma of three Gaussians for one (DeMars, Bishop & Jah 2013, JGCD 36:1047,
-table 1)."""
+SPLIT = (
+    (0.2129622780, 0.5740754440, 0.2129622780),
+    (-1.1353227127, 0.0, 1.1353227127),
+    0.6715662887,
+)
+"""Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
+(2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
+variance of 1; theirs loses 4.5 % of it at each split."""
 ROUNDS = 8
 """Of splits of splits, at most."""
-MOST = 4000
-"""Hypotheses at most: bounds the time of a fix."""
+MOST, USUAL_STATES = 4000, 11
+"""Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT, LIGHT_MERGE = 5.0, 16.0
 """Models less probable by this log have one place only, and merge over this squared distance."""
+UNEXPLAINED_SHARE = 0.5
+"""Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 LEAST = -600.0
 """Of a log weight: its exponential is not 0."""
 FLOOR = 15.0
 """No model falls further below the best than this log: what was wrong for hours may become
 right."""
-FEW, SURE, NEAR_M = 12, 0.99, 700.0
-"""A place is known where so many hypotheses have this probability, within so many m."""
 CREDIBLE = 0.1
 """A fault has to be this probable to be published: a wide model of a few percent would widen what
 is published for ever."""
@@ -71,13 +76,17 @@ class Hypotheses:
         diagonal = np.arange(n, n + rest)
         covariance[:, diagonal, diagonal] = models.initial**2
         return cls(
-            models, np.arange(count), models.log_prior.copy(), np.zeros((count, n + rest)), covariance
+            models,
+            np.arange(count),
+            models.log_prior.copy(),
+            np.zeros((count, n + rest)),
+            covariance,
         )
 
     def __len__(self) -> int:
         return len(self.which)
 
-    def part(self, which: Array) -> "Hypotheses":
+    def part(self, which: Integers | Booleans) -> "Hypotheses":
         """Return some of them, by indices or a mask."""
         return replace(
             self,
@@ -116,14 +125,12 @@ class Hypotheses:
         transition = np.ascontiguousarray(learnt @ forward)
         growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        kernels.propagated(
-            self.which, self.models.growth, transition, growth, mean, covariance
-        )
+        kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
     def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
         """Split those over which the map is not nearly linear, along the worst axis."""
-        whole, done = self, []
+        whole, done = self, list[Hypotheses]()
         top = self.log_weight.max()
         for _ in range(ROUNDS):
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
@@ -132,7 +139,7 @@ class Hypotheses:
                 whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
-            room = (MOST - sum(len(one) for one in done) - len(whole)) // 2
+            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
                 kept = np.zeros(len(cut), bool)
@@ -181,7 +188,7 @@ class Hypotheses:
 
     def informed(self, told: Information, prior: Array) -> "Hypotheses":
         """Return them after what others' readings tell of the navigator's error; of directions in
-        which that is negative, nothing. `prior` (7, 7) is the navigator's covariance, for scale."""
+        which that is negative, nothing. `prior` (7, 7): the navigator's covariance, for scale."""
         if not told.matrix.any():
             return self
         n = BATCH_STATES
@@ -201,11 +208,16 @@ class Hypotheses:
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
 
-    def reduced(self, most: int = MOST) -> "Hypotheses":
+    @property
+    def most(self) -> int:
+        """How many there may be."""
+        return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
+
+    def reduced(self) -> "Hypotheses":
         """Merge places, drop what is negligible, keep the best of each model."""
         them = self
-        if len(them) > most:
-            them = them.part(np.argsort(-them.log_weight)[:most])
+        if len(them) > self.most:
+            them = them.part(np.argsort(-them.log_weight)[: self.most])
         log_weight = them.log_weight - np.logaddexp.reduce(them.log_weight)
         log_weight = np.maximum(log_weight, LEAST)
         order = np.lexsort((-log_weight, them.which))
@@ -228,41 +240,7 @@ class Hypotheses:
         log_weight = log_weight + lift[them.which]
         return replace(them, log_weight=log_weight - np.logaddexp.reduce(log_weight))
 
-    def pruned(self, most: int) -> "Hypotheses":
-        """Merge places and drop what is negligible, whatever its model; weights stay as they
-        are."""
-        kept = np.argsort(-self.log_weight)[:most]
-        kept = kept[self.log_weight[kept] > self.log_weight[kept[0]] - NEGLIGIBLE]
-        them = self.part(kept[np.argsort(self.which[kept], kind="stable")])
-        mean, covariance = them.mean.copy(), them.covariance.copy()
-        weight = them.log_weight.copy()
-        stay = kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
-        return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
-
-    @property
-    def resolved(self) -> bool:
-        """Whether what is probable is few places that are near each other."""
-        order = np.argsort(-self.log_weight)[:FEW]
-        weight = np.exp(self.log_weight[order] - np.logaddexp.reduce(self.log_weight))
-        if weight.sum() < SURE:
-            return False
-        apart = self.mean[order, :2] - weight @ self.mean[order, :2] / weight.sum()
-        inner = self.covariance[order][:, [0, 1], [0, 1]].sum(axis=1)
-        return bool(weight @ ((apart**2).sum(axis=1) + inner) < NEAR_M**2)
-
-    def spread_over(self, models: Models) -> "Hypotheses":
-        """Return the same places under other models, of which nothing is known yet."""
-        order = np.argsort(-self.log_weight)[:FEW]
-        count, m, n = len(order), len(models.sigma), BATCH_STATES
-        base = Hypotheses.before(models, np.eye(n))
-        covariance = np.tile(base.covariance, (count, 1, 1))
-        covariance[:, :n, :n] = np.repeat(self.covariance[order, :n, :n], m, axis=0)
-        mean = np.zeros((count * m, covariance.shape[1]))
-        mean[:, :n] = np.repeat(self.mean[order, :n], m, axis=0)
-        weight = (self.log_weight[order, None] + models.log_prior).ravel()
-        return Hypotheses(models, np.tile(np.arange(m), count), weight, mean, covariance)
-
-    def _of_models(self, which: Array, log_weight: Array) -> Array:
+    def _of_models(self, which: Integers, log_weight: Array) -> Array:
         """Return (M,) the log weights of models."""
         total = np.full(len(self.models.sigma), -np.inf)
         top = log_weight.max()
@@ -280,14 +258,6 @@ class Hypotheses:
     def normalised(self) -> "Hypotheses":
         """Return them with weights whose sum is 1."""
         return replace(self, log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
-
-    def carried(self, transition: Array, shift: Array) -> "Hypotheses":
-        """Return them about another error of the navigator, (7, 7) x + (7,)."""
-        whole = np.eye(self.mean.shape[1])
-        whole[:BATCH_STATES, :BATCH_STATES] = transition
-        mean = self.mean @ whole.T
-        mean[:, :BATCH_STATES] += shift
-        return replace(self, mean=mean, covariance=whole @ self.covariance @ whole.T)
 
     def credible(self) -> "Hypotheses":
         """Return them without faults that are not likely."""
@@ -314,17 +284,26 @@ class Hypotheses:
         sigma, length = self.models.sigma[self.which], self.models.length[self.which]
         return float(self.weight @ sigma), math.exp(float(self.weight @ np.log(length)))
 
+    @property
+    def unexplained(self) -> float:
+        """The probability that the map's error is among the largest that were thought of."""
+        sigma = self.models.sigma
+        large = (sigma > 0.0) & (sigma >= UNEXPLAINED_SHARE * sigma.max())
+        return 0.0 if large.all() else float(self.weight @ large[self.which])
+
     @cached_property
     def faults(self) -> Array:
         """(F,) the probability of each of `models.FAMILIES`."""
-        return np.bincount(self.models.family[self.which], self.weight, len(FAMILIES))
+        shares = np.bincount(self.models.family[self.which], self.weight, len(FAMILIES))
+        return np.asarray(shares, dtype=np.float64)
 
     def figures(self, states: States) -> dict[str, float]:
         """Return the mean of the instrument's states that have names, and of an untold bias."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
         named, first = len(states.names), len(mean) - states.unknown
-        values = [*mean[:named], *mean[first:]]
-        return dict(zip((*states.names, *UNKNOWN[: states.unknown]), map(float, values), strict=True))
+        names = (*states.names, *UNKNOWN[: states.unknown])
+        values = zip(names, (*mean[:named], *mean[first:]), strict=True)
+        return {name: float(value) for name, value in values if name}
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

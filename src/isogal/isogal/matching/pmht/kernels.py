@@ -20,7 +20,8 @@ converged by then swings about the mode."""
 SETTLED_M, SETTLED_SHARE = 1.0, 0.1
 """A mode is found where the last step was shorter than this and this share of its 1-sigma."""
 OUTLIER = (0.003, 1000.0)
-"""Probability of an outlier, and its variance in units of the noise's."""
+"""Probability of an outlier, and the variance, in units of the noise's, of the normal density
+whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
@@ -32,7 +33,7 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, mean, covariance):
+def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
     """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
@@ -62,7 +63,7 @@ def propagated(which, growth_factor, transition, growth, mean, covariance):
 
 
 @kernel(error_model="numpy")
-def _predicted(grid, rows, t, north, east, lag):
+def _predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
     """Return the map's value and its derivatives to north and east (per m) for row t of a
     navigator that is `north` and `east` (m) of the truth; a mean over the path where the
     instrument's filter is told or has a time constant `lag` (s)."""
@@ -95,7 +96,7 @@ def _predicted(grid, rows, t, north, east, lag):
 
 
 @kernel(error_model="numpy")
-def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
+def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignore[no-untyped-def]
     """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
     them are on the map."""
     n = BATCH_STATES
@@ -120,14 +121,49 @@ def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
+def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
+    """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
+    `joined` added to their covariance."""
+    n, size = BATCH_STATES, step.shape[0]
+    for j in range(c):  # rows of P, then columns
+        for i in range(size):
+            work[i] = 0.0
+            for k in range(size):
+                work[i] += step[i, k] * P[n + k, j]
+        for i in range(size):
+            P[n + i, j] = work[i]
+    for j in range(c):
+        for i in range(size):
+            work[i] = 0.0
+            for k in range(size):
+                work[i] += step[i, k] * P[j, n + k]
+        for i in range(size):
+            P[j, n + i] = work[i]
+    for i in range(size):
+        work[i] = 0.0
+        for k in range(size):
+            work[i] += step[i, k] * x[n + k]
+    for i in range(size):
+        x[n + i] = work[i]
+        for k in range(size):
+            P[n + i, n + k] += joined[i, k]
+
+
+@kernel(error_model="numpy")
+def _filtered(  # type: ignore[no-untyped-def]
+    x, P, z, H, noise, keep, fresh, step, joined, used, c, PH
+):
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
-    A reading is good or, with a small probability, an outlier; the two posteriors are merged by
-    their moments."""
+    A reading is good or, with a small probability, an outlier, which says nothing and is as likely
+    everywhere; the two posteriors are merged by their moments."""
     wrong, width = OUTLIER
     square, determinant, evidence = 0.0, 1.0, 0.0
+    n = BATCH_STATES
+    dependent = step.shape[1] > 0 and c > n and used[n] == n
     for t in range(z.shape[0]):
+        if dependent and joined[t, 0, 0] > 0.0:
+            _stepped(x, P, step[t], joined[t], c, PH)
         for i in range(BATCH_STATES, c):
             f = keep[t, used[i] - BATCH_STATES]
             if f != 1.0:
@@ -153,14 +189,13 @@ def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
                 evidence -= 0.5 * math.log(determinant)
                 determinant = 1.0
         else:
-            wide = S + width * noise[t]
             good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
-            bad = -0.5 * (math.log(wide) + innovation * innovation / wide) + math.log(wrong)
+            bad = -0.5 * math.log(S + width * noise[t]) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
             p, q = math.exp(good - both), math.exp(bad - both)
-            gain = p / S + q / wide
-            less = gain - p * q * (innovation / S - innovation / wide) ** 2
+            gain = p / S
+            less = gain - p * q * (innovation / S) ** 2
         for i in range(c):
             x[i] += PH[i] * innovation * gain
             weighted = PH[i] * less
@@ -172,7 +207,9 @@ def _filtered(x, P, z, H, noise, keep, fresh, used, c, PH):
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):
+def observed(  # type: ignore[no-untyped-def]
+    grid, rows, models, which, mean, covariance, evidence
+):
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 
@@ -188,14 +225,15 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
         m = which[k]
-        c, used = models.count[m], models.used[m]
+        c, used = models.sizes[m], models.used[m]
         if m != before:
             before, length = m, models.length[m]
             for t in range(n):
                 R[t] = rows.noise[t] * models.noise[m]
                 f = math.exp(-rows.travelled[t] / length)
                 for j in range(channels):
-                    keep[t, j], fresh[t, j] = f, 1.0 - f * f
+                    if rows.step.shape[2] == 0:
+                        keep[t, j], fresh[t, j] = f, 1.0 - f * f
         # hypotheses at one place are moved alike: what moved the last one is a good guess
         near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
             min(covariance[k, 0, 0], covariance[k, 1, 1])
@@ -205,7 +243,8 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
             at[i] = mean[k, used[i]]
             if near:
                 at[i] += shift[used[i]]
-        load = rows.load[models.shape[m]]
+        shape = models.shape[m]
+        load, step, joined = rows.load[shape], rows.step[shape], rows.joined[shape]
         for iteration in range(ITERATIONS):
             if not _linearised(
                 grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
@@ -216,13 +255,13 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
                 x[i] = mean[k, used[i]]
                 for j in range(c):
                     P[i, j] = covariance[k, used[i], used[j]]
-            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, used, c, PH)
+            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, step, joined, used, c, PH)
             moved = math.hypot(x[0] - at[0], x[1] - at[1])
             if not moved > SETTLED_M + SETTLED_SHARE * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
                 break
-            step = 1.0 if iteration < 3 else 0.5
+            share = 1.0 if iteration < 3 else 0.5
             for i in range(c):
-                at[i] += step * (x[i] - at[i])
+                at[i] += share * (x[i] - at[i])
         for i in range(size):
             shift[i] = 0.0
         if evidence[k] > -math.inf:
@@ -234,7 +273,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):
 
 
 @kernel(error_model="numpy")
-def _bend(grid, rows, north, east, step):
+def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
     """Return the root of the sum over rows of the squared largest second derivative of the map
     (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
     total = 0.0
@@ -251,7 +290,7 @@ def _bend(grid, rows, north, east, step):
 
 
 @kernel(error_model="numpy")
-def curvature(
+def curvature(  # type: ignore[no-untyped-def]
     grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
 ):
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
@@ -271,9 +310,9 @@ def curvature(
             continue
         spread = covariance[k, 0, 0] + covariance[k, 1, 1]
         away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
-        if away + reach * math.sqrt(spread) < step:
-            if 0.5 * reach * reach * spread * bend < enough:
-                continue
+        near = away + reach * math.sqrt(spread) < step
+        if near and 0.5 * reach * reach * spread * bend < enough:
+            continue
         m = which[k]
         a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
@@ -285,7 +324,7 @@ def curvature(
             departure = change = 0.0
             for t in range(0, rows.level.shape[0], stride):
                 north = east = 0.0
-                for i in range(models.count[m]):
+                for i in range(models.sizes[m]):
                     state = models.used[m, i]
                     north += rows.place[t, 0, state] * mean[k, state]
                     east += rows.place[t, 1, state] * mean[k, state]
@@ -306,7 +345,7 @@ def curvature(
 
 
 @kernel(error_model="numpy")
-def merged(which, log_weight, mean, covariance, limit):
+def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyped-def]
     """Merge hypotheses of one model whose places overlap by their moments, in place, and return
     the indices of those that stay.
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
 from isogal.matching.pmht.diverged import decided, pursued, remembered
 from isogal.matching.pmht.hypotheses import Hypotheses
@@ -30,7 +30,9 @@ from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
+from isogal.matching.pmht.search import parts_of
 from isogal.matching.pmht.settings import Settings
+from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
 WIDE_M = 500.0
@@ -76,12 +78,15 @@ class Pmht:
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
+        each = (Beside(self.lead, batch, field_map), *batch.beside)
+        for one in each:
+            if (reason := unusable(one.batch) or _unlike(one)) is not None:
+                return declined(batch, reason), memory
         prior, by_seven = navigator_states(batch)
         if memory is None:
             memory, forward = Memory.before(prior), np.eye(BATCH_STATES)
         else:
             memory, forward = _propagated(memory, batch, prior, by_seven)
-        each = (Beside(self.lead, batch, field_map), *batch.beside)
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
@@ -121,10 +126,21 @@ class Pmht:
                 field = FieldMemory(
                     states, models, None if lost else Hypotheses.before(models, prior)
                 )
-            new, epoch = rows_of(one.batch, one.field_map, field.states, field.models.lengths, field.epoch)
+            new, epoch = rows_of(
+                one.batch, one.field_map, field.states, field.models.lengths, field.epoch
+            )
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)
         return replace(memory, fields=fields), rows
+
+
+def _unlike(one: Beside) -> str | None:
+    """Why readings cannot be of a map, in one line; None where they can."""
+    channels = 1 if one.batch.channel is None else one.batch.rows_per_scan
+    maps = len(channels_of(one.field_map))
+    if channels <= maps:
+        return None
+    return f"the readings have {channels} channels, the map {maps}"
 
 
 def _propagated(
@@ -132,17 +148,22 @@ def _propagated(
 ) -> tuple[Memory, Array]:
     """Return the memory at the end of a batch, before its readings, and (7, 7) the error there per
     unit of error at the last batch end."""
-    elapsed = float(batch.time[-1] - batch.time[max(len(batch) - batch.new - 1, 0)])
-    xi, rest = batch.back(elapsed)
+    last = len(batch) - batch.new - 1
     back = np.eye(BATCH_STATES)
-    back[: len(xi)] = xi @ by_seven[:4] + rest @ by_seven[4:]
+    if batch.backward is not None and last >= 0:  # what a gap in the inertial data adds is growth
+        size = batch.backward.shape[1]
+        back[:size, :size] = batch.backward[last]
+    else:
+        xi, rest = batch.back(float(batch.time[-1] - batch.time[max(last, 0)]))
+        back[: len(xi)] = xi @ by_seven[:4] + rest @ by_seven[4:]
     before = memory.covariance
     if batch.correction is not None:
         off = -batch.correction - memory.taken
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
         memory = memory.moved(off)
-    return memory.propagated(before, back, prior), np.linalg.inv(back)
+    forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
+    return memory.propagated(before, back, prior), forward
 
 
 def _observed(
@@ -158,15 +179,19 @@ def _observed(
         field = fields[one.field]
         if new is None or field.bank is None:
             continue
-        bank = field.bank.informed(told.total, prior)
-        seen = bank.split(one.field_map.grid, new).observed(one.field_map.grid, new)
+        bank, log = field.bank.informed(told.total, prior), 0.0
+        for part in parts_of(new):
+            seen = bank.split(one.field_map.grid, part).observed(one.field_map.grid, part)
+            if not len(seen):
+                break
+            log += seen.log_evidence
+            bank = seen.reduced()
         if not len(seen):
             if one is each[0]:
                 return None
             continue
         if one is each[0]:
-            evidence = seen.log_evidence
-        bank = seen.reduced()
+            evidence = log
         fields[one.field] = replace(field, bank=bank)
         told = told.with_bank(one.field, bank, prior)
     for index, field in fields.items():

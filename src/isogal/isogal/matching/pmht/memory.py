@@ -1,7 +1,7 @@
 """What `pmht` carries from batch to batch."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -92,7 +92,7 @@ class Memory:
             taken=np.zeros(BATCH_STATES),
         )
 
-    def _each(self, change):  # type: ignore[no-untyped-def]
+    def _each(self, change: Callable[[Hypotheses], Hypotheses]) -> "Memory":
         fields = {
             index: one if one.bank is None else replace(one, bank=change(one.bank))
             for index, one in self.fields.items()

@@ -11,6 +11,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.information import (
     informed_state,
     likelihood_information,
@@ -134,11 +135,12 @@ def _after(memory: Memory, taken: Array, covariance: Array) -> Memory:
 
 def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
     """Return sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have
-    shown them."""
+    shown them; None where it is told that there is none."""
     for one in each:
         bank = memory.fields[one.field].bank
         if one.field_map.quantity in GRAVITY and bank is not None:
-            return bank.map_error
+            sigma, length = bank.map_error
+            return (sigma, length) if sigma > 0.0 else None
     return None
 
 
@@ -176,7 +178,9 @@ def _of_each_scan(
         known = Information(information.vector[:size], information.matrix[:size, :size])
         parts[new] = shares(known, prior[:size, :size], each.backward[new])
     late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
-    places = np.stack([each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1)
+    places = np.stack(
+        [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
+    )
     return replace(
         fix,
         scan_position=None if late else places,
@@ -195,6 +199,7 @@ def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> di
         prefix = "" if one is each[0] else f"{names[one.field]}."
         sigma, length = field.bank.map_error
         of_field = {"map_sigma": sigma, "map_correlation_length_m": length}
+        of_field[UNEXPLAINED] = field.bank.unexplained
         of_field |= dict(zip(FAMILIES[1:], map(float, field.bank.faults[1:]), strict=True))
         of_field |= field.bank.figures(field.states)
         figures |= {prefix + name: value for name, value in of_field.items()}

@@ -6,6 +6,7 @@ thousands are one matrix product; the best become hypotheses of few models and t
 readings. docs/mathematics.md, section 9.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +19,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import MOST, Hypotheses
 from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
 
 COARSE_M, FINE_M = 1000.0, 333.0
@@ -28,14 +30,18 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 REACH = 2.7
 """1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 250, 1200
+COARSE_BEST, FINE_BEST = 500, 3000
 """Cells of the first grid, and cells with a model of the second, that are followed up."""
 WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
 GROUPS = 40
 """Means of readings that cells are ranked by, at most."""
+MOST_CHANNELS = 3
+"""Of several channels so many times as many, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
+OF_LENGTHS = ("load", "step", "joined")
+"""Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
 
@@ -84,24 +90,29 @@ def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
-    axis = {"load": 1}
-    return Rows(
-        *(
-            np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
-            for name in Rows._fields
-        )
+    axis = dict.fromkeys(OF_LENGTHS, 1)
+    return Rows._make(
+        np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
+        for name in Rows._fields
     )
 
 
 def some(rows: Rows, first: int, last: int) -> Rows:
     """Return rows from a first one to before a last one."""
     part = slice(first, last)
-    return Rows(
-        *(
-            np.ascontiguousarray(column[:, part] if name == "load" else column[part])
-            for name, column in zip(Rows._fields, rows, strict=True)
-        )
+    return Rows._make(
+        np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
+        for name, column in zip(Rows._fields, rows, strict=True)
     )
+
+
+def parts_of(rows: Rows) -> list[Rows]:
+    """Return rows in parts of at most so many as hypotheses take in one update: the first of them
+    leave few places where there were many."""
+    count = len(rows.level)
+    number = -(-count // CHUNK)
+    ends = [count * k // number for k in range(number + 1)]
+    return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
 def places(
@@ -143,8 +154,8 @@ def places(
     centres = (centres[best][:, None] + inside).reshape(-1, 2)
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
-    pairs = np.unravel_index(_best(log.ravel(), FINE_BEST), log.shape)
-    return at_cells(models, centres[pairs[0]], pairs[1], fine, wide), gain
+    cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
+    return at_cells(models, centres[cell], model, fine, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,13 +178,14 @@ class Search:
         most : int
             Hypotheses at most.
         """
-        them, last = self.hypotheses, min(self.done + AT_ONCE, len(rows.level))
+        them, count = self.hypotheses, len(rows.level)
+        last = min(self.done + AT_ONCE * them.most // MOST, count)
         for first in range(self.done, last, CHUNK):
             part = some(rows, first, min(first + CHUNK, last))
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return None
-            them = them.pruned(most)
+            them = pruned(them, most)
         return Search(them, last)
 
 
@@ -199,9 +211,9 @@ def _density(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _best(log: Array, most: int) -> Array:
+def _best(log: Array, most: int) -> Integers:
     order = np.argsort(-log)[:most]
-    return order[log[order] > log[order[0]] - WORTH]
+    return np.asarray(order[log[order] > log[order[0]] - WORTH], dtype=np.int64)
 
 
 def _square(axis: Array) -> Array:
@@ -227,15 +239,18 @@ class _Seen:
 
     @classmethod
     def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
-        n = len(rows.level)
-        size = -(-n // GROUPS)
-        count = n // size
-        mean = lambda a: a[n - count * size :].reshape(count, size, *a.shape[1:]).mean(axis=1)
-        n7 = BATCH_STATES
+        size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
+        # those of a channel one after the other, the last of them in whole groups
+        each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
+        which = np.concatenate([one[len(one) % size :] for one in each])
+
+        def mean(a: Array) -> Array:
+            return np.asarray(a[which].reshape(-1, size, *a.shape[1:]).mean(axis=1))
+
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[n - count * size :: size],
+            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
@@ -244,10 +259,11 @@ class _Seen:
         slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
         rest = prior.copy()
         rest[:2], rest[:, :2] = 0.0, 0.0
-        own = grouped.place[:, :, :n7]
+        own = grouped.place[:, :, :BATCH_STATES]
         bend = np.sqrt(0.5 * np.einsum("tai,ij,taj->t", own, rest, own))
         return cls(
-            grouped, field_map.grid, mean(rows.noise) / size, np.hypot(apart[..., 0], apart[..., 1]),
+            grouped, field_map.grid, mean(rows.noise) / size,
+            np.hypot(apart[..., 0], apart[..., 1]),
             slope if math.isfinite(slope) else 0.0, bend, models,
         )  # fmt: skip
 
@@ -305,7 +321,9 @@ def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
 
 
 @kernel(error_model="numpy")
-def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):
+def _residuals(  # type: ignore[no-untyped-def]
+    grid, latitude, longitude, radian, level, place, reading, channel, centres
+):
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]

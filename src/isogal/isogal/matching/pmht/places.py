@@ -1,0 +1,78 @@
+"""What a search for places asks of hypotheses (docs/mathematics.md, section 9)."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.pmht import kernels
+from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
+from isogal.matching.pmht.models import Models
+
+NEAR_M, FEW = 700.0, 12
+"""1-sigma of all places together up to which they are one, and how many hypotheses stand for
+it."""
+
+
+def pruned(them: Hypotheses, most: int) -> Hypotheses:
+    """Merge places and drop what is negligible, whatever its model; weights stay as they
+    are."""
+    kept = np.argsort(-them.log_weight)[:most]
+    kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
+    them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
+    mean, covariance = them.mean.copy(), them.covariance.copy()
+    weight = them.log_weight.copy()
+    stay = kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
+    return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
+
+
+def resolved(them: Hypotheses) -> bool:
+    """Whether what is probable is one place."""
+    covariance = them.moments()[1]
+    return bool(covariance[0, 0] + covariance[1, 1] < NEAR_M**2)
+
+
+def gathered(them: Hypotheses, most: int) -> Hypotheses:
+    """Return the likeliest ones, each merged by moments with those that are nearest to it,
+    whatever their model: all of what is known, in at most so many."""
+    best = np.argsort(-them.log_weight)[:most]
+    if len(best) == len(them):
+        return them
+    away = them.mean[:, None, :2] - them.mean[best, :2]
+    inverse = np.linalg.inv(them.covariance[best, :2, :2])
+    nearest = np.argmin(np.einsum("kbi,bij,kbj->kb", away, inverse, away), axis=1)
+    nearest[best] = np.arange(most)
+    total = np.bincount(nearest, them.weight, most)
+    share = them.weight / total[nearest]
+    mean, covariance = np.zeros_like(them.mean[best]), np.zeros_like(them.covariance[best])
+    np.add.at(mean, nearest, share[:, None] * them.mean)
+    away = them.mean - mean[nearest]
+    inner = them.covariance + away[:, :, None] * away[:, None]
+    np.add.at(covariance, nearest, share[:, None, None] * inner)
+    weight = np.log(total) + them.log_evidence
+    return replace(
+        them, which=them.which[best], log_weight=weight, mean=mean, covariance=covariance
+    )
+
+
+def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
+    """Return the same places under other models, of which nothing is known yet."""
+    them = gathered(them, FEW)
+    count, m, n = len(them), len(models.sigma), BATCH_STATES
+    base = Hypotheses.before(models, np.eye(n))
+    covariance = np.tile(base.covariance, (count, 1, 1))
+    covariance[:, :n, :n] = np.repeat(them.covariance[:, :n, :n], m, axis=0)
+    mean = np.zeros((count * m, covariance.shape[1]))
+    mean[:, :n] = np.repeat(them.mean[:, :n], m, axis=0)
+    weight = (them.log_weight[:, None] + models.log_prior).ravel()
+    return Hypotheses(models, np.tile(np.arange(m), count), weight, mean, covariance)
+
+
+def carried(them: Hypotheses, transition: Array, shift: Array) -> Hypotheses:
+    """Return them about another error of the navigator, (7, 7) x + (7,)."""
+    whole = np.eye(them.mean.shape[1])
+    whole[:BATCH_STATES, :BATCH_STATES] = transition
+    mean = them.mean @ whole.T
+    mean[:, :BATCH_STATES] += shift
+    return replace(them, mean=mean, covariance=whole @ them.covariance @ whole.T)

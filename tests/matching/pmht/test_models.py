@@ -1,0 +1,128 @@
+"""What the bank thinks possible, and how likely before any reading."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.bank import models, states_of
+from isogal.matching.pmht.models import (
+    BIAS_SHARE,
+    BIASED,
+    FAULTS,
+    FILTERED,
+    LATE,
+    NAVIGATOR,
+    NOISIER,
+    NONE,
+    WRONG_AID,
+    Assumed,
+    few,
+    models_of,
+)
+from isogal.matching.pmht.rows import BIAS, DELAY, DRIFT
+
+UNTOLD = models()
+TOLD = models(sigma=3e-5, length=2000.0)
+
+
+def probability(which, chosen) -> float:
+    return float(np.exp(which.log_prior[chosen]).sum())
+
+
+@pytest.mark.parametrize("which", [UNTOLD, TOLD, models(bias=1e-5), models(sigma=0.0)])
+def test_priors_sum_to_one(which):
+    assert probability(which, slice(None)) == pytest.approx(1.0)
+
+
+def test_each_fault_has_its_probability_whatever_the_map_s_error():
+    for family in {fault.family for fault in FAULTS}:
+        expected = sum(fault.probability for fault in FAULTS if fault.family == family)
+        assert probability(UNTOLD, UNTOLD.family == family) == pytest.approx(
+            expected / sum(fault.probability for fault in FAULTS)
+        )
+
+
+def test_to_the_letter_there_is_one_model():
+    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0)):
+        assert len(which.sigma) == 1
+        assert which.family[0] == NONE
+    assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
+    assert which.initial[0, 0] == 0.0  # a map without error has no state for it
+    assert which.sizes[0] == 7
+
+
+def test_what_is_told_is_right_within_a_factor():
+    plain = TOLD.family == NONE
+    weight = np.exp(TOLD.log_prior[plain])
+    weight /= weight.sum()
+    off = np.log2(TOLD.sigma[plain] / 3e-5)
+    assert weight @ off == pytest.approx(0.0, abs=1e-12)
+    assert weight @ off**2 == pytest.approx(1.0, rel=0.25)  # trust 2 is a 1-sigma
+    best = np.argmax(weight)
+    assert (TOLD.sigma[plain][best], TOLD.length[plain][best]) == (3e-5, 2000.0)
+
+
+def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
+    alone = (UNTOLD.family == NONE) & (np.abs(UNTOLD.length / 4000.0 - 1.0) < 1e-9)
+    sigma, log = UNTOLD.sigma[alone], UNTOLD.log_prior[alone]
+    small = log[(sigma > 0.0) & (sigma <= 1e-5 * (1.0 + 1e-9))]
+    assert np.ptp(small) == pytest.approx(0.0, abs=1e-9)
+    assert (np.diff(log[sigma > 1e-5]) < 0.0).all()
+    assert sigma[1] == pytest.approx(0.125e-5)
+    assert sigma[-1] >= 0.5e-4  # half of the map's scale
+    assert sigma[0] == 0.0
+    assert log[0] > log[1]
+
+
+@pytest.mark.parametrize(("keys", "gone"), [
+    ({"bias": 1e-5}, {BIASED}), ({"walks": True}, {BIASED}), ({"delay": 2.0}, {LATE}),
+    ({"filtered": True}, {FILTERED}),
+])  # fmt: skip
+def test_what_is_told_is_no_fault(keys, gone):
+    every = {fault.family for fault in FAULTS}
+    assert set(UNTOLD.family) == every
+    assert set(models(**keys).family) == every - gone
+
+
+def test_a_reading_of_several_numbers_has_no_bias_or_delay():
+    nothing = np.zeros(0)
+    states = replace(states_of(2), sigma=nothing, time=nothing, walk=nothing, unknown=0)
+    which = models_of(Assumed(noise=1e-9, scale=1e-8, rough=1e-9), states)
+    assert set(which.family) == {NONE, NOISIER, NAVIGATOR, WRONG_AID}
+    assert which.initial.shape[1] == 2
+
+
+def test_states_of_a_model_are_those_that_it_has():
+    last = UNTOLD.initial[:, -3:]
+    for family, state in ((BIASED, BIAS), (LATE, DELAY)):
+        assert (last[UNTOLD.family == family, state] > 0.0).all()
+        assert (last[UNTOLD.family != family, state] == 0.0).all()
+    biased = UNTOLD.family == BIASED
+    assert last[biased, BIAS] == pytest.approx(BIAS_SHARE * 1e-4)
+    assert {*(last[biased, DRIFT] > 0.0)} == {True, False}
+    for m in range(len(UNTOLD.sigma)):
+        used = UNTOLD.used[m, : UNTOLD.sizes[m]]
+        expected = [*range(7), *(7 + np.flatnonzero(UNTOLD.initial[m]))]
+        assert list(used) == expected
+
+
+def test_told_bias_and_delay_are_states_of_all_models():
+    which = models(bias=2e-5, drift=1e-9, delay=3.0)
+    np.testing.assert_array_equal(which.initial[:, -3:], [[2e-5, 1e-9, 3.0]] * len(which.sigma))
+
+
+def test_a_walking_bias_is_a_state_that_begins_at_nothing():
+    states = replace(states_of(), walk=np.array([1e-7, 0.0, 0.0]))
+    which = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, walks=True), states)
+    assert (which.initial[:, 1 + BIAS] == 0.0).all()
+    assert all(8 + BIAS in used[:size] for used, size in zip(which.used, which.sizes, strict=True))
+
+
+def test_a_search_has_few_models_that_are_as_likely():
+    part = few(UNTOLD, np.array([0.1, 0.3, 0.9]))
+    assert len(part.sigma) == 4
+    assert part.sigma[0] == 0.0
+    assert (part.family == NONE).all()
+    np.testing.assert_allclose(np.exp(part.log_prior), 0.25)
+    assert len(few(models(sigma=0.0), np.array([0.1, 0.3, 0.9])).sigma) == 1

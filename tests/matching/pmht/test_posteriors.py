@@ -1,0 +1,239 @@
+"""What a batch says, against closed forms on a plane and exact posteriors on a grid."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from helpers.bank import (
+    LETTER,
+    PLANE,
+    by_grid,
+    close,
+    flown,
+    kalman,
+    noise_of,
+    pmht,
+    posterior_of,
+    with_map_error,
+)
+from helpers.batches import field_map_of, make_batch, wavy
+from isogal.maps.channels import ChannelMap
+from isogal.matching.channels import channel_batch
+from isogal.matching.parameters import Parameters
+from isogal.matching.pmht.rows import navigator_states
+
+ERROR = np.array([250.0, -300.0, 0.03, 0.02])
+ROUGH = field_map_of(wavy)
+WRONG = {"map_sigma": 2e-5, "map_correlation_length": 3000.0, **LETTER}
+
+
+@pytest.mark.parametrize(("settings", "noise"), [
+    ({}, {}),
+    (WRONG, {"map_sigma": 2e-5, "length": 3000.0}),
+    ({"bias_sigma": 1e-5}, {"bias": 1e-5}),
+    (WRONG | {"bias_sigma": 1e-5}, {"map_sigma": 2e-5, "length": 3000.0, "bias": 1e-5}),
+])  # fmt: skip
+def test_on_a_plane_it_is_the_kalman_update(settings, noise):
+    batch, _ = make_batch(PLANE, ERROR, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
+    batch = replace(batch, offset=np.full(30, 2e-5), reading=batch.reading + 2e-5)
+    fix, memory = pmht(**settings).match(batch, PLANE, None)
+    assert fix.published, fix.reason
+    assert len(memory.fields[0].bank) == 1
+    expected = kalman(batch, noise_of(batch, **noise))
+    close(posterior_of(fix, batch.prior), expected, 0.02)
+    # the position alone, for those who cannot use more
+    prior = batch.prior[:2, :2]
+    gain = prior @ np.linalg.inv(prior + fix.covariance)
+    np.testing.assert_allclose((np.eye(2) - gain) @ prior, expected[1][:2, :2], rtol=0.05)
+
+
+def test_attitude_is_what_the_readings_say_of_it():
+    random, age = np.random.default_rng(5), np.linspace(1.0, 0.0, 30)
+    by_xi = random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5]
+    batch, _ = make_batch(
+        PLANE, (200.0, -100.0, 0.03, 0.02),
+        nuisance_position=300.0 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3)),
+        nuisance_reading=1e-5 * age[:, None] * random.standard_normal(3),
+        attitude=(by_xi, 3e-5 * random.standard_normal((3, 3))),
+    )  # fmt: skip
+    prior, by_seven = navigator_states(batch)
+    fix, _ = pmht(**WRONG).match(batch, PLANE, None)
+    value, north, east = PLANE.value_and_gradient(batch.latitude, batch.longitude)
+    slope = np.stack([north, east], axis=-1)
+    H = np.concatenate([
+        batch.reading_jacobian - np.einsum("ti,tij->tj", slope, batch.transition),
+        batch.nuisance_reading - np.einsum("ti,tij->tj", slope, batch.nuisance_position),
+    ], axis=1) @ by_seven  # fmt: skip
+    R = noise_of(batch, 2e-5, 3000.0)
+    covariance = prior - prior @ H.T @ np.linalg.solve(H @ prior @ H.T + R, H @ prior)
+    mean = covariance @ H.T @ np.linalg.solve(R, batch.reading - value)
+    scale = np.sqrt(np.diag(prior))  # of the prior: it is badly conditioned
+    unit = np.outer(scale, scale)
+    M = fix.information.matrix
+    got = np.linalg.solve(np.eye(7) + prior @ M, prior)
+    np.testing.assert_allclose(got / unit, covariance / unit, atol=2e-3)
+    np.testing.assert_allclose(got @ fix.information.vector / scale, mean / scale, atol=5e-3)
+    assert got[6, 6] < 0.99 * prior[6, 6]
+
+
+@pytest.mark.parametrize("taken", [True, False])
+@pytest.mark.parametrize("sigma", [0.0, 2e-5])
+def test_no_reading_counts_twice(taken, sigma):
+    """Three batches one after the other tell what one batch of all readings tells, whether the
+    navigator takes the fixes in between or not."""
+    settings = WRONG | {"map_sigma": sigma}
+    error, prior = np.array([300.0, -600.0, 0.4, 0.3]), (400.0, 0.4)
+    keys = {"scans": 10, "start": (-3000.0, -3000.0), "seed": None}
+    noise = 1e-5 * np.random.default_rng(2).standard_normal((3, 10))
+
+    def change(batch, number):
+        return replace(batch, reading=batch.reading + noise[number])
+
+    *_, (batch, fix, _, left) = flown(
+        PLANE, pmht(**settings), 3, error, prior, taken=taken, change=change, **keys
+    )
+    at_end = error + np.concatenate([200.0 * error[2:], np.zeros(2)])
+    first = np.eye(4)
+    first[:2, 2:] = 200.0 * np.eye(2)
+    whole, _ = make_batch(
+        PLANE, at_end, 30, start=keys["start"], seed=None,
+        prior=first @ np.diag(np.repeat(np.square(prior), 2)) @ first.T,
+    )  # fmt: skip
+    whole = replace(whole, reading=whole.reading + noise.ravel())
+    mean, covariance = kalman(whole, noise_of(whole, sigma, 3000.0))
+    got = posterior_of(fix, batch.prior)
+    close((got[0] - left + at_end, got[1]), (mean, covariance), 0.1)
+
+
+def test_weights_are_the_probabilities_of_models():
+    """Of readings that are Gaussian on a plane: the density of all of them by each model."""
+    batch, _ = make_batch(PLANE, ERROR)
+    batch = with_map_error(batch, 4e-5, 4000.0, 3)
+    bank = pmht(map_sigma=2e-5, bias_sigma=1e-5).match(batch, PLANE, None)[1].fields[0].bank
+    which, n = bank.models, len(batch)
+    value, north, east = PLANE.value_and_gradient(batch.latitude, batch.longitude)
+    H = batch.reading_jacobian - np.einsum(
+        "ti,tij->tj", np.stack([north, east], axis=-1), batch.transition
+    )
+    log = np.empty(len(which.sigma))
+    for m in range(len(log)):
+        sigma, length = which.sigma[m], which.length[m]
+        R = noise_of(batch, sigma, length, 1e-5) + (which.noise[m] - 1.0) * 1e-10 * np.eye(n)
+        covariance = R + which.start[m] * H @ batch.prior @ H.T
+        log[m] = which.log_prior[m] + multivariate_normal.logpdf(
+            batch.reading - value, np.zeros(n), covariance
+        )
+    plain = (which.lag == 0.0) & (which.initial[:, -1] == 0.0)
+    log -= np.logaddexp.reduce(log[plain])
+    got = bank._of_models(bank.which, bank.log_weight)
+    got -= np.logaddexp.reduce(got[plain])
+    likely = plain & (log > -6.0)
+    assert likely.sum() >= 8
+    np.testing.assert_allclose(got[likely], log[likely], atol=0.05)
+
+
+@pytest.mark.parametrize("sigma", [1.5e-5, 8e-5])
+@pytest.mark.parametrize("map_sigma", [0.0, 4e-5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_moments_of_a_posterior_that_is_not_gaussian(sigma, map_sigma, seed):
+    batch, _ = make_batch(
+        ROUGH, (200.0, 150.0, 0.0, 0.0), sigma=sigma, prior_sigma=(300.0, 1e-4),
+        start=(5e3, -8e3), seed=seed,
+    )  # fmt: skip
+    batch = with_map_error(batch, map_sigma, 4000.0, seed)
+    fix, memory = pmht(map_sigma=map_sigma, **LETTER).match(batch, ROUGH, None)
+    bank = memory.fields[0].bank.moved(-memory.taken)
+    place, weight = by_grid(batch, ROUGH, noise_of(batch, map_sigma), 1500.0, 20.0)
+    mean = weight @ place
+    covariance = (place - mean).T @ (weight[:, None] * (place - mean))
+    got = bank.moments()
+    close((got[0][:2], got[1][:2, :2]), (mean, covariance), 0.15)
+    told = posterior_of(fix, batch.prior)
+    close((told[0][:2], told[1][:2, :2]), (mean, covariance), 0.15)
+
+
+def test_two_places_that_fit_have_their_weights():
+    """A field that repeats itself every km."""
+    twice = field_map_of(
+        lambda north, east: (
+            3e-5 * np.sin(2 * np.pi * np.asarray(north) / 1000.0)
+            + 3e-5 * np.sin(2 * np.pi * np.asarray(east) / 1000.0)
+        )
+    )
+    batch, _ = make_batch(twice, (300.0, 100.0, 0.0, 0.0), prior_sigma=(450.0, 1e-4), seed=4)
+    bank = pmht().match(batch, twice, None)[1]
+    bank = bank.fields[0].bank.moved(-bank.taken)
+    place, weight = by_grid(batch, twice, noise_of(batch), 3000.0, 30.0)
+    probability = bank.weight
+    far = 0
+    for north in (-700.0, 300.0, 1300.0):
+        for east in (-900.0, 100.0, 1100.0):
+            exact = weight[np.hypot(*(place - [north, east]).T) < 400.0].sum()
+            got = probability[np.hypot(*(bank.mean[:, :2] - [north, east]).T) < 400.0].sum()
+            far += 0.02 < exact < 0.5
+            assert got == pytest.approx(exact, rel=0.1, abs=0.01)
+    assert far >= 2
+
+
+def test_independent_channels_are_as_many_readings():
+    """Two maps, each with readings of its own, on planes: the Kalman update by all of them."""
+    other = field_map_of(lambda north, east: 1e-8 * north + 5e-8 * east, half=60e3, step=2000.0)
+    scalar, _ = make_batch(PLANE, ERROR, seed=None)
+    maps, random = ChannelMap([PLANE, other]), np.random.default_rng(1)
+    moved = scalar.transition @ ERROR
+    north, east = (np.array(one) for one in ((4e-8, 1e-8), (-3e-8, 5e-8)))
+    there = maps.value(scalar.latitude, scalar.longitude)
+    true = there - moved[:, :1] * north - moved[:, 1:] * east
+    sigma = np.array([1e-5, 2e-5])
+    batch = channel_batch(
+        scalar, true + sigma * random.standard_normal((30, 2)), np.diag(sigma**2)
+    )
+    fix, _ = pmht().match(batch, maps, None)
+    information, vector = np.linalg.inv(batch.prior), np.zeros(4)
+    for c in range(2):
+        gradient = np.array([north[c], east[c]])
+        H = -np.einsum("i,tij->tj", gradient, scalar.transition)
+        information = information + H.T @ H / sigma[c] ** 2
+        residual = batch.reading.reshape(30, 2)[:, c] - there[:, c]
+        vector = vector + H.T @ residual / sigma[c] ** 2
+    covariance = np.linalg.inv(information)
+    close(posterior_of(fix, batch.prior), (covariance @ vector, covariance), 0.05)
+
+
+def test_a_told_parameter_is_estimated_along():
+    """A constant offset with a name: as a bias in closed form; its mean is in the figures."""
+    batch, _ = make_batch(PLANE, ERROR)
+    told = Parameters(("offset",), np.array([3e-5]), np.ones((30, 1)))
+    batch = replace(batch, parameters=told, reading=batch.reading + 4e-5)
+    fix, _ = pmht().match(batch, PLANE, None)
+    R = noise_of(batch) + 9e-10
+    expected = kalman(batch, R)
+    close(posterior_of(fix, batch.prior), expected, 0.02)
+    value, north, east = PLANE.value_and_gradient(batch.latitude, batch.longitude)
+    H = -np.einsum("ti,tij->tj", np.stack([north, east], axis=-1), batch.transition)
+    S = H @ batch.prior @ H.T + R
+    mean = 9e-10 * np.ones(30) @ np.linalg.solve(S, batch.reading - value)
+    assert fix.diagnostics["offset"] == pytest.approx(mean, rel=0.02)
+
+
+def test_shares_of_scans_are_the_whole():
+    batch, _ = make_batch(PLANE, ERROR)
+    backward = np.tile(np.eye(4), (30, 1, 1))
+    backward[:, :2] = batch.transition
+    batch = replace(batch, backward=backward, new=12)
+    fix, _ = pmht(mode="retrodiction").match(batch, PLANE, None)
+    assert all(share is None for share in fix.scan_information[:18])
+    estimate, covariance = np.zeros(4), batch.prior
+    for t in range(18, 30):  # the navigator's estimate at the end, told scan by scan
+        share = fix.of_scan(t).information
+        back = backward[t]
+        before = back @ covariance @ back.T
+        after = np.linalg.inv(np.linalg.inv(before) + share.matrix)
+        forward = np.linalg.inv(back)
+        estimate = estimate + forward @ after @ share.vector
+        covariance = forward @ after @ forward.T
+    close((estimate, covariance), posterior_of(fix, batch.prior), 1e-4)
+    summed = sum(np.linalg.inv(fix.scan_covariance[t]) for t in range(18, 30))
+    np.testing.assert_allclose(np.linalg.inv(summed), fix.covariance, rtol=1e-9)

@@ -1,0 +1,216 @@
+"""Readings of a batch as rows that are linear but for the map."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from helpers.bank import PLANE, VELOCITY
+from helpers.batches import field_map_of, make_batch, wavy
+from helpers.navigators import random_covariance
+from isogal.maps.channels import ChannelMap
+from isogal.matching.channels import channel_batch
+from isogal.matching.parameters import Parameters
+from isogal.matching.path import FilterPath
+from isogal.matching.pmht.rows import Epoch, States, navigator_states, rows_of
+
+ROUGH = field_map_of(wavy)
+LENGTHS = np.array([1000.0, 4000.0])
+
+
+def rows(batch, field_map=ROUGH, last=None):
+    states = States.of(batch, field_map)
+    made, epoch = rows_of(batch, field_map, states, LENGTHS, last)
+    return made, epoch, states
+
+
+def predicted(made, field_map, state):
+    """What the rows say of a state without noise."""
+    moved = made.place @ state
+    value = field_map.value(
+        made.latitude - moved[:, 0] * made.radian[:, 0],
+        made.longitude - moved[:, 1] * made.radian[:, 1],
+    )
+    return value + made.reading @ state
+
+
+def with_attitude(batch, seed=0):
+    """The batch of a navigator that does not know its attitude, and by what its unknowns are
+    given."""
+    random = np.random.default_rng(seed)
+    age = np.linspace(1.0, 0.0, len(batch))[:, None, None]
+    return replace(
+        batch,
+        nuisance_position=30.0 * age**2 * random.standard_normal((1, 2, 3)),
+        nuisance_reading=2e-6 * age[:, 0] * random.standard_normal(3),
+        attitude=(
+            random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5],
+            3e-5 * random.standard_normal((3, 3)),
+        ),
+    )
+
+
+def test_rows_foretell_the_readings_of_a_navigator_with_an_error():
+    error = np.array([250.0, -300.0, 0.03, 0.02])
+    batch, _ = make_batch(ROUGH, error, seed=None, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
+    made, _, states = rows(replace(batch, offset=np.full(30, 2e-5), reading=batch.reading + 2e-5))
+    state = np.zeros(states.count)
+    state[:4] = error
+    np.testing.assert_allclose(made.level, predicted(made, ROUGH, state), atol=2e-8)
+    assert np.abs(made.level - predicted(made, ROUGH, 0.0 * state)).max() > 1e-5
+    np.testing.assert_allclose(made.noise, 1e-10)
+
+
+def test_the_navigators_states_are_the_batch_s_unknowns():
+    batch = with_attitude(make_batch(PLANE)[0])
+    batch = replace(batch, prior=random_covariance(np.array([300.0, 200.0, 0.3, 0.2])))
+    covariance, by_seven = navigator_states(batch)
+    by_xi, root = batch.attitude
+    turn = np.block([[np.eye(4), np.zeros((4, 3))], [by_xi, root]])
+    np.testing.assert_allclose(by_seven @ turn, np.eye(7), atol=1e-8)
+    start = np.block([[batch.prior, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
+    np.testing.assert_allclose(covariance, turn @ start @ turn.T, rtol=1e-9, atol=1e-30)
+    made, _, _ = rows(batch, PLANE)
+    x = np.zeros(made.reading.shape[1])
+    xi, rest = np.array([9.0, 8.0, 0.7, 0.6]), np.array([0.5, -0.4, 0.3])
+    x[:7] = turn @ np.concatenate([xi, rest])
+    np.testing.assert_allclose(
+        made.place @ x, batch.transition @ xi + batch.nuisance_position @ rest, rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        made.reading @ x, batch.reading_jacobian @ xi + batch.nuisance_reading @ rest, rtol=1e-6
+    )
+
+
+def test_without_attitude_nothing_follows_from_it():
+    batch, _ = make_batch(PLANE)
+    covariance, by_seven = navigator_states(batch)
+    np.testing.assert_array_equal(covariance[:4, :4], batch.prior)
+    assert covariance[4:, 4:].max() < 1e-20
+    np.testing.assert_array_equal(by_seven, np.eye(4, 7))
+
+
+def test_only_new_readings_that_are_there_are_rows():
+    batch, _ = make_batch(PLANE)
+    reading = batch.reading.copy()
+    reading[[22, 27]] = np.nan
+    made, epoch, _ = rows(replace(batch, reading=reading, new=12, cut=20), PLANE)
+    kept = [20, 21, 23, 24, 25, 26, 28, 29]
+    np.testing.assert_array_equal(made.latitude, batch.latitude[kept])
+    assert epoch.time == batch.time[29]
+    last = Epoch(0.0, 900.0, np.zeros((2, 2)))
+    none, same, _ = rows(replace(batch, reading=np.full(30, np.nan)), PLANE, last)
+    assert none is None
+    assert same is last
+
+
+def test_distance_and_time_go_on_from_the_last_reading():
+    batch, _ = make_batch(PLANE)
+    made, epoch, states = rows(batch, PLANE)
+    away = 10.0 * np.hypot(*batch.velocity.T)
+    np.testing.assert_allclose(made.travelled, [0.0, *away[1:]])
+    assert epoch.start == batch.time[0]
+    drift = states.count - 2
+    np.testing.assert_array_equal(made.reading[:, drift - 1], 1.0)  # a bias
+    np.testing.assert_array_equal(made.reading[:, drift], batch.time - batch.time[0])
+    first, epoch, _ = rows(replace(batch.part(np.arange(10)), new=10), PLANE)
+    later, _, _ = rows(replace(batch, new=20), PLANE, epoch)
+    np.testing.assert_array_equal(
+        np.concatenate([first.travelled, later.travelled]), made.travelled
+    )
+    np.testing.assert_array_equal(np.concatenate([first.reading, later.reading]), made.reading)
+
+
+def test_a_delay_moves_the_place_along_the_track():
+    late = 12.0
+    batch, _ = make_batch(ROUGH, seed=None)
+    north, east = batch.velocity.T * late
+    made, _, states = rows(replace(batch, reading_rate=np.full(30, 1e-7)))
+    assert states.count == 11
+    state = np.zeros(11)
+    state[10] = late
+    moved = made.place @ state
+    np.testing.assert_allclose(moved, np.stack([north, east], axis=-1))
+    np.testing.assert_allclose(made.reading @ state, 1e-7 * late)
+
+
+def test_told_parameters_have_states_before_those_nobody_tells_of():
+    batch, _ = make_batch(PLANE)
+    random = np.random.default_rng(0)
+    told = Parameters(
+        ("scale",), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
+        random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
+    )  # fmt: skip
+    made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
+    assert states.names == ("scale",)
+    assert states.count == 7 + 1 + 2 + 3
+    np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
+    np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)
+    step = np.exp(-10.0 / 100.0)
+    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, step, 1.0, 1.0, 1.0])
+    fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, 0.0, 0.0]
+    np.testing.assert_allclose(made.fresh[1], fresh)
+    np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
+
+
+def test_readings_of_several_channels_have_an_error_of_each_map():
+    scalar, _ = make_batch(ROUGH)
+    both = ChannelMap([ROUGH, replace(ROUGH, values=3.0 * ROUGH.values)])
+    values = both.value(scalar.latitude, scalar.longitude)
+    batch = channel_batch(scalar, values, np.diag([1e-10, 4e-10]))
+    made, _, states = rows(batch, both)
+    assert (states.channels, states.unknown, states.count) == (2, 0, 9)
+    np.testing.assert_array_equal(made.channel, np.tile([0, 1], 30))
+    np.testing.assert_allclose(made.noise, np.tile([1e-10, 4e-10], 30))
+    np.testing.assert_array_equal(made.load[0, :2], np.eye(2))  # each map's own
+    assert (made.travelled[1::2] == 0.0).all()
+
+
+def test_map_errors_under_beams_fall_off_with_distance():
+    """Those under the beams of a scan."""
+    scalar, _ = make_batch(PLANE, scans=4)
+    spread = np.repeat(np.arange(4), 3)
+    batch = scalar.part(spread)
+    across = np.tile([-600.0, 0.0, 600.0], 4)[:, None] * [-VELOCITY[1], VELOCITY[0]]
+    across /= np.hypot(*VELOCITY)
+    made, _, _ = rows(scalar, PLANE)
+    shifted = batch.latitude + across[:, 0] * made.radian[0, 0]
+    batch = replace(
+        batch, latitude=shifted, longitude=batch.longitude + across[:, 1] * made.radian[0, 1],
+        beam=np.tile(np.arange(3), 4), new=12,
+    )  # fmt: skip
+    made, _, states = rows(batch, PLANE)
+    count = states.channels
+    assert count == 3 * states.order
+    np.testing.assert_array_equal(made.load[0, :3, :3], np.eye(3))
+    apart = 600.0 * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
+    for length, joined in zip(LENGTHS, made.joined, strict=True):
+        first = joined[0]  # what a run begins with
+        assert first.shape == (count, count)
+        np.testing.assert_allclose(first[:3, :3], np.exp(-apart / length), rtol=2e-3)
+
+
+def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
+    sigma = np.full(ROUGH.shape, 1e-5)
+    sigma[: ROUGH.shape[0] // 2] = 3e-5
+    batch, _ = make_batch(ROUGH)
+    made, _, _ = rows(batch, replace(ROUGH, sigma=sigma))
+    own = replace(ROUGH, sigma=sigma).sigma_at(batch.latitude, batch.longitude)
+    np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
+    assert np.ptp(made.load[0]) > 0.5
+    assert (rows(batch)[0].load == 1.0).all()
+
+
+def test_a_filtered_reading_is_a_mean_over_the_path():
+    batch, _ = make_batch(ROUGH)
+    away = np.tile([[[-100.0, 0.0], [50.0, 20.0]]], (30, 1, 1))
+    path = FilterPath(30.0, away, np.array([0.4, 0.6]))
+    made, _, _ = rows(replace(batch, filter_path=path))
+    np.testing.assert_allclose(made.nodes[..., 2], np.tile([0.4, 0.6], (30, 1)))
+    np.testing.assert_allclose(made.nodes[..., :2] / made.radian[:, None], path.away)
+    assert rows(batch)[0].nodes.shape == (30, 1, 3)
+
+
+def test_rounding_of_the_map_is_noise():
+    batch, _ = make_batch(ROUGH)
+    made, _, _ = rows(batch, replace(ROUGH, quantisation=6e-5))
+    np.testing.assert_allclose(made.noise, 1e-10 + 3e-10)
