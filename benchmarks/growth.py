@@ -1,5 +1,5 @@
 """How CPU time and memory grow: with runs, workers, length of the route, nodes of the map, length
-of a batch, points of the sampler and hypotheses, each with its exponent.
+of a batch, each with its exponent.
 
     python benchmarks/growth.py                  # all, some minutes
     python benchmarks/growth.py --only runs      # one of them

@@ -201,7 +201,7 @@ def test_map_errors_of_one_potential_are_those_of_the_last_scans(velocity):
     u = np.zeros((states.channels,) * 2)
     for t in each:
         u = rows.step[0, t] @ u @ rows.step[0, t].T + rows.joined[0, t]
-    scale = rows.load[:4, :4].diagonal()
+    scale = rows.load[0, :4, :4].diagonal()
     expected = tensor_covariance(names, batch.channel, -apart, 400.0)
     size = states.channels
     last = np.arange(len(batch)).reshape(count, 4)[::-1].ravel()[:size]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from helpers.bank import PLANE
+from helpers.bank import PLANE, VELOCITY
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.maps.channels import ChannelMap
@@ -161,8 +161,32 @@ def test_readings_of_several_channels_have_an_error_of_each_map():
     assert (states.channels, states.unknown, states.count) == (2, 0, 9)
     np.testing.assert_array_equal(made.channel, np.tile([0, 1], 30))
     np.testing.assert_allclose(made.noise, np.tile([1e-10, 4e-10], 30))
-    np.testing.assert_array_equal(made.load[:2], np.eye(2))  # each map's own
+    np.testing.assert_array_equal(made.load[0, :2], np.eye(2))  # each map's own
     assert (made.travelled[1::2] == 0.0).all()
+
+
+def test_map_errors_under_beams_fall_off_with_distance():
+    """Those under the beams of a scan."""
+    scalar, _ = make_batch(PLANE, scans=4)
+    spread = np.repeat(np.arange(4), 3)
+    batch = scalar.part(spread)
+    across = np.tile([-600.0, 0.0, 600.0], 4)[:, None] * [-VELOCITY[1], VELOCITY[0]]
+    across /= np.hypot(*VELOCITY)
+    made, _, _ = rows(scalar, PLANE)
+    shifted = batch.latitude + across[:, 0] * made.radian[0, 0]
+    batch = replace(
+        batch, latitude=shifted, longitude=batch.longitude + across[:, 1] * made.radian[0, 1],
+        beam=np.tile(np.arange(3), 4), new=12,
+    )  # fmt: skip
+    made, _, states = rows(batch, PLANE)
+    count = states.channels
+    assert count == 3 * states.order
+    np.testing.assert_array_equal(made.load[0, :3, :3], np.eye(3))
+    apart = 600.0 * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
+    for length, joined in zip(LENGTHS, made.joined, strict=True):
+        first = joined[0]  # what a run begins with
+        assert first.shape == (count, count)
+        np.testing.assert_allclose(first[:3, :3], np.exp(-apart / length), rtol=2e-3)
 
 
 def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
@@ -171,8 +195,8 @@ def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
     batch, _ = make_batch(ROUGH)
     made, _, _ = rows(batch, replace(ROUGH, sigma=sigma))
     own = replace(ROUGH, sigma=sigma).sigma_at(batch.latitude, batch.longitude)
-    np.testing.assert_allclose(made.load[:, 0], own / sigma.mean())
-    assert np.ptp(made.load) > 0.5
+    np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
+    assert np.ptp(made.load[0]) > 0.5
     assert (rows(batch)[0].load == 1.0).all()
 
 

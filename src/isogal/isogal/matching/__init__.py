@@ -11,14 +11,12 @@
     expansion              readings with what else belongs to them: own field of a vehicle,
                            footprints of several beams
     parameters             constants, or what changes slowly, estimated along
-    several                matchers of several fields as one
+    several                when batches of several fields end
     joint_batches          from scans of several fields to batches with a common end
     usability              whether a batch can be used at all
     failures               a matcher that raises declines the batch
-    monitoring             what watches a matcher, and what it may ask of it
     information            from a posterior back to what the measurements alone said
     local_plane            north and east metres about a place
-    matrices               symmetric matrices: positive part, square root
     quasi_random           Sobol points, uniform and normal
     chi_square             survival function of the chi-square distribution
 

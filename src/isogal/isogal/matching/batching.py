@@ -130,14 +130,16 @@ class BatchBuilder:
     def collected(self) -> Collected:
         """What has been collected."""
         scans = tuple(self._scans[k] for k in range(len(self._scans)))
-        return Collected(scans, self._count, self._unused, self._bridge, self.gravity)
+        return Collected(
+            scans, self._count, self._unused, self._bridge, self.gravity, self._correction
+        )
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
         self._scans = Scans(self._most)
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
-        self._bridge, self._correction = collected.bridge, None
+        self._bridge, self._correction = collected.bridge, collected.correction
         self.gravity = collected.gravity or self.gravity
 
     def begin(self, earlier: int) -> None:

@@ -1,6 +1,6 @@
 """Constants, or what changes slowly, that are estimated along with the navigator's error: what a
 magnetic vehicle adds to its readings, a wrong speed of sound, the tilt of a gradiometer's platform
-(docs/mathematics.md, section 9.5)."""
+(docs/mathematics.md, section 5.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

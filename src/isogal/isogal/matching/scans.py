@@ -39,6 +39,8 @@ class Collected:
     bridge: Bridge | None = None
     gravity: ResidualGravity | None = None
     """None = what the builder assumes anyway."""
+    correction: Array | None = None
+    """(7,) of the navigator's estimate since the last batch end; None = not known."""
 
 
 _TIME, _LATITUDE, _LONGITUDE, _NORTH, _EAST, _SIGMA, _OFFSET, _HEIGHT, _COUNT = range(9)

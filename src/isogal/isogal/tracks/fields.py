@@ -12,8 +12,8 @@ from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import build_batch, without_map_edge
-from isogal.tracks.integrated.matcher import IntegratedMatcher
 from isogal.tracks.track import Track
 
 
@@ -91,17 +91,10 @@ def joint_batch(
 
 
 def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matcher:
-    """Return the matcher that the settings name.
-
-    `pmht` of a rigid track of numbers has its noise integrated out, of all fields at once; any
-    other works in its own way, checked where it can be, and those of several fields one after the
-    other (`isogal.matching.several`)."""
-    scalar = all(one.channels is None for one in fields)
-    integrable = checked and rigid and scalar
-    if integrable and all(one.settings.name == "pmht" for one in fields):
-        each = [IntegratedMatcher.from_settings(one.settings) for one in fields]
-        names = [one.name for one in fields]
-        return each[0].beside(list(zip(names, each, strict=True))[1:])
+    """Return the matcher that the settings name; `pmht` matches all fields together."""
+    settings, names = [one.settings for one in fields], [one.name for one in fields]
+    if all(one.name == "pmht" for one in settings):
+        return TrackMatcher.of_fields(settings, names, rigid=rigid, checked=checked)
     if len(fields) > 1:
-        return matcher_of_fields([one.settings for one in fields], [one.name for one in fields], 0)
-    return load_matcher(fields[0].settings, isinstance(fields[0].field_map, ChannelMap))
+        return matcher_of_fields(settings, names, 0)
+    return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

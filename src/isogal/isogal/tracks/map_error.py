@@ -4,9 +4,9 @@ Along a track with known positions the residuals, readings less the map's values
 with R_ij = sensor² d_ij + sigma_i sigma_j exp(-|x_i - x_j| / L). The parameters of R that make the
 residuals of reference tracks most likely (Rasmussen & Williams 2006, Gaussian Processes for
 Machine Learning, section 5.4) are then used for other tracks. A map drawn from scattered
-measurements is most wrong where the field varies most between them. So, unless the map says its 1-sigma place by place, it is
-taken as sqrt(floor² + (reach g)²) with g the RMS gradient round the place, as if the values were
-displaced by `reach`."""
+measurements is most wrong where the field varies most between them. So, unless the map says its
+1-sigma place by place, it is taken as sqrt(floor² + (reach g)²) with g the RMS gradient round the
+place, as if the values were displaced by `reach`."""
 
 import math
 from collections.abc import Callable, Sequence

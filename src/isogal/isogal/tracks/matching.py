@@ -35,15 +35,17 @@ from isogal.matching.failures import has_failed, match_or_decline
 from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Information, Matcher
 from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import batch_ends, between_batches
 from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
 from isogal.tracks.informative import contradicts, wider_than, without_fix
-from isogal.tracks.integrated.matcher import RIGID, IntegratedMatcher
-from isogal.tracks.integrated.search import ShiftPosterior
+from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
+RIGID = 25.0
+"""m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 _LONGEST = 4
 """Batches that an unresolved one may grow to: its readings are matched again with the next."""
 _LEAST_VELOCITY = 1e-6
@@ -108,8 +110,8 @@ class Match:
     """rad, the recorded track at the batch end."""
     longitude: float
     """rad."""
-    shifts: ShiftPosterior | None = None
-    """Posterior of the batch's shift, where noise was integrated out."""
+    shifts: Shifts | None = None
+    """Posterior of the batch's shift, where `pmht` has matched it."""
 
     @property
     def position(self) -> tuple[float, float]:
@@ -140,8 +142,7 @@ def match_track(
     matcher : Matcher, optional
         Instead of the one that the settings name.
     checked : bool
-        Whether fixes must stand up to a wrong noise model: `pmht` integrates its noise out where
-        the track is rigid (`isogal.tracks.integrated`).
+        Whether a jackknife widens the fixes of `pmht` (`isogal.tracks.jackknife`).
     progress : callable, optional
         Called after each batch with how many are done and how many there are.
 
@@ -183,14 +184,14 @@ def _matched(
 ) -> list[Match]:
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
-    integrated = isinstance(matching, IntegratedMatcher)
+    by_bank = isinstance(matching, TrackMatcher)
     jacobians = [one.track.jacobian(one.quantity) for one in fields]
     earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
     for end in ends:
         previous = matches[-1].rows.stop if matches else 0
-        used = unresolved if integrated else previous
+        used = unresolved if by_bank else previous
         error, covariance = np.zeros(4), prior
         if chained and matches:
             elapsed = track.time[end - 1] - track.time[previous - 1]
@@ -200,7 +201,7 @@ def _matched(
             one.batch(jacobian, rows, end - used, error, covariance)
             for one, jacobian in zip(fields, jacobians, strict=True)
         ]
-        batch, near = joint_batch(fields, batches, edge=not integrated)
+        batch, near = joint_batch(fields, batches, edge=not by_bank)
         before = memory
         fix, memory = match_or_decline(matching, batch, near, memory)
         known = _TrackError(batch, error, covariance)
@@ -209,15 +210,15 @@ def _matched(
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        shown = integrated and not has_failed(fix.reason)
-        shifts = memory.posterior if shown else None
+        shown = by_bank and not has_failed(fix.reason)
+        shifts = memory.shifts if shown else None
         rows = slice(previous, end)
         matches.append(Match(fix, rows, known.error, known.covariance, *here, shifts))
         told = counted if chained else fix
         if told.published or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
-        elif counted.published and integrated:  # these readings will be matched again
-            memory = replace(memory, log_weight=before.log_weight if before else ())
+        elif by_bank and before is not None:  # these readings will be matched again
+            memory = replace(memory, log_prior=before.log_prior)
         if progress is not None:
             progress(len(matches), len(ends))
     return matches

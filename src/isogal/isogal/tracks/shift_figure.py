@@ -8,8 +8,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.evaluation.figures import style
-from isogal.tracks.integrated.search import ShiftPosterior
 from isogal.tracks.matching import Match
+from isogal.tracks.places import Shifts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +48,10 @@ def shift_figure(matches: Sequence[Match]) -> "Figure":
     return figure
 
 
-def _draw(panel: "Axes", match: Match, shifts: ShiftPosterior) -> "AxesImage":
-    cells, log_posterior, size = shifts.overview
-    image = _cells(panel, cells, log_posterior - log_posterior.max(), size)
+def _draw(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
+    wide = shifts.overview or shifts
+    log = wide.log_density
+    image = _cells(panel, wide.centres, log - log.max(), wide.size)
     west, east = image.get_extent()[:2]
     mean, covariance = shifts.moments
     if match.fix.published:
@@ -89,14 +90,14 @@ def _cells(panel: "Axes", cells: Array, depth: Array, size: float | None = None)
     )
 
 
-def _inset(panel: "Axes", shifts: ShiftPosterior, mean: Array, covariance: Array) -> None:
+def _inset(panel: "Axes", shifts: Shifts, mean: Array, covariance: Array) -> None:
     """Draw what is too small to be seen."""
     half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
     corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
     inset = panel.inset_axes((*corner, _INSET, _INSET))
-    log_weight = shifts.log_likelihood + shifts.log_prior
-    near = np.abs(shifts.shifts - mean).max(axis=1) < 1.2e3 * half
-    _cells(inset, shifts.shifts[near], (log_weight - log_weight.max())[near])
+    log = shifts.log_density
+    near = np.abs(shifts.centres - mean).max(axis=1) < 1.2e3 * half
+    _cells(inset, shifts.centres[near], (log - log.max())[near])
     inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
     inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
     inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)

@@ -24,7 +24,7 @@ so (a probability of 0.99), and at which they are dropped."""
 SOON, EVERY, LATER, HOUR = 20, 60, 180, 3600.0
 """New readings to the next look: where another place was likelier than the navigator's own, else
 within the first hour, else; and s that they go back."""
-PLACES = 400
+PLACES = 600
 """Hypotheses about a diverged navigator, at most."""
 
 

@@ -149,7 +149,9 @@ def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # type: ignore[no-untyped-def]
+def _filtered(  # type: ignore[no-untyped-def]
+    x, P, z, H, noise, keep, fresh, step, joined, used, c, PH
+):
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier; the two posteriors are merged by
@@ -205,7 +207,9 @@ def _filtered(x, P, z, H, noise, keep, fresh, step, joined, used, c, PH):  # typ
 
 
 @kernel(error_model="numpy")
-def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ignore[no-untyped-def]
+def observed(  # type: ignore[no-untyped-def]
+    grid, rows, models, which, mean, covariance, evidence
+):
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 
@@ -216,7 +220,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ig
     keep, fresh = rows.keep.copy(), rows.fresh.copy()
     x, at, PH = np.empty(size), np.empty(size), np.empty(size)
     P = np.empty((size, size))
-    channels = rows.load.shape[1]
+    channels = rows.load.shape[2]
     before = -1
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
@@ -240,7 +244,7 @@ def observed(grid, rows, models, which, mean, covariance, evidence):  # type: ig
             if near:
                 at[i] += shift[used[i]]
         shape = models.shape[m]
-        load, step, joined = rows.load, rows.step[shape], rows.joined[shape]
+        load, step, joined = rows.load[shape], rows.step[shape], rows.joined[shape]
         for iteration in range(ITERATIONS):
             if not _linearised(
                 grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
@@ -330,7 +334,7 @@ def curvature(  # type: ignore[no-untyped-def]
                 g2, _, _ = _predicted(grid, rows, t, north + reach * u, east + reach * v, lag)
                 f = math.exp(-rows.travelled[t] / models.length[m])
                 R = rows.noise[t] * models.noise[m]
-                load = rows.load
+                load = rows.load[models.shape[m]]
                 for j in range(load.shape[1]):
                     R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
                 departure += (0.5 * (g1 + g2) - g0) ** 2 / R

@@ -1,6 +1,6 @@
 """Readings that are a mean over the path behind the vehicle, by the instrument's low-pass filter.
 
-docs/mathematics.md, section 5.8.
+docs/mathematics.md, section 5.1.
 """
 
 from dataclasses import replace

@@ -59,7 +59,8 @@ class Rows(NamedTuple):
     reading: Array
     """(n, N)."""
     load: Array
-    """(n, U) map errors per unit of the U states u, in units of a model's sigma."""
+    """(L, n, U) map errors per unit of the U states u, for each of the models' L correlation
+    lengths; in units of a model's sigma."""
     noise: Array
     """(n,) variance."""
     travelled: Array
@@ -210,7 +211,7 @@ def rows_of(
         batch.reading[which] - batch.offset[which],
         place,
         reading,
-        _loads(batch, which, field_map, states, channel),
+        _loads(batch, which, field_map, states, channel, len(lengths)),
         _white(batch)[which] + rounding,
         travelled,
         keep,
@@ -282,7 +283,12 @@ def _effects(
 
 
 def _loads(
-    batch: Batch, which: Integers, field_map: AnyMap, states: States, channel: Integers
+    batch: Batch,
+    which: Integers,
+    field_map: AnyMap,
+    states: States,
+    channel: Integers,
+    lengths: int,
 ) -> Array:
     """Return `Rows.load`: u are in units of their own 1-sigmas, those of this scan's channels or
     beams first."""
@@ -294,8 +300,8 @@ def _loads(
     )
     if batch.of_one_potential is not None:
         ratio = ratio * np.sqrt(shares(batch.of_one_potential))[channel]
-    load = np.zeros((len(which), states.channels))
-    load[np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
+    load = np.zeros((lengths, len(which), states.channels))
+    load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
     return load
 
 

@@ -30,7 +30,7 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 REACH = 2.7
 """1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 250, 1200
+COARSE_BEST, FINE_BEST = 500, 3000
 """Cells of the first grid, and cells with a model of the second, that are followed up."""
 WORTH = 15.0
 """Log of how much less likely than the best one may be to be followed up."""
@@ -40,7 +40,7 @@ MOST_CHANNELS = 3
 """Of several channels so many times as many, at most."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
-OF_LENGTHS = ("step", "joined")
+OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
 CHUNK, AT_ONCE = 30, 60
 """Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
@@ -155,7 +155,7 @@ def places(
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
     cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
-    return _hypotheses(models, centres[cell], model, fine, wide), gain
+    return at_cells(models, centres[cell], model, fine, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +189,7 @@ class Search:
         return Search(them, last)
 
 
-def _hypotheses(
+def at_cells(
     models: Models, centres: Array, which: Integers, cell: float, wide: Array
 ) -> Hypotheses:
     """Return those at cells (K, 2), each with a model (K,); their weights are those of the
@@ -250,7 +250,7 @@ class _Seen:
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=mean(rows.load), channel=rows.channel[which[::size]],
+            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
         lat, lon = grouped.latitude, grouped.longitude
         apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
@@ -284,15 +284,7 @@ class _Seen:
 
     def residuals(self, centres: Array) -> Array:
         """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
-        rows = self.rows
-        return np.asarray(
-            _residuals(
-                self.grid, rows.latitude, rows.longitude, rows.radian, rows.level,
-                np.ascontiguousarray(rows.place[:, :, :2]),
-                np.ascontiguousarray(rows.reading[:, :2]), rows.channel,
-                np.ascontiguousarray(centres),
-            )
-        )  # fmt: skip
+        return residuals_at(self.rows, self.grid, centres)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -304,7 +296,7 @@ class _Seen:
         models, rows = self.models, self.rows
         blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
         other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load
+        load = rows.load[models.shape[0]]
         shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
         factor = np.linalg.inv(np.linalg.cholesky(other))
         values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
@@ -317,8 +309,21 @@ class _Seen:
         return np.asarray(log)
 
 
+def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
+    """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
+    place, reading = (np.ascontiguousarray(a[..., :2]) for a in (rows.place, rows.reading))
+    return np.asarray(
+        _residuals(
+            grid, rows.latitude, rows.longitude, rows.radian, rows.level, place, reading,
+            rows.channel, np.ascontiguousarray(centres),
+        )
+    )  # fmt: skip
+
+
 @kernel(error_model="numpy")
-def _residuals(grid, latitude, longitude, radian, level, place, reading, channel, centres):  # type: ignore[no-untyped-def]
+def _residuals(  # type: ignore[no-untyped-def]
+    grid, latitude, longitude, radian, level, place, reading, channel, centres
+):
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]

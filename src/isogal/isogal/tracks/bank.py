@@ -1,0 +1,306 @@
+"""The bank of hypotheses on a recorded track: from a batch of readings to a fix.
+
+No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
+Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
+impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
+do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.channels import AnyMap
+from isogal.maps.field_map import FieldMap
+from isogal.matching.information import likelihood_information, measurement_only
+from isogal.matching.interfaces import Batch, Beside, Fix, declined
+from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
+from isogal.matching.pmht.search import OF_LENGTHS, at_cells
+from isogal.matching.quasi_random import standard_normal
+from isogal.matching.usability import too_few, unusable
+from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.batches import without_map_edge
+from isogal.tracks.continued_map import continued
+from isogal.tracks.jackknife import excess
+from isogal.tracks.models import Told, track_models
+from isogal.tracks.places import Seen, Shifts, shifts_of
+
+FEWEST_READINGS = 3
+CONFIDENCE = 0.9
+"""Probability that the heaviest of several places needs; what the others have is in the
+covariance."""
+OFF_MAP = -1e5
+REMEMBERED = 0.8
+"""Share of the next batch's prior of models that comes from the batches before."""
+OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
+"""Beyond which a reading, predicted from all others, is left out; the share that may be, and how
+often they are looked for."""
+MAP_REACH, LEAST_ON_MAP = 4.0, 0.05
+"""Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
+must lie on the map for a reading to be used."""
+PAIRS, PAIR_DEPTH = 3000, 14.0
+"""Cells with a model that become hypotheses, and log of how much less likely they may be."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What is carried from batch to batch."""
+
+    log_prior: tuple[Array | None, ...] = ()
+    """Of each field that of its models; None = nothing is learnt."""
+    shifts: Shifts | None = None
+    """Of the last batch, for display."""
+
+
+@dataclass(frozen=True)
+class TrackMatcher:
+    """Matches batches of recorded tracks, each by itself but for what is learnt of the models."""
+
+    told: tuple[Told, ...]
+    """Of each field."""
+    names: tuple[str, ...]
+    rigid: bool = True
+    """Whether batches are known but for a shift."""
+    checked: bool = True
+    """Whether the jackknife widens fixes."""
+    name: str = "pmht"
+    context: int = 0
+    takes_channels: bool = True
+
+    @classmethod
+    def of_fields(
+        cls,
+        matchers: Sequence[MatcherSettings],
+        names: Sequence[str],
+        *,
+        rigid: bool,
+        checked: bool,
+    ) -> "TrackMatcher":
+        """Build it from matcher sections; raises InputError on a bad option."""
+        return cls(tuple(Told.of(one) for one in matchers), tuple(names), rigid, checked)
+
+    def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
+        """Match one batch; see `interfaces.Matcher`."""
+        memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
+        if reason := unusable(batch):
+            return declined(batch, reason), memory
+        each = [
+            (one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)
+        ]
+        found = [(one.field, seen) for one, seen in each if seen is not None]
+        if not found:
+            count = int(np.isfinite(batch.reading[-batch.new :]).sum())
+            reason = too_few(batch, min(count, FEWEST_READINGS - 1), FEWEST_READINGS)
+            return declined(batch, reason or "no readings on the map"), memory
+        prior, _ = navigator_states(batch)
+        fields = tuple(field for field, _ in found)
+        shifts, left = without_outliers([seen for _, seen in found], prior[:2, :2])
+        if not shifts.log_density.max() > OFF_MAP:
+            return declined(batch, "none of the likely places is on the map"), memory
+        numbers = self._figures(batch, fields, shifts, left)
+        first = shifts.places
+        if first[0] < CONFIDENCE:
+            reason = (
+                f"ambiguous: {len(first)} places fit, the best with probability {first[0]:.2f};"
+                " longer batches or a narrower prior may tell them apart"
+            )
+            return declined(batch, reason, **numbers), replace(memory, shifts=shifts)
+        fix = self._fix(batch, prior, shifts, numbers)
+        return fix, _learnt(memory, fields, shifts)
+
+    def _seen(self, one: Beside, memory: Memory) -> Seen | None:
+        batch, field_map = one.batch, one.field_map
+        around = None
+        if isinstance(field_map, FieldMap):
+            reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
+            around = continued(field_map, reach)
+            batch = where_possible(batch, field_map)
+        else:
+            batch = without_map_edge(batch, field_map)
+        states = States.of(batch, field_map)
+        models = track_models(self.told[one.field], batch, field_map, states)
+        learnt = memory.log_prior[one.field]
+        if learnt is not None and learnt.shape == models.log_prior.shape:
+            models = models._replace(log_prior=learnt)
+        rows, _ = rows_of(batch, field_map, states, models.lengths, None)
+        if rows is None or len(rows.level) < FEWEST_READINGS:
+            return None
+        if around is None:
+            return Seen.of(rows, field_map, None, models)
+        twice = {name: np.concatenate([getattr(rows, name)] * 2) for name in OF_LENGTHS}
+        rows = rows._replace(**twice)
+        return Seen.of(rows, around.field, around, models)
+
+    def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
+        """Return what the readings alone say."""
+        mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
+        if self.checked:
+            more = excess(shifts)
+            # as far as the prior has other errors go with the place
+            gain = np.linalg.solve(prior[:2, :2], prior[:2]).T
+            covariance = covariance + gain @ more @ gain.T
+            numbers["widened"] = math.sqrt(np.trace(more) / np.trace(shifts.moments[1]))
+        n = 4
+        information = likelihood_information(mean[:n], covariance[:n, :n], prior[:n, :n])
+        if not information.matrix.any():
+            reason = "the batch tells nothing that the navigator does not know"
+            return declined(batch, reason, **numbers)
+        place, spread = measurement_only(mean[:n], covariance[:n, :n], prior[:n, :n])
+        north, east = metres_per_radian(batch.end[0])
+        return Fix(
+            time=float(batch.time[-1]),
+            latitude=float(batch.end[0] - place[0] / north),
+            longitude=float(batch.end[1] - place[1] / east),
+            covariance=spread,
+            diagnostics=numbers,
+            information=information,
+        )
+
+    def _figures(
+        self, batch: Batch, fields: Sequence[int], shifts: Shifts, left: Sequence[int]
+    ) -> dict[str, float]:
+        """Return what readings say of errors, those of other fields with their names."""
+        numbers: dict[str, float] = {}
+        given = {0: batch} | {b.field: b.batch for b in batch.beside}
+        for k, field in enumerate(fields):
+            one, used = given[field], len(shifts.seen[k].each.level)
+            off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
+            of_field = dict(figures(shifts, k))
+            of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
+            prefix = f"{self.names[field]}." if field else ""
+            numbers |= {prefix + name: value for name, value in of_field.items()}
+        each = shifts.places
+        return numbers | {"probability": float(each[0]), "places": float(len(each))}
+
+
+def _alone(batch: Batch, field_map: AnyMap) -> Beside:
+    return Beside(0, batch, field_map)
+
+
+def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
+    log_priors = list(memory.log_prior)
+    for k, field in enumerate(fields):
+        log_prior = shifts.seen[k].models.log_prior
+        mixed = (1.0 - REMEMBERED) * np.exp(log_prior - np.logaddexp.reduce(log_prior))
+        mixed[shifts.which[k]] += REMEMBERED * shifts.of_models(k)
+        log_priors[field] = np.log(np.maximum(mixed, 1e-300))
+    return Memory(tuple(log_priors), shifts)
+
+
+def where_possible(batch: Batch, field_map: FieldMap) -> Batch:
+    """Return a batch without readings that hardly any place possible by the prior has on the
+    map."""
+    factor = np.linalg.cholesky(batch.prior[:2, :2])
+    shifts = standard_normal(256, 2) @ factor.T
+    north, east = metres_per_radian(batch.latitude)
+    covered = field_map.covers(
+        batch.latitude - shifts[:, :1] / north, batch.longitude - shifts[:, 1:] / east
+    )
+    possible = covered.mean(axis=0) > LEAST_ON_MAP
+    return replace(batch, reading=np.where(possible, batch.reading, np.nan))
+
+
+def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[int]]:
+    """Return the posterior without readings that do not fit the others at the likeliest shift, and
+    how many of each field these are."""
+    seen, out = list(seen), [np.zeros(len(one.first), bool) for one in seen]
+    sizes = [np.diff(np.r_[one.first, len(one.each.level)]) for one in seen]
+    for _ in range(ROUNDS):
+        shifts, found = shifts_of(seen, prior), False
+        for k, one in enumerate(seen):
+            bad = outliers(shifts, k) & ~out[k]
+            if bad.any() and (bad | out[k]).sum() <= MOST_OUTLIERS * len(bad):
+                noise = np.where(bad, 1e12 * np.median(one.rows.noise), one.rows.noise)
+                seen[k] = replace(one, rows=one.rows._replace(noise=noise))
+                out[k], found = out[k] | bad, True
+        if not found:
+            break
+    else:
+        shifts = shifts_of(seen, prior)
+    return shifts, [int(size[left].sum()) for size, left in zip(sizes, out, strict=True)]
+
+
+def outliers(shifts: Shifts, field: int) -> Booleans:
+    """Return (n,) which readings do not fit the others: residuals e of each predicted from the
+    others, with e_i = (R⁻¹ r)_i / (R⁻¹)_ii and variance 1 / (R⁻¹)_ii (Rasmussen & Williams 2006,
+    eq. 5.12)."""
+    residual, R = best(shifts, field)
+    precision = np.linalg.inv(R)
+    return np.asarray(np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision)))
+
+
+def best(shifts: Shifts, field: int, with_constant: bool = True) -> tuple[Array, Array]:
+    """Return (n,) residuals at the likeliest shift, and (n, n) R of the likeliest model."""
+    seen = shifts.seen[field]
+    likely = int(shifts.which[field][int(np.argmax(shifts.of_models(field)))])
+    place = shifts.centres[[int(np.argmax(shifts.log_density))]]
+    R = seen.covariance(likely, shifts.size)
+    if not with_constant and seen.models.initial.shape[1] > seen.rows.load.shape[2]:
+        R = R - seen.models.initial[likely, -len(UNKNOWN) + BIAS] ** 2
+    return seen.residuals(place)[:, 0], R
+
+
+def figures(shifts: Shifts, field: int) -> dict[str, float]:
+    """Return what a batch says of the errors of map and readings; lengths in m, the rest in the
+    map's unit."""
+    seen, which = shifts.seen[field], shifts.which[field]
+    models, weight = seen.models, shifts.of_models(field)
+    load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.rows.load])
+    residual, R = best(shifts, field, with_constant=False)
+    precision = np.linalg.inv(R)
+    widest = float(models.initial[which, -len(UNKNOWN) + BIAS].max())
+    known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
+    offset = float(precision.sum(axis=0) @ residual) / known
+    left = residual - offset
+    count = len(models.lengths)
+    by_gradient = models.shape[which] >= count
+    return {
+        "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
+        "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
+        "map_error_by_gradient": float(weight @ by_gradient),
+        "offset": offset,
+        "offset_sigma": 1.0 / math.sqrt(known),
+        "misfit": float(left @ precision @ left) / len(left),
+    }
+
+
+def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
+    """Return mean (7,) and covariance (7, 7) of the navigator's error where the shift says all."""
+    place, spread = shifts.moments
+    gain = np.linalg.solve(prior[:2, :2], prior[:2]).T
+    return gain @ place, prior + gain @ (spread - prior[:2, :2]) @ gain.T
+
+
+def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
+    """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank."""
+    them: Hypotheses | None = None
+    for field, seen in enumerate(shifts.seen):
+        which, centres, cell = pairs(shifts, field)
+        them = at_cells(seen.models, centres, which, cell, prior)
+        them = them.split(seen.field_map.grid, seen.rows).observed(seen.field_map.grid, seen.rows)
+    assert them is not None
+    return them.moments()
+
+
+def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:
+    """Return models (K,), cells (K, 2) and their size, m: which of them become hypotheses."""
+    assert shifts.overview is not None
+    size = shifts.size
+    while size * 3.0 <= shifts.overview.size * 1.01:
+        size *= 3.0
+    cells, parent = np.unique(
+        np.rint(shifts.centres / size).astype(int), axis=0, return_inverse=True
+    )
+    log = np.full((len(shifts.which[field]), len(cells)), -np.inf)
+    own = shifts.by_model(field)
+    own = own + shifts.log_density - np.logaddexp.reduce(own)
+    for k, one in enumerate(own):
+        np.logaddexp.at(log[k], parent.ravel(), one)
+    order = np.argsort(-log, axis=None)[:PAIRS]
+    order = order[log.ravel()[order] > log.max() - PAIR_DEPTH]
+    model, cell = np.unravel_index(order, log.shape)
+    return shifts.which[field][model], cells[cell] * size, size

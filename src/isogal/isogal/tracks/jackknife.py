@@ -1,0 +1,54 @@
+"""Error bars of a track's fix that do not rest on the models alone: the fix made again without
+each half of the track (docs/mathematics.md, section 10.2).
+
+Models are never quite right: errors of a map differ from place to place, are not Gaussian, and
+depend on the field. How far the fix then really moves is seen by leaving out parts of the track.
+One block at a time (the usual jackknife) shows how a peak moves, but not whether the peak is the
+right one: with few left out the others still outvote the truth. So d = 4 of 8 blocks are left
+out, in all 70 ways (delete-d jackknife: Shao & Wu 1989, Ann. Stat. 17(3):1176-1197); with half
+left out, (8 - d) / d = 1, and the variance of the fixes is that of the fix itself. Where it
+exceeds the posterior's, the excess is added to the covariance. Nothing makes a fix narrower."""
+
+from itertools import combinations
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.tracks.places import BLOCKS, Shifts
+
+FEWEST = 16
+"""Rows; with fewer the blocks are too small to say anything."""
+MODELS = 12
+"""Likeliest models that are used."""
+
+
+def excess(shifts: Shifts) -> Array:
+    """Return (2, 2) m², what must be added to the posterior's covariance; of several fields each
+    without the halves of its own readings, whose errors are independent."""
+    mean, covariance = shifts.moments
+    scatter = np.zeros((2, 2))
+    for field, seen in enumerate(shifts.seen):
+        if len(seen.first) >= FEWEST:
+            apart = _fixes(shifts, field) - mean
+            scatter += apart.T @ apart / len(apart)
+    factor = np.linalg.cholesky(covariance)
+    relative = np.linalg.solve(factor, np.linalg.solve(factor, scatter).T)
+    values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
+    axes = factor @ vectors
+    return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
+
+
+def _fixes(shifts: Shifts, field: int) -> Array:
+    """Return (70, 2) the fixes without halves of a field's readings."""
+    best = np.argsort(-shifts.of_models(field), kind="stable")[:MODELS]
+    own = shifts.by_model(field)
+    others = shifts.log_density - np.logaddexp.reduce(own)
+    own, parts = own[best], shifts.parts[field][best]
+    means = []
+    for left_out in combinations(range(BLOCKS), BLOCKS // 2):
+        rest = own - parts[:, list(left_out)].sum(axis=1)
+        top = rest.max(axis=0)
+        log = top + np.log(np.exp(rest - top).sum(axis=0)) + others
+        weight = np.exp(log - log.max())
+        means.append(weight @ shifts.centres / weight.sum())
+    return np.array(means)

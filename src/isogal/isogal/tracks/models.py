@@ -1,0 +1,114 @@
+"""Which errors of map and readings are possible for a recorded track, and how likely they are
+before any reading: the bank's models (`isogal.matching.pmht.models`) with wider priors, since a
+track is often all that one has.
+
+The map's error holds together over a length, is even (or as the map says place by place) or goes
+with the map's gradient as that of values that are displaced does, and the readings have an unknown
+constant or none; sigma is on a logarithmic grid, and all combinations count
+(docs/mathematics.md, section 10.2)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.maps.channels import AnyMap
+from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.models import BIASED, NONE, Fault, Models, table_of
+from isogal.matching.pmht.rows import States
+from isogal.matching.pmht.settings import Settings
+from isogal.scenario import Matcher as MatcherSettings
+
+LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)
+"""m, that nobody has told: of the maps that are known to us."""
+TOLD_LENGTHS, TOLD_SIGMAS = (0.5, 1.0, 2.0), (0.5, 0.7, 1.0, 1.4, 2.0)
+"""Factors on what was told."""
+SHARES = (0.002, 1.0, 14)
+"""Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
+OWN, OWN_LOG_SIGMA = (0.2, 4.0, 9), 0.5
+"""Grid of the factor on a sigma that the map has of its own, and 1-sigma of its logarithm."""
+Errors = list[tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What somebody has said of one field's errors."""
+
+    settings: Settings
+    length: bool
+    """Whether of the correlation length."""
+    constant: bool
+    """Whether of the readings' unknown constant."""
+
+    @classmethod
+    def of(cls, matcher: MatcherSettings) -> "Told":
+        """Read a scenario's matcher section: what it does not say itself counts as not told;
+        raises InputError on a bad option."""
+        said = matcher.model_fields_set
+        return cls(Settings.of(matcher), "map_correlation_length" in said, "bias_sigma" in said)
+
+
+def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) -> Models:
+    """Return the models of a field; of one map twice as many lengths as it has, the second half
+    of them of errors that go with its gradient (`places.Seen.placed`)."""
+    assumed = told.settings.assumed(batch, field_map)
+    one = field_map if isinstance(field_map, FieldMap) else None
+    own = one is not None and not isinstance(one.sigma, float)
+    loose = math.log(max(assumed.trust, 1.0 + 1e-9))
+    lengths, of_length = _lengths(told, field_map, loose)
+    scale, exact = assumed.scale, assumed.trust == 1.0
+    if one is not None and own:
+        sigmas = usual_sigma(one) * (np.ones(1) if exact else np.geomspace(*OWN))
+        of_sigma = -0.5 * (np.log(sigmas / usual_sigma(one)) / OWN_LOG_SIGMA) ** 2
+    elif assumed.sigma is not None:
+        sigmas = assumed.sigma * (np.ones(1) if exact else np.array(TOLD_SIGMAS))
+        of_sigma = -0.5 * (np.log(np.ones(1) if exact else TOLD_SIGMAS) / loose) ** 2
+    else:
+        sigmas = scale * np.geomspace(*SHARES)
+        of_sigma = np.zeros(len(sigmas))
+    if not sigmas.any():
+        sigmas, of_sigma, lengths, of_length = np.zeros(1), np.zeros(1), lengths[:1], np.zeros(1)
+    errors = [
+        (float(s), float(length), a + b)
+        for s, a in zip(sigmas, of_sigma, strict=True)
+        for length, b in zip(lengths, of_length, strict=True)
+    ]
+    faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
+    if told.constant or not states.unknown:
+        faults = faults[:1]
+    rows = [(*error, fault) for fault in faults for error in errors]
+    models = table_of(rows, assumed, states)
+    if one is None:
+        return models
+    return _both_shapes(models, own or assumed.sigma is None)
+
+
+def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]:
+    """Return lengths (m) and their log priors."""
+    length: float | None = told.settings.length if told.length else None
+    if length is None and isinstance(field_map, FieldMap) and field_map.error_ellipses is not None:
+        length = field_map.correlation_length
+    if length is None:
+        return np.array(LENGTHS), np.zeros(len(LENGTHS))
+    if told.settings.options.trust == 1.0:
+        return np.array([length]), np.zeros(1)
+    return length * np.array(TOLD_LENGTHS), -0.5 * (np.log(TOLD_LENGTHS) / loose) ** 2
+
+
+def _both_shapes(models: Models, by_gradient: bool) -> Models:
+    twice = Models._make(np.concatenate([column, column]) for column in models)
+    count = len(models.sigma)
+    second = np.arange(2 * count) >= count
+    shape = twice.shape + second * len(models.lengths)
+    kept = ~second | (by_gradient & (twice.sigma > 0.0))
+    part = Models._make(column[kept] for column in twice._replace(shape=shape))
+    return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
+
+
+def usual_sigma(field_map: FieldMap) -> float:
+    """Return the mean of what a map says of its own error, map's unit; 1 of one that says
+    nothing."""
+    sigma = np.asarray(field_map.sigma, dtype=np.float64)
+    return float(np.nanmean(sigma)) if np.isfinite(sigma).any() else 1.0

@@ -1,0 +1,354 @@
+"""Where a track may be: what its readings say of each shift of a grid, by every model of map and
+instrument (docs/mathematics.md, section 10.2).
+
+The first grid covers the prior; cells that are not impossible are divided by three until they are
+smaller than the posterior. With R = L L' the covariance of a model's residuals r, reading t adds
+-(w_t² / 2 + log L_tt), w = L⁻¹ r, to the evidence, given those before it; so that the evidence of
+a part of the track is known, too."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.error_ellipses import joint
+from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
+from isogal.tracks.continued_map import ContinuedMap
+from isogal.tracks.models import usual_sigma
+
+REACH = 3.3
+"""Half-width of the grid in prior 1-sigmas."""
+LARGEST_CELL_M, PRIOR_SHARE = 300.0, 0.12
+"""First cells: at most so large, and this share of the prior's 1-sigma."""
+FINE_ENOUGH, LEVELS = 0.5, 6
+"""Cells over the least 1-sigma of the posterior, and grids at most."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together."""
+DEPTH, KEPT = 30.0, 900
+"""Log density below the best at which a cell is given up, and cells that are divided at most."""
+MODELS, MODEL_DEPTH = 30, 9.0
+"""Models that go on after the first grid, and log of how much less likely they may be."""
+PLACE_DEPTH, PLACE_GAP_M = 8.0, 150.0
+"""Log density below the best at which a cell belongs to no place, and m by which places are
+apart."""
+BLOCKS = 8
+"""Of a track, as the jackknife leaves them out."""
+MOST_ROWS, ENOUGH_ROWS, RESOLUTION_NODES = 220, 90, 2.0
+"""Of more readings neighbouring ones are averaged; with more than enough also those closer
+together than so many nodes of the map: how errors hold together over less than it can resolve is
+known least, and says least about the place."""
+GRADIENT_SHARE = 0.9
+"""Of the variance of errors that go with the gradient."""
+DOUBT_M = 4000.0
+"""Correlation length of what a continued map is wrong by."""
+PLACES = 400
+"""Likeliest shifts over which a map's variance is averaged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Readings of one field, and the models that are possible."""
+
+    each: Rows
+    """n readings."""
+    first: Integers
+    """(m,) of them each row begins with, which is the mean of neighbouring readings."""
+    rows: Rows
+    """The m rows."""
+    field_map: AnyMap
+    around: ContinuedMap | None
+    """That map, continued; None = of several channels, which is not."""
+    models: Models
+    distance: Array
+    """(m, m) m."""
+    relative: Array
+    """(m, m) m, the same by which the map's errors hold together: where the map has lengths of its
+    own, times its usual one over them."""
+    alike: Array | float
+    """(m, m) factor of the errors' correlation, below 1 where lengths differ."""
+    slope: float
+    """RMS derivative of the map along the track, unit per m, of one component."""
+    doubt: Array
+    """(m,) 1-sigma of the continuation where a row may be."""
+
+    @classmethod
+    def of(
+        cls, each: Rows, field_map: AnyMap, around: ContinuedMap | None, models: Models
+    ) -> "Seen":
+        """Look at readings."""
+        one = channels_of(field_map)[0]
+        node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
+        each, first = grouped(each, node)
+        rows = averaged(each, first)
+        apart = displacements(rows.latitude, rows.longitude)
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
+        slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
+        doubt = np.zeros(len(rows.level))
+        return cls(
+            each, first, rows, field_map, around, models, distance, distance, 1.0, slope, doubt
+        )
+
+    def placed(self, centres: Array, weight: Array) -> "Seen":
+        """Return it with the map's errors as they are where the track probably is, by weighted
+        shifts (C, 2): as the map says or even, and for the second half of the lengths as those of
+        a map whose values are displaced, which go with its gradient."""
+        if self.around is None:
+            return self
+        likely = np.argsort(-weight, kind="stable")[:PLACES]
+        share, rows = weight[likely] / weight[likely].sum(), self.rows
+        places = (
+            rows.latitude - centres[likely, :1] * rows.radian[:, 0],
+            rows.longitude - centres[likely, 1:] * rows.radian[:, 1],
+        )
+
+        def mean_square(sigma: FieldMap) -> Array:
+            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
+
+        own = np.ones(len(rows.level))
+        if not isinstance(self.around.field.sigma, float):
+            own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
+        rough = mean_square(self.around.rough)
+        rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
+        mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
+        count = len(rows.load) // 2
+        load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
+        doubt = np.sqrt(mean_square(self.around.doubt))
+        placed = replace(self, rows=rows._replace(load=load), doubt=doubt)
+        usual = self.around.field.correlation_length
+        if self.around.field.error_ellipses is None or usual is None:
+            return placed
+        ellipses = self.around.field.error_ellipse_at(*places)
+        known = share[:, None] * np.isfinite(ellipses[..., 0])
+        mean = np.einsum("ct,ctk->tk", known, np.nan_to_num(ellipses))
+        mean /= np.maximum(known.sum(axis=0), 1e-12)[:, None]
+        mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
+        relative, alike = joint(displacements(rows.latitude, rows.longitude), mean)
+        return replace(placed, relative=usual * relative, alike=alike)
+
+    def residuals(self, centres: Array) -> Array:
+        """Return (m, C) at shifts (C, 2); NaN off the map."""
+        found = residuals_at(self.each, self.field_map.grid, centres)
+        if len(self.first) == len(found):
+            return found
+        sizes = np.diff(np.r_[self.first, len(found)])
+        return np.asarray(np.add.reduceat(found, self.first, axis=0) / sizes[:, None])
+
+    def covariance(self, m: int, cell: float) -> Array:
+        """Return (m, m) R of a model in cells of a size (m)."""
+        rows, models = self.rows, self.models
+        load = rows.load[models.shape[m]]
+        of_states = rows.reading[:, BATCH_STATES + load.shape[1] :]
+        states = of_states * models.initial[m, load.shape[1] :]
+        blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
+        of_map = models.sigma[m] ** 2 * self.alike * np.exp(-self.relative / models.length[m])
+        R = of_map * (load @ load.T) + states @ states.T + blur
+        R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
+        R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
+        return R
+
+    def parts(self, centres: Array, cell: float, which: Integers) -> Array:
+        """Return (M, B, C) what each block adds to the log evidence of some models at cells
+        (C, 2); of a cell off the map, nearly -inf."""
+        residual = self.residuals(centres)
+        known = np.isfinite(residual).all(axis=0)
+        residual = np.where(known, residual, 0.0)
+        first = np.unique(np.arange(BLOCKS) * len(residual) // BLOCKS)
+        parts = np.empty((len(which), len(first), len(centres)))
+        for k, m in enumerate(which):
+            factor = np.linalg.cholesky(self.covariance(m, cell))
+            term = np.linalg.inv(factor) @ residual
+            term *= -0.5 * term
+            term -= np.log(np.diag(factor))[:, None]
+            parts[k] = np.add.reduceat(term, first, axis=0)
+        parts[:, :, ~known] = -1e6
+        return parts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shifts:
+    """Posterior of a shift on (C,) cells of one size."""
+
+    centres: Array
+    """(C, 2) north, east, m."""
+    size: float
+    """m."""
+    log_prior: Array
+    """(C,) of the shift, without its constant."""
+    seen: tuple[Seen, ...]
+    """Of each field."""
+    which: tuple[Integers, ...]
+    """Of each field, (M,) the models that are possible."""
+    parts: tuple[Array, ...]
+    """Of each field, (M, B, C): see `Seen.parts`."""
+    overview: "Shifts | None" = None
+    """The first grid."""
+
+    def by_model(self, field: int) -> Array:
+        """Return (M, C) log densities of a field's readings, with the models' prior."""
+        prior = self.seen[field].models.log_prior[self.which[field]]
+        return np.asarray(self.parts[field].sum(axis=1) + prior[:, None])
+
+    @property
+    def log_density(self) -> Array:
+        """(C,) of the shift by all readings, without its constant."""
+        each = [np.logaddexp.reduce(self.by_model(f)) for f in range(len(self.seen))]
+        return np.asarray(self.log_prior + sum(each))
+
+    @property
+    def weight(self) -> Array:
+        """(C,) posterior probability of each cell."""
+        return normalised(self.log_density)
+
+    @property
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (2,) and covariance (2, 2), m."""
+        weight = self.weight
+        mean = weight @ self.centres
+        apart = self.centres - mean
+        return mean, (apart * weight[:, None]).T @ apart + np.eye(2) * self.size**2 / 12.0
+
+    @property
+    def places(self) -> Array:
+        """Probability of each place apart from others (P,), the heaviest first."""
+        from scipy.ndimage import binary_dilation, label
+
+        log = self.log_density
+        high = log > log.max() - PLACE_DEPTH
+        around = max(1, round(PLACE_GAP_M / self.size / 2.0))
+        step = max(1, around // 3)  # a coarser picture does where cells are small
+        index = np.rint(self.centres[high] / self.size).astype(int) // step
+        around = max(1, around // step)
+        index += around + 1 - index.min(axis=0)
+        picture = np.zeros(index.max(axis=0) + around + 2, dtype=np.bool_)
+        picture[tuple(index.T)] = True
+        labels, _ = label(binary_dilation(picture, np.ones((3, 3)), around))
+        share = np.bincount(labels[tuple(index.T)], self.weight[high])[1:]
+        return np.asarray(np.sort(share)[::-1], dtype=np.float64)
+
+    def of_models(self, field: int) -> Array:
+        """Return (M,) the posterior probability of the models of a field (of `which`)."""
+        own = self.by_model(field)
+        others = self.log_density - np.logaddexp.reduce(own)
+        return normalised(np.logaddexp.reduce(own + others, axis=1))
+
+
+def normalised(log: Array) -> Array:
+    """Return probabilities by their logs."""
+    weight = np.exp(log - log.max())
+    return np.asarray(weight / weight.sum())
+
+
+def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
+    """Return the posterior of a shift with a prior N(0, prior), (2, 2) m², by readings of fields
+    that are independent given the shift."""
+    deviation = np.sqrt(np.diag(prior))
+    size = min(LARGEST_CELL_M, PRIOR_SHARE * float(deviation.min()))
+    north, east = (np.arange(-(n := math.ceil(REACH * d / size)), n + 1) for d in deviation)
+    cells = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+    centres = np.asarray(cells * size, dtype=np.float64)
+    density = np.exp(-0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres))
+    seen = [one.placed(centres, density) for one in seen]
+    few = [_few(one.models) for one in seen]
+    overview = shifts = _at(seen, few, cells, size, prior)
+    cells = cells[_kept(shifts.log_density)]
+    which = [np.arange(len(one.models.sigma)) for one in seen]
+    for _ in range(LEVELS):
+        seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
+        shifts = _at(seen, which, cells, size, prior)
+        which = [_likely(shifts, field) for field in range(len(seen))]
+        if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
+            break
+        cells = (3 * cells[_kept(shifts.log_density)][:, None] + _FAN).reshape(-1, 2)
+        size /= 3.0
+    return replace(shifts, overview=overview)
+
+
+_FAN = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _at(
+    seen: Sequence[Seen], which: Sequence[Integers], cells: Integers, size: float, prior: Array
+) -> Shifts:
+    centres = np.asarray(cells * size, dtype=np.float64)
+    log_prior = -0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres)
+    parts = [one.parts(centres, size, w) for one, w in zip(seen, which, strict=True)]
+    return Shifts(centres, size, log_prior, tuple(seen), tuple(which), tuple(parts))
+
+
+def _kept(log: Array) -> Integers:
+    order = np.argsort(-log, kind="stable")[:KEPT]
+    return order[log[order] > log[order[0]] - DEPTH]
+
+
+def _likely(shifts: Shifts, field: int) -> Integers:
+    """Return the models of a field that are not impossible, all where they may be of use."""
+    share = np.log(np.maximum(shifts.of_models(field), 1e-300))
+    order = np.argsort(-share, kind="stable")[:MODELS]
+    return np.sort(shifts.which[field][order[share[order] > share[order[0]] - MODEL_DEPTH]])
+
+
+def _few(models: Models) -> Integers:
+    """Return models of the usual length with every second sigma, by which shifts are ranked."""
+    usual = np.flatnonzero(models.length == np.sort(models.length)[len(models.length) // 2])
+    sigmas = np.unique(models.sigma[usual])
+    return usual[np.isin(models.sigma[usual], sigmas[::-2])]
+
+
+def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
+    """Return readings such that those that are to be averaged are neighbours, and with which of
+    them each row begins; `node` (m) is the distance between two of the map."""
+    count, channels = len(rows.level), int(rows.channel.max()) + 1
+    step = float(np.median(rows.travelled[1:])) * channels if count > 1 else math.inf
+    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+    if size == 1:
+        return rows, np.arange(count)
+    block = np.arange(count) // (size * channels)
+    order = np.lexsort((rows.channel, block))
+    reach = np.cumsum(rows.travelled)[order]
+    rows = Rows._make(
+        np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
+        for name, column in zip(Rows._fields, rows, strict=True)
+    )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
+    new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
+    return rows, np.flatnonzero(new)
+
+
+def averaged(rows: Rows, first: Integers) -> Rows:
+    """Return means of neighbouring readings, those from each of `first` to the next."""
+    count = len(rows.level)
+    if len(first) == count:
+        return rows
+    sizes = np.diff(np.r_[first, count])
+
+    def mean(column: Array) -> Array:
+        sums = np.add.reduceat(column, first, axis=0)
+        return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
+
+    middle = np.minimum(first + sizes // 2, count - 1)
+    return rows._replace(
+        **{name: mean(getattr(rows, name)) for name in _MEANS},
+        load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
+        noise=mean(rows.noise) / sizes,
+        travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
+        keep=np.ascontiguousarray(rows.keep[first]),
+        fresh=np.ascontiguousarray(rows.fresh[first]),
+        step=np.ascontiguousarray(rows.step[:, first]),
+        joined=np.ascontiguousarray(rows.joined[:, first]),
+        channel=rows.channel[first],
+    )
+
+
+_MEANS = (
+    *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
+    *("velocity", "nodes"),
+)
