@@ -125,21 +125,21 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
     random = np.random.default_rng(seed)
     root = random.standard_normal((7, 7)) * SIGMA[:, None] * 0.3
     prior = forward @ before @ forward.T + root @ root.T
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior, 60.0, np.zeros(7))
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior)
     same(bank.moments(), (np.zeros(7), prior), 1e-7)
     learnt = forward @ before @ forward.T
     gain = learnt[:, :1] / (learnt[0, 0] + 50.0**2)
     told = learnt - gain @ learnt[:1]  # an aid has measured one position
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, told, 60.0, np.zeros(7))
+    bank = Hypotheses.before(EXACT, before).propagated(before, back, told)
     same(bank.moments(), (np.zeros(7), told), 1e-5)
-    unaided = Hypotheses.before(EXACT, before).propagated(before, back, told, 60.0)
+    unaided = Hypotheses.before(EXACT, before).propagated(before, back, told, aided=False)
     same(unaided.moments(), (np.zeros(7), learnt), 1e-5)
 
 
 def test_a_worse_navigator_grows_by_its_factor():
     which = models()
     before = np.diag(SIGMA**2)
-    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before, 60.0)
+    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before)
     expected = (which.start + which.growth)[:, None] * np.diag(before)
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 

@@ -14,26 +14,19 @@ ROUGH = field_map_of(wavy)
 
 
 def test_propagation_is_a_matrix_product():
-    """By the second dynamics where a model says that an aid is wrong."""
     bank, random = random_bank(0), np.random.default_rng(1)
-    forward = np.eye(7) + 0.2 * random.standard_normal((2, 7, 7))
-    root = random.standard_normal((2, 7, 7))
-    growth, shift = root @ root.swapaxes(1, 2), random.standard_normal((2, 7))
-    count = len(bank.models.sigma)
-    factor = np.linspace(1.0, 30.0, count)
-    wrong = (np.arange(count) % 2).astype(bank.models.wrong_aid.dtype)
+    forward = np.eye(7) + 0.2 * random.standard_normal((7, 7))
+    root = random.standard_normal((7, 7))
+    growth = root @ root.T
+    factor = np.linspace(1.0, 30.0, len(bank.models.sigma))
     mean, covariance = bank.mean.copy(), bank.covariance.copy()
-    kernels.propagated(bank.which, factor, forward, growth, shift, wrong, mean, covariance)
-    for k, m in enumerate(bank.which):
-        kind = int(wrong[m])
-        whole = np.eye(mean.shape[1])
-        whole[:7, :7] = forward[kind]
-        expected = whole @ bank.covariance[k] @ whole.T
-        expected[:7, :7] += factor[m] * growth[kind]
-        at = whole @ bank.mean[k]
-        at[:7] += shift[kind]
-        np.testing.assert_allclose(mean[k], at, rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(covariance[k], expected, rtol=1e-9, atol=1e-15)
+    kernels.propagated(bank.which, factor, forward, growth, mean, covariance)
+    whole = np.eye(mean.shape[1])
+    whole[:7, :7] = forward
+    expected = whole @ bank.covariance @ whole.T
+    expected[:, :7, :7] += factor[bank.which, None, None] * growth
+    np.testing.assert_allclose(mean, bank.mean @ whole.T, rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-9, atol=1e-15)
 
 
 def filtered(x, P, z, H, noise, keep, fresh):
