@@ -18,6 +18,8 @@ LIKELY, CERTAIN = 0.5, 0.95
 """Probability from which on it is said that the navigator is somewhere else, and that something is
 not as it was told."""
 DOUBTS = {
+    UNEXPLAINED: "readings and map do not agree: the map's error is as large as its features",
+    "biased": "readings and map do not agree: there is a constant between them",
     "navigator": "errors of the navigator are larger than it says",
     "noisier": "readings are noisier",
     "late": "readings are late",
@@ -45,7 +47,7 @@ class Verdict:
         self._lost = (self._lost or fix.reset) and not fix.published
         self._without = 0 if fix.published else self._without + 1
         self._failures = self._failures + 1 if has_failed(fix.reason) else 0
-        misfit = not fix.published and UNEXPLAINED in fix.diagnostics
+        misfit = not fix.published and fix.diagnostics.get(UNEXPLAINED, 0.0) > LIKELY
         self._misfits = self._misfits + 1 if misfit else 0
         self._count(fix)
         self.level, self.text = self._judge(fix)

@@ -39,6 +39,8 @@ NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT, LIGHT_MERGE = 5.0, 16.0
 """Models less probable by this log have one place only, and merge over this squared distance."""
+UNEXPLAINED_SHARE = 0.5
+"""Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 LEAST = -600.0
 """Of a log weight: its exponential is not 0."""
 FLOOR = 15.0
@@ -281,6 +283,13 @@ class Hypotheses:
         """Mean sigma (map's unit) and mean log length (m) of the map's error."""
         sigma, length = self.models.sigma[self.which], self.models.length[self.which]
         return float(self.weight @ sigma), math.exp(float(self.weight @ np.log(length)))
+
+    @property
+    def unexplained(self) -> float:
+        """The probability that the map's error is among the largest that were thought of."""
+        sigma = self.models.sigma
+        large = (sigma > 0.0) & (sigma >= UNEXPLAINED_SHARE * sigma.max())
+        return 0.0 if large.all() else float(self.weight @ large[self.which])
 
     @cached_property
     def faults(self) -> Array:

@@ -20,7 +20,8 @@ converged by then swings about the mode."""
 SETTLED_M, SETTLED_SHARE = 1.0, 0.1
 """A mode is found where the last step was shorter than this and this share of its 1-sigma."""
 OUTLIER = (0.003, 1000.0)
-"""Probability of an outlier, and its variance in units of the noise's."""
+"""Probability of an outlier, and the variance, in units of the noise's, of the normal density
+whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
@@ -154,8 +155,8 @@ def _filtered(  # type: ignore[no-untyped-def]
 ):
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
-    A reading is good or, with a small probability, an outlier; the two posteriors are merged by
-    their moments."""
+    A reading is good or, with a small probability, an outlier, which says nothing and is as likely
+    everywhere; the two posteriors are merged by their moments."""
     wrong, width = OUTLIER
     square, determinant, evidence = 0.0, 1.0, 0.0
     n = BATCH_STATES
@@ -188,14 +189,13 @@ def _filtered(  # type: ignore[no-untyped-def]
                 evidence -= 0.5 * math.log(determinant)
                 determinant = 1.0
         else:
-            wide = S + width * noise[t]
             good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
-            bad = -0.5 * (math.log(wide) + innovation * innovation / wide) + math.log(wrong)
+            bad = -0.5 * math.log(S + width * noise[t]) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
             p, q = math.exp(good - both), math.exp(bad - both)
-            gain = p / S + q / wide
-            less = gain - p * q * (innovation / S - innovation / wide) ** 2
+            gain = p / S
+            less = gain - p * q * (innovation / S) ** 2
         for i in range(c):
             x[i] += PH[i] * innovation * gain
             weighted = PH[i] * less

@@ -11,6 +11,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
 from isogal.matching.channels import first_channel
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.information import (
     informed_state,
     likelihood_information,
@@ -198,6 +199,7 @@ def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> di
         prefix = "" if one is each[0] else f"{names[one.field]}."
         sigma, length = field.bank.map_error
         of_field = {"map_sigma": sigma, "map_correlation_length_m": length}
+        of_field[UNEXPLAINED] = field.bank.unexplained
         of_field |= dict(zip(FAMILIES[1:], map(float, field.bank.faults[1:]), strict=True))
         of_field |= field.bank.figures(field.states)
         figures |= {prefix + name: value for name, value in of_field.items()}
