@@ -15,6 +15,7 @@ from isogal.matching.pmht.models import (
     NAVIGATOR,
     NOISIER,
     NONE,
+    WRONG_MAP,
     Assumed,
     few,
     models_of,
@@ -43,12 +44,17 @@ def test_each_fault_has_its_probability_whatever_the_map_s_error():
 
 
 def test_to_the_letter_there_is_one_model():
-    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0)):
+    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0, trust=1.0)):
         assert len(which.sigma) == 1
         assert which.family[0] == NONE
     assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
     assert which.initial[0, 0] == 0.0  # a map without error has no state for it
     assert which.sizes[0] == 7
+
+
+def test_a_told_error_may_be_another_one():
+    for which in (models(sigma=0.0), TOLD):
+        assert probability(which, which.family == WRONG_MAP) == pytest.approx(1e-3, rel=0.4)
 
 
 def test_what_is_told_is_right_within_a_factor():

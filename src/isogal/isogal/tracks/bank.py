@@ -188,7 +188,10 @@ def widened(fix: Fix, more: Array) -> Fix:
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
     told = positive_part(fix.information, size)
     spread = np.eye(4) + told.matrix @ full
-    matrix, vector = np.linalg.solve(spread, told.matrix), np.linalg.solve(spread, told.vector)
+    matrix, vector = (
+        np.asarray(np.linalg.solve(spread, part), dtype=np.float64)
+        for part in (told.matrix, told.vector)
+    )
     information = Information(vector, symmetric(matrix))
     return replace(fix, covariance=fix.covariance + more, information=information)
 

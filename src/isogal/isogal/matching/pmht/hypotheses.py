@@ -16,7 +16,7 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels
-from isogal.matching.pmht.models import FAMILIES, Models
+from isogal.matching.pmht.models import FAMILIES, WRONG_MAP, Models
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -286,9 +286,11 @@ class Hypotheses:
 
     @property
     def unexplained(self) -> float:
-        """The probability that the map's error is among the largest that were thought of."""
-        sigma = self.models.sigma
+        """The probability that the map's error is another one than what is told, or among the
+        largest that were thought of where nothing is."""
+        sigma, other = self.models.sigma, self.models.family == WRONG_MAP
         large = (sigma > 0.0) & (sigma >= UNEXPLAINED_SHARE * sigma.max())
+        large = other if other.any() else large
         return 0.0 if large.all() else float(self.weight @ large[self.which])
 
     @cached_property
