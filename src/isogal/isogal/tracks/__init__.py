@@ -15,7 +15,11 @@ Matching
 - `fields`: what has been read along a track, of one field or several?
 - `matching`: which fixes does a track give, batch by batch?
 - `informative`: does a fix say anything as a position?
-- `integrated/`: what does a rigid batch say when nobody knows the noise?
+- `bank`: how does a batch become a fix?
+- `models`: which errors of map and readings are possible?
+- `places`: where may a track be?
+- `jackknife`: how far does a fix move without half of its readings?
+- `continued_map`: what has a map beyond its edge and in its gaps?
 - `map_error`: how wrong is a map, by tracks whose positions are known?
 
 Results

@@ -3,16 +3,26 @@
 Readings closer together than the map's features say little more than one, and cost time. Within a
 stretch everything is averaged alike: time, place, reading and offset, so the mean of the readings
 is compared with the map at their mean place. White noise averages out: n readings of 1-sigma s
-have s / sqrt(n)."""
+have s / sqrt(n).
 
+Rows of the matcher are means of neighbouring readings in the same way."""
+
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.corridor import along_track
+from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.search import OF_LENGTHS
 from isogal.tracks.track import Track
+
+MOST_ROWS, ENOUGH_ROWS, RESOLUTION_NODES = 220, 90, 2.0
+"""Of more readings neighbouring ones are averaged; with more than enough also those closer
+together than so many nodes of the map: how errors hold together over less than it can resolve is
+known least, and says least about the place."""
 
 
 def averaged(track: Track, spacing: float) -> Track:
@@ -43,3 +53,54 @@ def averaged(track: Track, spacing: float) -> Track:
         sigma=np.sqrt(np.bincount(group, track.sigma[keep] ** 2)) / count,
         offset=mean(track.offset),
     )
+
+
+def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
+    """Return readings such that those that are to be averaged are neighbours, and with which of
+    them each row begins; `node` (m) is the distance between two of the map."""
+    count, channels = len(rows.level), int(rows.channel.max()) + 1
+    step = float(np.median(rows.travelled[1:])) * channels if count > 1 else math.inf
+    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+    if size == 1:
+        return rows, np.arange(count)
+    block = np.arange(count) // (size * channels)
+    order = np.lexsort((rows.channel, block))
+    reach = np.cumsum(rows.travelled)[order]
+    rows = Rows._make(
+        np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
+        for name, column in zip(Rows._fields, rows, strict=True)
+    )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
+    new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
+    return rows, np.flatnonzero(new)
+
+
+def averaged_rows(rows: Rows, first: Integers) -> Rows:
+    """Return means of neighbouring readings, those from each of `first` to the next."""
+    count = len(rows.level)
+    if len(first) == count:
+        return rows
+    sizes = np.diff(np.r_[first, count])
+
+    def mean(column: Array) -> Array:
+        sums = np.add.reduceat(column, first, axis=0)
+        return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
+
+    middle = np.minimum(first + sizes // 2, count - 1)
+    return rows._replace(
+        **{name: mean(getattr(rows, name)) for name in _MEANS},
+        load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
+        noise=mean(rows.noise) / sizes,
+        travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
+        keep=np.ascontiguousarray(rows.keep[first]),
+        fresh=np.ascontiguousarray(rows.fresh[first]),
+        step=np.ascontiguousarray(rows.step[:, first]),
+        joined=np.ascontiguousarray(rows.joined[:, first]),
+        channel=rows.channel[first],
+    )
+
+
+_MEANS = (
+    *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
+    *("velocity", "nodes"),
+)

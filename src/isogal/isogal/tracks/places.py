@@ -20,7 +20,8 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
+from isogal.matching.pmht.search import residuals_at
+from isogal.tracks.averaging import averaged_rows, grouped
 from isogal.tracks.continued_map import ContinuedMap
 from isogal.tracks.models import usual_sigma
 
@@ -42,10 +43,6 @@ PLACE_DEPTH, PLACE_GAP_M = 8.0, 150.0
 apart."""
 BLOCKS = 8
 """Of a track, as the jackknife leaves them out."""
-MOST_ROWS, ENOUGH_ROWS, RESOLUTION_NODES = 220, 90, 2.0
-"""Of more readings neighbouring ones are averaged; with more than enough also those closer
-together than so many nodes of the map: how errors hold together over less than it can resolve is
-known least, and says least about the place."""
 GRADIENT_SHARE = 0.9
 """Of the variance of errors that go with the gradient."""
 DOUBT_M = 4000.0
@@ -88,7 +85,7 @@ class Seen:
         one = channels_of(field_map)[0]
         node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
         each, first = grouped(each, node)
-        rows = averaged(each, first)
+        rows = averaged_rows(each, first)
         apart = displacements(rows.latitude, rows.longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
@@ -304,54 +301,3 @@ def _few(models: Models) -> Integers:
     usual = np.flatnonzero(models.length == np.sort(models.length)[len(models.length) // 2])
     sigmas = np.unique(models.sigma[usual])
     return usual[np.isin(models.sigma[usual], sigmas[::-2])]
-
-
-def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
-    """Return readings such that those that are to be averaged are neighbours, and with which of
-    them each row begins; `node` (m) is the distance between two of the map."""
-    count, channels = len(rows.level), int(rows.channel.max()) + 1
-    step = float(np.median(rows.travelled[1:])) * channels if count > 1 else math.inf
-    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
-    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
-    if size == 1:
-        return rows, np.arange(count)
-    block = np.arange(count) // (size * channels)
-    order = np.lexsort((rows.channel, block))
-    reach = np.cumsum(rows.travelled)[order]
-    rows = Rows._make(
-        np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
-        for name, column in zip(Rows._fields, rows, strict=True)
-    )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
-    new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
-    return rows, np.flatnonzero(new)
-
-
-def averaged(rows: Rows, first: Integers) -> Rows:
-    """Return means of neighbouring readings, those from each of `first` to the next."""
-    count = len(rows.level)
-    if len(first) == count:
-        return rows
-    sizes = np.diff(np.r_[first, count])
-
-    def mean(column: Array) -> Array:
-        sums = np.add.reduceat(column, first, axis=0)
-        return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
-
-    middle = np.minimum(first + sizes // 2, count - 1)
-    return rows._replace(
-        **{name: mean(getattr(rows, name)) for name in _MEANS},
-        load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
-        noise=mean(rows.noise) / sizes,
-        travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
-        keep=np.ascontiguousarray(rows.keep[first]),
-        fresh=np.ascontiguousarray(rows.fresh[first]),
-        step=np.ascontiguousarray(rows.step[:, first]),
-        joined=np.ascontiguousarray(rows.joined[:, first]),
-        channel=rows.channel[first],
-    )
-
-
-_MEANS = (
-    *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
-    *("velocity", "nodes"),
-)

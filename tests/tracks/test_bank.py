@@ -1,0 +1,236 @@
+"""Recorded tracks by the bank's models: densities, what is told, the map beyond its edge, error
+bars."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from helpers.batches import ORIGIN, make_batch
+from helpers.tracks import field_of, made_track
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
+from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
+from isogal.maps.error_ellipses import ellipses_of
+from isogal.matching.pmht.rows import States, rows_of
+from isogal.scenario import Matcher
+from isogal.seeds import generator
+from isogal.tracks.continued_map import continued
+from isogal.tracks.jackknife import excess
+from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.models import LENGTHS, Told, track_models
+from isogal.tracks.places import Seen
+
+DISTURBANCE = field_of("disturbance")
+
+
+def seen_of(batch, field_map=DISTURBANCE, **said):
+    """The readings of a batch, with the models of what is told."""
+    states = States.of(batch, field_map)
+    models = track_models(Told.of(Matcher(**said)), batch, field_map, states)
+    rows, _ = rows_of(batch, field_map, states, models.lengths, None)
+    twice = {
+        name: np.concatenate([getattr(rows, name)] * 2) for name in ("load", "step", "joined")
+    }
+    around = continued(field_map, 5000.0)
+    return Seen.of(rows._replace(**twice), around.field, around, models)
+
+
+def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=20)
+    centres = np.array([[0.0, 0.0], [400.0, -300.0], [-900.0, 100.0]])
+    seen = seen_of(batch).placed(centres, np.ones(3))
+    which = np.arange(0, len(seen.models.sigma), 17)
+    parts = seen.parts(centres, 50.0, which)
+    assert parts.shape == (len(which), 8, 3)
+    residual = seen.residuals(centres)
+    for k, m in enumerate(which):
+        R = seen.covariance(int(m), 50.0)
+        expected = multivariate_normal(np.zeros(20), R).logpdf(residual.T)
+        constant = 10.0 * np.log(2.0 * np.pi)
+        np.testing.assert_allclose(parts[k].sum(axis=0) - constant, expected, rtol=1e-8)
+    assert np.isclose(np.exp(seen.models.log_prior).sum(), 1.0)
+
+
+def models(**said):
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4))
+    states = States.of(batch, DISTURBANCE)
+    return track_models(Told.of(Matcher(**said)), batch, DISTURBANCE, states)
+
+
+def test_what_is_told_narrows_the_models():
+    assert set(models().lengths) == set(LENGTHS)
+    exact = models(map_sigma=0.0, bias_sigma=0.0)
+    assert exact.sigma.tolist() == [0.0]
+    told = models(map_sigma=3e-5, map_correlation_length=2e3, bias_sigma=0.0)
+    best = int(np.argmax(told.log_prior))
+    assert (told.sigma[best], told.length[best]) == (3e-5, 2e3)
+    assert told.shape.max() < len(told.lengths)  # even everywhere
+    keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
+    literal = models(**keys, options={"trust": 1.0})
+    assert len(literal.sigma) == 1
+
+
+def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
+    values = DISTURBANCE.values.copy()
+    values[10:14, 20:30] = np.nan
+    holed = replace(DISTURBANCE, values=values)
+    longer = continued(holed, 5000.0)
+    track, _, _ = made_track(DISTURBANCE)
+    known = np.isfinite(holed.value(track.latitude, track.longitude))
+    inside = longer.field.value(track.latitude, track.longitude)
+    assert np.isfinite(inside).all()
+    np.testing.assert_allclose(
+        inside[known], holed.value(track.latitude, track.longitude)[known], rtol=1e-9
+    )
+    assert np.isfinite(longer.field.values).all()
+    doubt = np.asarray(longer.doubt.sigma)
+    assert doubt.max() <= longer.spread
+    assert doubt[0, 0] > 0.0
+    rows = (longer.field.values.shape[0] - values.shape[0]) // 2
+    columns = (longer.field.values.shape[1] - values.shape[1]) // 2
+    own = doubt[rows : rows + values.shape[0], columns : columns + values.shape[1]]
+    np.testing.assert_array_equal(own > 0.0, np.isnan(values))
+    # what the map says of its error goes along
+    kriged = replace(holed, correlation_lengths=np.full(values.shape, 3e3), sigma=0.1 + 0 * values)
+    around = continued(kriged, 5000.0).field
+    np.testing.assert_array_equal(around.correlation_lengths, 3e3)
+
+
+def _kriged(azimuth):
+    """The map with errors that hold together over 6 km in one direction and 1 km across it, the
+    usual length being 2 km."""
+    shape = DISTURBANCE.values.shape
+    ellipse = ellipses_of(np.array(6e3), np.array(1e3), np.array(azimuth))
+    return replace(
+        DISTURBANCE,
+        sigma=np.full(shape, 2e-5),
+        correlation_length=2000.0,
+        error_ellipses=np.tile(ellipse, (*shape, 1)),
+    )
+
+
+def test_rows_are_apart_by_the_lengths_of_the_maps_error_in_their_direction():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    shifts, weight = np.array([[0.0, 0.0], [300.0, -200.0]]), np.array([0.7, 0.3])
+    for azimuth, length in ((0.5 * np.pi, 6e3), (0.0, 1e3)):
+        seen = seen_of(batch, _kriged(azimuth)).placed(shifts, weight)
+        expected = seen.distance * 2e3 / length
+        np.testing.assert_allclose(seen.relative, expected, rtol=2e-3, atol=1e-6)
+        np.testing.assert_allclose(seen.alike, 1.0)
+        assert set(seen.models.lengths) == {1e3, 2e3, 4e3}
+    plain = seen_of(batch).placed(shifts, weight)
+    assert plain.relative is plain.distance
+
+
+def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    uneven = np.linspace(1e-5, 3e-5, DISTURBANCE.values.shape[1]) * np.ones(
+        DISTURBANCE.values.shape
+    )
+    field_map = replace(DISTURBANCE, sigma=uneven)
+    shift = np.array([[0.0, 5000.0]])
+    seen = seen_of(batch, field_map).placed(shift, np.ones(1))
+    east = metres_per_radian(batch.latitude)[1]
+    own = field_map.sigma_at(batch.latitude, batch.longitude - 5000.0 / east)
+    np.testing.assert_allclose(seen.rows.load[0, :, 0] * uneven.mean(), own, rtol=1e-6)
+
+
+def _match(run, **told):
+    random = generator(11, run, "track")
+    error = random.normal(0.0, 500.0, 2)
+    start = tuple(random.uniform(-15e3, 5e3, 2))
+    track, latitude, longitude = made_track(
+        DISTURBANCE, count=60, error=error, sigma=1e-5, seed=run, start=start
+    )
+    # a map error that nobody tells, correlated over 2 km
+    distance = np.arange(60) * float(np.hypot(*track.velocity[0])) * 10.0
+    covariance = (3e-5) ** 2 * np.exp(-np.abs(distance[:, None] - distance) / 2000.0)
+    wrong = np.linalg.cholesky(covariance) @ random.standard_normal(60)
+    track = replace(track, value=track.value + wrong)
+    match = match_track(
+        track, DISTURBANCE, Matcher(batch_length=60, **told), Uncertainty(position=500.0)
+    )[0]
+    fix = match.fix
+    if not fix.published:
+        return match, np.nan
+    apart = horizontal_difference(fix.latitude, fix.longitude, latitude[-1], longitude[-1])
+    return match, float(nees_per_axis(apart, fix.covariance))
+
+
+def test_nothing_told_of_a_wrong_map_the_error_bars_are_honest():
+    """10 tracks over a map that is 3 mGal wrong: the mean NEES is below the upper end of its
+    99.9 % interval, and not absurdly small; sigma and length come out within a factor of two."""
+    found = [_match(run) for run in range(10)]
+    nees = np.array([value for _, value in found])
+    nees = nees[np.isfinite(nees)]
+    assert nees.size >= 8
+    assert 0.2 < nees.mean() < chi_square_interval(nees.size, confidence=0.999)[1]
+    sigma = [match.fix.diagnostics["map_sigma"] for match, _ in found]
+    assert 1.5e-5 < np.median(sigma) < 6e-5
+
+
+def test_a_spike_is_left_out():
+    track, latitude, longitude = made_track(DISTURBANCE, error=(300.0, 200.0), sigma=1e-6)
+    value = track.value.copy()
+    value[33] += 1e-2
+    match = match_track(
+        replace(track, value=value), DISTURBANCE, Matcher(batch_length=60), Uncertainty(800.0)
+    )[0]
+    assert match.fix.published
+    assert match.fix.diagnostics["readings_left_out"] >= 1.0
+    end = match.rows.stop - 1
+    apart = horizontal_difference(
+        match.fix.latitude, match.fix.longitude, latitude[end], longitude[end]
+    )
+    assert np.hypot(*apart) < 100.0
+
+
+def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
+    match, _ = _match(3)
+    shifts = match.shifts
+    assert np.linalg.eigvalsh(excess(shifts)).min() >= -1e-9
+    mean, covariance = shifts.moments
+    np.testing.assert_allclose(shifts.weight @ shifts.centres, mean)
+    apart = shifts.centres - mean
+    inner = np.einsum("c,ci,cj->ij", shifts.weight, apart, apart)
+    assert (np.linalg.eigvalsh(covariance - inner) > 0.0).all()
+    assert np.isclose(shifts.places.sum(), 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize("count", [400, 1500])
+def test_rows_are_means_of_neighbouring_readings(count):
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=count, velocity=(0.0, 0.1))
+    step = np.arange(count)  # to and fro
+    north = 50.0 * np.where(step % 20 < 10, step % 20, 20 - step % 20)
+    batch = replace(batch, latitude=ORIGIN[0] + north / metres_per_radian(ORIGIN[0])[0])
+    seen = seen_of(batch)
+    assert len(seen.rows.level) <= 220
+    sizes = np.diff(np.r_[seen.first, count])
+    np.testing.assert_allclose(
+        seen.rows.level, np.add.reduceat(seen.each.level, seen.first) / sizes
+    )
+    np.testing.assert_allclose(
+        seen.rows.noise * sizes**2, np.add.reduceat(seen.each.noise, seen.first)
+    )
+    centre = np.array([[100.0, -50.0]])
+    one = np.add.reduceat(
+        replace(seen, first=np.arange(count)).residuals(centre), seen.first, axis=0
+    )
+    np.testing.assert_allclose(seen.residuals(centre), one / sizes[:, None])
+    seen = seen.placed(centre, np.ones(1))
+    for m in range(0, len(seen.models.sigma), 29):
+        assert np.linalg.eigvalsh(seen.covariance(m, 10.0))[0] > 0.0
+
+
+def test_a_drifting_track_and_a_rigid_one_agree_where_there_is_no_drift():
+    """By the bank's hypotheses, and on the grid of shifts."""
+    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=1e-5)
+    settings = Matcher(batch_length=40, map_sigma=1e-5)
+    (rigid,) = match_track(track, DISTURBANCE, settings, Uncertainty(500.0))
+    (drifting,) = match_track(track, DISTURBANCE, settings, Uncertainty(500.0, velocity=0.1))
+    apart = drifting.error[:2] - rigid.error[:2]
+    assert apart @ np.linalg.solve(rigid.covariance[:2, :2], apart) < 2.0
+    ratio = np.linalg.det(drifting.covariance[:2, :2]) / np.linalg.det(rigid.covariance[:2, :2])
+    assert 0.5 < np.sqrt(ratio) < 4.0
