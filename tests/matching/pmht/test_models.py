@@ -15,7 +15,6 @@ from isogal.matching.pmht.models import (
     NAVIGATOR,
     NOISIER,
     NONE,
-    WRONG_AID,
     Assumed,
     few,
     models_of,
@@ -89,7 +88,7 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
     nothing = np.zeros(0)
     states = replace(states_of(2), sigma=nothing, time=nothing, walk=nothing, unknown=0)
     which = models_of(Assumed(noise=1e-9, scale=1e-8, rough=1e-9), states)
-    assert set(which.family) == {NONE, NOISIER, NAVIGATOR, WRONG_AID}
+    assert set(which.family) == {NONE, NOISIER, NAVIGATOR}
     assert which.initial.shape[1] == 2
 
 

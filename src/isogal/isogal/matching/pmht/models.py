@@ -37,8 +37,8 @@ BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "wrong_aid")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, WRONG_AID = range(7)
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED = range(6)
 
 
 class Fault(NamedTuple):
@@ -77,7 +77,6 @@ FAULTS = (
     Fault(FILTERED, 0.0005, lag=30.0),
     Fault(FILTERED, 0.0005, lag=60.0),
     Fault(FILTERED, 0.0005, lag=120.0),
-    Fault(WRONG_AID, 0.01),
 )
 
 
@@ -106,8 +105,6 @@ class Models(NamedTuple):
     """(M,) how many they are."""
     family: Integers
     """(M,)."""
-    wrong_aid: Integers
-    """(M,) 1 = what other aids tell the navigator is wrong, 0 = it is not."""
     log_prior: Array
     """(M,)."""
 
@@ -255,7 +252,6 @@ def table_of(
         used,
         sizes,
         np.array([f.family for f in fault]),
-        np.array([int(f.family == WRONG_AID) for f in fault]),
         log_prior - np.logaddexp.reduce(log_prior),
     )
 
