@@ -14,7 +14,6 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.gridder import GridSettings, Model, grid_survey
 from isogal.maps.gridding.reading import read_survey
 from isogal.maps.tensor_error import displacements
-from isogal.tracks.integrated.noise_models import Correlation
 from measured_data.lines import Line, scotland
 from measured_data.matches import AWAY
 from measured_data.untold import MAGNETIC_SIGMA
@@ -62,16 +61,14 @@ def shapes(field_map: FieldMap, model: Model, line: Line) -> dict[str, float]:
     usual, metres = float(np.median(length)), np.hypot(apart[..., 0], apart[..., 1])
     _, posterior = model.kriging.together(model.places(*at))
     deviation = np.sqrt(np.diag(posterior))
-    ones = np.ones(known.size)
-    smooth = Correlation(1.0 / math.sqrt(2.0), smooth=True)
     directed, alike = joint(apart, field_map.error_ellipse_at(*at))
     round_ones = ellipses_of(length, length, np.zeros(known.size))
     alone, alike_alone = joint(apart, round_ones)
     kinds = {f"exp, {f:g} L": np.exp(-metres / usual / f) for f in (0.5, 1.0, 2.0, 4.0, 8.0)}
     kinds |= {
-        "smooth, L": alike_alone * smooth.matrix(alone, ones),
-        "smooth, ellipses": alike * smooth.matrix(directed, ones),
-        "smooth, half of the ellipses": alike * smooth.matrix(2.0 * directed, ones),
+        "smooth, L": alike_alone * smooth(alone),
+        "smooth, ellipses": alike * smooth(directed),
+        "smooth, half of the ellipses": alike * smooth(2.0 * directed),
         "kriging": posterior / np.outer(deviation, deviation),
     }
     white = MAGNETIC_SIGMA**2 * np.eye(known.size)
@@ -83,6 +80,13 @@ def shapes(field_map: FieldMap, model: Model, line: Line) -> dict[str, float]:
         for kind, shape in kinds.items()
     }
     return {kind: one - found["exp, 1 L"] for kind, one in found.items()}
+
+
+def smooth(distance: Array) -> Array:
+    """Return the correlation of errors that are smooth over a length of 1 / sqrt(2) (Matern 3/2;
+    Rasmussen & Williams 2006, eq. 4.17), a hundredth of their variance left over."""
+    a = math.sqrt(6.0) * distance
+    return 0.99 * (1.0 + a) * np.exp(-a) + 0.01 * np.eye(len(distance))
 
 
 def log_likelihood(model: Model, line: Line, shift: Array) -> float:

@@ -32,7 +32,7 @@ def pmht(**keys: Any) -> Pmht:
 
 def states_of(channels: int = 1) -> States:
     """The instrument's states of plain readings."""
-    return States((), np.zeros(3), np.full(3, np.inf), np.zeros(3), channels, 3)
+    return States((), np.zeros(3), np.full(3, np.inf), np.zeros(3), channels, unknown=3)
 
 
 def models(**keys: Any) -> Models:

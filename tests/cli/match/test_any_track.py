@@ -12,7 +12,7 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.command_line import answer, call
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.tracks.integrated.matcher import IntegratedMatcher
+from isogal.tracks.bank import TrackMatcher
 
 HALF = 12e3
 NORTH, EAST = (math.radians(1.0) * metre for metre in metres_per_radian(ORIGIN[0]))
@@ -130,7 +130,7 @@ def test_any_track_gives_a_result_or_one_line(
 
 def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_path, monkeypatch):
     write_track(tmp_path / "track.csv", "straight", 90, "true", "on")
-    match, calls = IntegratedMatcher.match, []
+    match, calls = TrackMatcher.match, []
 
     def raising(self, batch, field_map, memory):
         calls.append(memory)
@@ -138,7 +138,7 @@ def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_p
             raise np.linalg.LinAlgError("Matrix is not positive definite")
         return match(self, batch, field_map, memory)
 
-    monkeypatch.setattr(IntegratedMatcher, "match", raising)
+    monkeypatch.setattr(TrackMatcher, "match", raising)
     words = ("match", "--map", map_file, "--track", tmp_path / "track.csv")
     words = (*words, "--track-unit", "mGal", "--sensor-sigma", "1mGal", "--prior-sigma", 1000)
     fixes = json.loads(answer(*words, "--json", "--report", tmp_path / "report"))

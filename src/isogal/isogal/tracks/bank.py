@@ -15,13 +15,14 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
-from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import Batch, Beside, Fix, declined
+from isogal.matching.information import likelihood_information, measurement_only, positive_part
+from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
 from isogal.matching.pmht.search import OF_LENGTHS, at_cells
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
+from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
@@ -138,12 +139,6 @@ class TrackMatcher:
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
         mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
-        if self.checked:
-            more = excess(shifts)
-            # as far as the prior has other errors go with the place
-            gain = np.linalg.solve(prior[:2, :2], prior[:2]).T
-            covariance = covariance + gain @ more @ gain.T
-            numbers["widened"] = math.sqrt(np.trace(more) / np.trace(shifts.moments[1]))
         n = 4
         information = likelihood_information(mean[:n], covariance[:n, :n], prior[:n, :n])
         if not information.matrix.any():
@@ -151,7 +146,7 @@ class TrackMatcher:
             return declined(batch, reason, **numbers)
         place, spread = measurement_only(mean[:n], covariance[:n, :n], prior[:n, :n])
         north, east = metres_per_radian(batch.end[0])
-        return Fix(
+        fix = Fix(
             time=float(batch.time[-1]),
             latitude=float(batch.end[0] - place[0] / north),
             longitude=float(batch.end[1] - place[1] / east),
@@ -159,6 +154,11 @@ class TrackMatcher:
             diagnostics=numbers,
             information=information,
         )
+        if not self.checked:
+            return fix
+        more = excess(shifts)
+        numbers["widened"] = math.sqrt(np.trace(more) / np.trace(shifts.moments[1]))
+        return widened(fix, more)
 
     def _figures(
         self, batch: Batch, fields: Sequence[int], shifts: Shifts, left: Sequence[int]
@@ -175,6 +175,22 @@ class TrackMatcher:
             numbers |= {prefix + name: value for name, value in of_field.items()}
         each = shifts.places
         return numbers | {"probability": float(each[0]), "places": float(len(each))}
+
+
+def widened(fix: Fix, more: Array) -> Fix:
+    """Return a fix with more covariance (2, 2) about the same place."""
+    if not more.any() or fix.information is None:
+        return fix
+    full = np.zeros((4, 4))
+    full[:2, :2] = more
+    # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions
+    # without information stay without
+    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
+    told = positive_part(fix.information, size)
+    spread = np.eye(4) + told.matrix @ full
+    matrix, vector = np.linalg.solve(spread, told.matrix), np.linalg.solve(spread, told.vector)
+    information = Information(vector, symmetric(matrix))
+    return replace(fix, covariance=fix.covariance + more, information=information)
 
 
 def _alone(batch: Batch, field_map: AnyMap) -> Beside:
@@ -228,20 +244,18 @@ def outliers(shifts: Shifts, field: int) -> Booleans:
     """Return (n,) which readings do not fit the others: residuals e of each predicted from the
     others, with e_i = (R⁻¹ r)_i / (R⁻¹)_ii and variance 1 / (R⁻¹)_ii (Rasmussen & Williams 2006,
     eq. 5.12)."""
-    residual, R = best(shifts, field)
+    residual, R, _ = best(shifts, field)
     precision = np.linalg.inv(R)
     return np.asarray(np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision)))
 
 
-def best(shifts: Shifts, field: int, with_constant: bool = True) -> tuple[Array, Array]:
-    """Return (n,) residuals at the likeliest shift, and (n, n) R of the likeliest model."""
+def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
+    """Return (n,) residuals at the likeliest shift, (n, n) R of the likeliest model, and which it
+    is."""
     seen = shifts.seen[field]
     likely = int(shifts.which[field][int(np.argmax(shifts.of_models(field)))])
     place = shifts.centres[[int(np.argmax(shifts.log_density))]]
-    R = seen.covariance(likely, shifts.size)
-    if not with_constant and seen.models.initial.shape[1] > seen.rows.load.shape[2]:
-        R = R - seen.models.initial[likely, -len(UNKNOWN) + BIAS] ** 2
-    return seen.residuals(place)[:, 0], R
+    return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size), likely
 
 
 def figures(shifts: Shifts, field: int) -> dict[str, float]:
@@ -250,9 +264,12 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
     load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.rows.load])
-    residual, R = best(shifts, field, with_constant=False)
+    residual, R, likely = best(shifts, field)
+    widest = 0.0
+    if seen.around is not None:  # of several channels there is no constant
+        constant = models.initial[:, -len(UNKNOWN) + BIAS]
+        R, widest = R - constant[likely] ** 2, float(constant[which].max())
     precision = np.linalg.inv(R)
-    widest = float(models.initial[which, -len(UNKNOWN) + BIAS].max())
     known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
     offset = float(precision.sum(axis=0) @ residual) / known
     left = residual - offset

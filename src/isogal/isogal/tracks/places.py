@@ -34,8 +34,9 @@ FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 DEPTH, KEPT = 30.0, 900
 """Log density below the best at which a cell is given up, and cells that are divided at most."""
-MODELS, MODEL_DEPTH = 30, 9.0
-"""Models that go on after the first grid, and log of how much less likely they may be."""
+LOOKED_AT, MODELS, MODEL_DEPTH = 300, 30, 9.0
+"""Cells at which all models are looked at, models that go on from there, and log of how much less
+likely they may be."""
 PLACE_DEPTH, PLACE_GAP_M = 8.0, 150.0
 """Log density below the best at which a cell belongs to no place, and m by which places are
 apart."""
@@ -259,15 +260,17 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     seen = [one.placed(centres, density) for one in seen]
     few = [_few(one.models) for one in seen]
     overview = shifts = _at(seen, few, cells, size, prior)
-    cells = cells[_kept(shifts.log_density)]
-    which = [np.arange(len(one.models.sigma)) for one in seen]
+    seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
+    every = [np.arange(len(one.models.sigma)) for one in seen]
+    best = _at(seen, every, cells[_kept(shifts.log_density, LOOKED_AT)], size, prior)
+    which = [_likely(best, field) for field in range(len(seen))]
+    cells = cells[_kept(shifts.log_density, len(cells))]
     for _ in range(LEVELS):
-        seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
         shifts = _at(seen, which, cells, size, prior)
-        which = [_likely(shifts, field) for field in range(len(seen))]
         if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
             break
-        cells = (3 * cells[_kept(shifts.log_density)][:, None] + _FAN).reshape(-1, 2)
+        seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
+        cells = (3 * cells[_kept(shifts.log_density, KEPT)][:, None] + _FAN).reshape(-1, 2)
         size /= 3.0
     return replace(shifts, overview=overview)
 
@@ -284,8 +287,8 @@ def _at(
     return Shifts(centres, size, log_prior, tuple(seen), tuple(which), tuple(parts))
 
 
-def _kept(log: Array) -> Integers:
-    order = np.argsort(-log, kind="stable")[:KEPT]
+def _kept(log: Array, most: int) -> Integers:
+    order = np.argsort(-log, kind="stable")[:most]
     return order[log[order] > log[order[0]] - DEPTH]
 
 
