@@ -111,10 +111,9 @@ class Batch:
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
     those of what they tell of; None = those of the last row."""
     correction: Array | None = None
-    """(7,) by how much the navigator's estimate was changed at the end of the last batch, its fix
-    taken or not; None = not known."""
+    """(7,) change of the navigator's estimate since the last batch; None = not known."""
     beside: "tuple[Beside, ...]" = ()
-    """What other fields have read up to the same batch end."""
+    """What other fields have read up to the same end."""
 
     def __len__(self) -> int:
         return self.time.shape[0]
