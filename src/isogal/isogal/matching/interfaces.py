@@ -5,8 +5,7 @@ unknown is the navigator's horizontal error at the last scan, xi = (d_north m, d
 m/s, dv_east m/s), estimate minus truth. Over a batch the navigator's increments are good to about
 a metre (docs/mathematics.md, section 4.1), so the position error at scan t is
 ``transition[t] @ xi`` plus what its tilt adds (``nuisance_position``). A matcher answers with a
-fix, measurement information only: the navigator's prior is not in its covariance.
-"""
+fix of the measurements alone, without the navigator's prior."""
 
 import math
 from collections.abc import Callable, Mapping
