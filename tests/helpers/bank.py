@@ -26,8 +26,9 @@ LETTER = {"options": {"trust": 1.0}}
 
 
 def pmht(**keys: Any) -> Pmht:
-    """The matcher, told that the map is exact unless it is told something else."""
-    return Pmht.from_settings(Matcher(**({"map_sigma": 0.0} | keys)))
+    """The matcher, told to the letter that the map is exact unless it is told something else."""
+    exact = {"map_sigma": 0.0, **LETTER} if "map_sigma" not in keys else {}
+    return Pmht.from_settings(Matcher(**(exact | keys)))
 
 
 def states_of(channels: int = 1) -> States:

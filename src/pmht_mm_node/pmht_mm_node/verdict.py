@@ -18,7 +18,7 @@ LIKELY, CERTAIN = 0.5, 0.95
 """Probability from which on it is said that the navigator is somewhere else, and that something is
 not as it was told."""
 DOUBTS = {
-    UNEXPLAINED: "readings and map do not agree: the map's error is as large as its features",
+    UNEXPLAINED: "readings and map do not agree",
     "biased": "readings and map do not agree: there is a constant between them",
     "navigator": "errors of the navigator are larger than it says",
     "noisier": "readings are noisier",

@@ -139,7 +139,7 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
 def test_a_worse_navigator_grows_by_its_factor():
     which = models()
     before = np.diag(SIGMA**2)
-    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before, 60.0)
+    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before)
     expected = (which.start + which.growth)[:, None] * np.diag(before)
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 

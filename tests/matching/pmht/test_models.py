@@ -15,7 +15,7 @@ from isogal.matching.pmht.models import (
     NAVIGATOR,
     NOISIER,
     NONE,
-    WRONG_AID,
+    WRONG_MAP,
     Assumed,
     few,
     models_of,
@@ -44,12 +44,17 @@ def test_each_fault_has_its_probability_whatever_the_map_s_error():
 
 
 def test_to_the_letter_there_is_one_model():
-    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0)):
+    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0, trust=1.0)):
         assert len(which.sigma) == 1
         assert which.family[0] == NONE
     assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
     assert which.initial[0, 0] == 0.0  # a map without error has no state for it
     assert which.sizes[0] == 7
+
+
+def test_a_told_error_may_be_another_one():
+    for which in (models(sigma=0.0), TOLD):
+        assert probability(which, which.family == WRONG_MAP) == pytest.approx(1e-3, rel=0.5)
 
 
 def test_what_is_told_is_right_within_a_factor():
@@ -89,7 +94,7 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
     nothing = np.zeros(0)
     states = replace(states_of(2), sigma=nothing, time=nothing, walk=nothing, unknown=0)
     which = models_of(Assumed(noise=1e-9, scale=1e-8, rough=1e-9), states)
-    assert set(which.family) == {NONE, NOISIER, NAVIGATOR, WRONG_AID}
+    assert set(which.family) == {NONE, NOISIER, NAVIGATOR}
     assert which.initial.shape[1] == 2
 
 

@@ -5,8 +5,7 @@ unknown is the navigator's horizontal error at the last scan, xi = (d_north m, d
 m/s, dv_east m/s), estimate minus truth. Over a batch the navigator's increments are good to about
 a metre (docs/mathematics.md, section 4.1), so the position error at scan t is
 ``transition[t] @ xi`` plus what its tilt adds (``nuisance_position``). A matcher answers with a
-fix, measurement information only: the navigator's prior is not in its covariance.
-"""
+fix of the measurements alone, without the navigator's prior."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -111,10 +110,9 @@ class Batch:
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and transitions are
     those of what they tell of; None = those of the last row."""
     correction: Array | None = None
-    """(7,) by how much the navigator's estimate was changed at the end of the last batch, its fix
-    taken or not; None = not known."""
+    """(7,) change of the navigator's estimate since the last batch; None = not known."""
     beside: "tuple[Beside, ...]" = ()
-    """What other fields have read up to the same batch end."""
+    """What other fields have read up to the same end."""
 
     def __len__(self) -> int:
         return self.time.shape[0]

@@ -16,8 +16,9 @@ SETTLING = 4.0
 less than 2 %, and that is much like what came after."""
 REACH = 6.0
 """Time constants over which a filter's past is looked at: what is older counts with 0.2 %."""
-NODES = 12
-"""Of the quadrature that stands for the filter's past."""
+NODES = 40
+"""Of the quadrature that stands for the filter's past. The nodes of 12 are a kilometre apart at
+22 m/s and 60 s, by which a map's mean is wrong by more than the noise: NEES 2.0, with 40 1.05."""
 
 
 class Lag(NamedTuple):

@@ -90,7 +90,7 @@ class TrackMatcher:
         if reason := unusable(batch):
             return declined(batch, reason), memory
         each = [
-            (one, self._seen(one, memory)) for one in (Beside(0, batch, field_map), *batch.beside)
+            (one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)
         ]
         found = [(one.field, seen) for one, seen in each if seen is not None]
         if not found:
@@ -139,12 +139,12 @@ class TrackMatcher:
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
         mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
-        mean, covariance, prior = mean[:4], covariance[:4, :4], prior[:4, :4]
-        information = likelihood_information(mean, covariance, prior)
+        n = 4
+        information = likelihood_information(mean[:n], covariance[:n, :n], prior[:n, :n])
         if not information.matrix.any():
             reason = "the batch tells nothing that the navigator does not know"
             return declined(batch, reason, **numbers)
-        place, spread = measurement_only(mean, covariance, prior)
+        place, spread = measurement_only(mean[:n], covariance[:n, :n], prior[:n, :n])
         north, east = metres_per_radian(batch.end[0])
         fix = Fix(
             time=float(batch.time[-1]),
@@ -188,14 +188,19 @@ def widened(fix: Fix, more: Array) -> Fix:
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
     told = positive_part(fix.information, size)
     spread = np.eye(4) + told.matrix @ full
-    matrix = np.asarray(np.linalg.solve(spread, told.matrix), dtype=np.float64)
-    vector = np.asarray(np.linalg.solve(spread, told.vector), dtype=np.float64)
+    matrix, vector = (
+        np.asarray(np.linalg.solve(spread, part), dtype=np.float64)
+        for part in (told.matrix, told.vector)
+    )
     information = Information(vector, symmetric(matrix))
     return replace(fix, covariance=fix.covariance + more, information=information)
 
 
+def _alone(batch: Batch, field_map: AnyMap) -> Beside:
+    return Beside(0, batch, field_map)
+
+
 def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
-    """Return the memory after a fix: the models' posterior, in part, is the next batch's prior."""
     log_priors = list(memory.log_prior)
     for k, field in enumerate(fields):
         log_prior = shifts.seen[k].models.log_prior

@@ -15,8 +15,8 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
-from isogal.matching.pmht import kernels
-from isogal.matching.pmht.models import FAMILIES, Models
+from isogal.matching.pmht import kernels, mixture_kernels
+from isogal.matching.pmht.models import FAMILIES, WRONG_MAP, Models
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -134,7 +134,7 @@ class Hypotheses:
         top = self.log_weight.max()
         for _ in range(ROUNDS):
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
-            kernels.curvature(
+            mixture_kernels.curvature(
                 grid, rows, self.models, whole.which, whole.log_weight, whole.mean,
                 whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
@@ -230,7 +230,7 @@ class Hypotheses:
         log_weight, light = log_weight[kept], light[kept]
         if len(them) > len(np.unique(them.which)):
             mean, covariance = them.mean.copy(), them.covariance.copy()
-            stay = kernels.merged(
+            stay = mixture_kernels.merged(
                 them.which, log_weight, mean, covariance, np.where(light, LIGHT_MERGE, 1.0)
             )
             them = replace(them, mean=mean, covariance=covariance).part(stay)
@@ -286,9 +286,11 @@ class Hypotheses:
 
     @property
     def unexplained(self) -> float:
-        """The probability that the map's error is among the largest that were thought of."""
-        sigma = self.models.sigma
+        """The probability that the map's error is another one than what is told, or among the
+        largest that were thought of where nothing is."""
+        sigma, other = self.models.sigma, self.models.family == WRONG_MAP
         large = (sigma > 0.0) & (sigma >= UNEXPLAINED_SHARE * sigma.max())
+        large = other if other.any() else large
         return 0.0 if large.all() else float(self.weight @ large[self.which])
 
     @cached_property

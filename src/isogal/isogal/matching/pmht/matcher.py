@@ -160,7 +160,12 @@ def _propagated(
     if batch.correction is not None:
         off = -batch.correction - memory.taken
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
-            before = back @ prior @ back.T  # the fix was not taken: what it knows it knew then
+            # the fix was not taken as it was: where the navigator knows less than by that it
+            # knew no more then; where it knows more, others have told it since
+            scale = np.sqrt(np.diag(before))
+            unit = np.outer(scale, scale)
+            values, vectors = np.linalg.eigh((back @ prior @ back.T - before) / unit)
+            before = before + (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
         memory = memory.moved(off)
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
     return memory.propagated(before, back, prior), forward

@@ -32,13 +32,15 @@ for all sigmas below."""
 TOLD_STEPS, TOLD_LENGTHS = (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.5, 0.0, 1.5)
 """1-sigmas from what is told to the models' sigmas and lengths; beside a fault every other sigma
 and one length."""
+P_WRONG_MAP = 1e-3
+"""Probability that the map's error is another one than what is told of it."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "wrong_aid")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, WRONG_AID = range(7)
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "wrong_map")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, WRONG_MAP = range(7)
 
 
 class Fault(NamedTuple):
@@ -77,7 +79,6 @@ FAULTS = (
     Fault(FILTERED, 0.0005, lag=30.0),
     Fault(FILTERED, 0.0005, lag=60.0),
     Fault(FILTERED, 0.0005, lag=120.0),
-    Fault(WRONG_AID, 0.01),
 )
 
 
@@ -106,8 +107,6 @@ class Models(NamedTuple):
     """(M,) how many they are."""
     family: Integers
     """(M,)."""
-    wrong_aid: Integers
-    """(M,) 1 = what other aids tell the navigator is wrong, 0 = it is not."""
     log_prior: Array
     """(M,)."""
 
@@ -149,7 +148,7 @@ def models_of(assumed: Assumed, states: States) -> Models:
     told = assumed.sigma is not None
     faults: tuple[Fault, ...] = FAULTS
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = FAULTS[:1]  # who tells it to the letter leaves nothing to doubt
+        faults = FAULTS[:1]
     if not states.unknown:
         faults = tuple(f for f in faults if not (f.bias or f.drift or f.delay or f.lag))
     if assumed.bias > 0.0 or assumed.walks:
@@ -176,6 +175,11 @@ def models_of(assumed: Assumed, states: States) -> Models:
             (s, length, lp - total + math.log(fault.probability), fault)
             for s, length, lp in errors
         ]
+    if told and assumed.trust > 1.0:  # to the letter leaves nothing to doubt
+        unknown = _map_errors(assumed, COARSE_STEP, False)[1:]
+        other = Fault(WRONG_MAP, P_WRONG_MAP)
+        total = np.logaddexp.reduce([e[2] for e in unknown]) - math.log(other.probability)
+        rows += [(s, length, lp - total, other) for s, length, lp in unknown]
     return table_of(rows, assumed, states)
 
 
@@ -255,7 +259,6 @@ def table_of(
         used,
         sizes,
         np.array([f.family for f in fault]),
-        np.array([int(f.family == WRONG_AID) for f in fault]),
         log_prior - np.logaddexp.reduce(log_prior),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht import kernels
+from isogal.matching.pmht import mixture_kernels
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 
@@ -23,7 +23,7 @@ def pruned(them: Hypotheses, most: int) -> Hypotheses:
     them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
     mean, covariance = them.mean.copy(), them.covariance.copy()
     weight = them.log_weight.copy()
-    stay = kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
+    stay = mixture_kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
     return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
 
 

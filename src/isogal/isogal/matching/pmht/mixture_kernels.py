@@ -1,0 +1,123 @@
+"""Compiled loops over the hypotheses of a Gaussian sum: where the map bends too much for one of
+them, and which are one place (docs/mathematics.md, section 6.4)."""
+
+import math
+
+import numpy as np
+
+from isogal.compiled import kernel
+from isogal.matching.pmht.kernels import predicted
+
+MOST_LOOKED_AT = 10
+"""Rows of which it is asked how far they depart from linear."""
+
+
+@kernel(error_model="numpy")
+def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
+    """Return the root of the sum over rows of the squared largest second derivative of the map
+    (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
+    total = 0.0
+    for t in range(rows.level.shape[0]):
+        most = 0.0
+        for a, b in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)):
+            u, v = a * step, b * step
+            g0, _, _ = predicted(grid, rows, t, north, east, 0.0)
+            g1, _, _ = predicted(grid, rows, t, north + u, east + v, 0.0)
+            g2, _, _ = predicted(grid, rows, t, north - u, east - v, 0.0)
+            most = max(most, abs(g1 + g2 - 2.0 * g0) / (step * step))
+        total += most * most / rows.noise[t]
+    return math.sqrt(total)
+
+
+@kernel(error_model="numpy")
+def curvature(  # type: ignore[no-untyped-def]
+    grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
+):
+    """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
+    (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma along its axes, in 1-sigma
+    of the noise and, where that is more, in units of their change.
+
+    Around the place of the likeliest one look at the map says of most that they depart by less
+    than `enough`; these are not looked at one by one, and 0, as are those of a log weight below
+    `least`."""
+    best = np.argmax(log_weight)
+    step = 0.5 * grid.latitude_step / rows.radian[0, 0]
+    stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
+    bend = 2.0 * _bend(grid, rows, mean[best, 0], mean[best, 1], step)
+    for k in range(which.shape[0]):
+        worst[k] = 0.0
+        if log_weight[k] < least:
+            continue
+        spread = covariance[k, 0, 0] + covariance[k, 1, 1]
+        away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
+        near = away + reach * math.sqrt(spread) < step
+        if near and 0.5 * reach * reach * spread * bend < enough:
+            continue
+        m = which[k]
+        a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
+        angle = 0.5 * math.atan2(2.0 * b, a - d)
+        c, s = math.cos(angle), math.sin(angle)
+        big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
+        small = math.sqrt(max(a * s * s - 2.0 * b * c * s + d * c * c, 0.0))
+        for axis in range(2):
+            u, v = (big * c, big * s) if axis == 0 else (-small * s, small * c)
+            departure = change = 0.0
+            for t in range(0, rows.level.shape[0], stride):
+                north = east = 0.0
+                for i in range(models.sizes[m]):
+                    state = models.used[m, i]
+                    north += rows.place[t, 0, state] * mean[k, state]
+                    east += rows.place[t, 1, state] * mean[k, state]
+                lag = models.lag[m]
+                g0, _, _ = predicted(grid, rows, t, north, east, lag)
+                g1, _, _ = predicted(grid, rows, t, north - reach * u, east - reach * v, lag)
+                g2, _, _ = predicted(grid, rows, t, north + reach * u, east + reach * v, lag)
+                f = math.exp(-rows.travelled[t] / models.length[m])
+                R = rows.noise[t] * models.noise[m]
+                load = rows.load[models.shape[m]]
+                for j in range(load.shape[1]):
+                    R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
+                departure += (0.5 * (g1 + g2) - g0) ** 2 / R
+                change += (0.5 * (g1 - g2)) ** 2 / R
+            value = math.sqrt(stride * departure) / max(math.sqrt(stride * change), 1.0)
+            if value > worst[k]:
+                worst[k], axes[k, 0], axes[k, 1] = value, u, v
+
+
+@kernel(error_model="numpy")
+def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyped-def]
+    """Merge hypotheses of one model whose places overlap by their moments, in place, and return
+    the indices of those that stay.
+
+    Parameters
+    ----------
+    which : (K,) array
+        Sorted; within a model by falling weight.
+    limit : (K,) array
+        Squared Mahalanobis distance of places up to which they are one.
+    """
+    count, size = mean.shape
+    kept = np.ones(count, np.bool_)
+    for a in range(count):
+        if not kept[a]:
+            continue
+        p, q, r = covariance[a, 0, 0], covariance[a, 0, 1], covariance[a, 1, 1]
+        det = p * r - q * q
+        n0, e0 = mean[a, 0], mean[a, 1]
+        b = a + 1
+        while b < count and which[b] == which[a]:
+            n, e = mean[b, 0] - n0, mean[b, 1] - e0
+            if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < limit[a] * det:
+                kept[b] = False
+                total = np.logaddexp(log_weight[a], log_weight[b])
+                w = math.exp(log_weight[b] - total)
+                for i in range(size):
+                    apart = w * (1.0 - w) * (mean[b, i] - mean[a, i])
+                    for j in range(size):
+                        P, Q = covariance[a, i, j], covariance[b, i, j]
+                        covariance[a, i, j] = P + w * (Q - P) + apart * (mean[b, j] - mean[a, j])
+                for i in range(size):
+                    mean[a, i] += w * (mean[b, i] - mean[a, i])
+                log_weight[a] = total
+            b += 1
+    return np.flatnonzero(kept)
