@@ -59,18 +59,21 @@ def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
     """Return readings such that those that are to be averaged are neighbours, and with which of
     them each row begins; `node` (m) is the distance between two of the map."""
     count, channels = len(rows.level), int(rows.channel.max()) + 1
-    step = float(np.median(rows.travelled[1:])) * channels if count > 1 else math.inf
+    steps = rows.travelled[1:]
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
     size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
     if size == 1:
         return rows, np.arange(count)
     block = np.arange(count) // (size * channels)
     order = np.lexsort((rows.channel, block))
-    reach = np.cumsum(rows.travelled)[order]
+    reach, since = np.cumsum(rows.travelled)[order], cumulated(rows)
     rows = Rows._make(
         np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
         for name, column in zip(Rows._fields, rows, strict=True)
     )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
+    steps = _stepped(*(one[order] for one in since))
+    rows = rows._replace(keep=steps["keep"], fresh=steps["fresh"])
     new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
     return rows, np.flatnonzero(new)
 
@@ -87,13 +90,14 @@ def averaged_rows(rows: Rows, first: Integers) -> Rows:
         return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
 
     middle = np.minimum(first + sizes // 2, count - 1)
+    steps = _stepped(*(one[middle] for one in cumulated(rows)))
     return rows._replace(
         **{name: mean(getattr(rows, name)) for name in _MEANS},
         load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
         noise=mean(rows.noise) / sizes,
         travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
-        keep=np.ascontiguousarray(rows.keep[first]),
-        fresh=np.ascontiguousarray(rows.fresh[first]),
+        keep=steps["keep"],
+        fresh=steps["fresh"],
         step=np.ascontiguousarray(rows.step[:, first]),
         joined=np.ascontiguousarray(rows.joined[:, first]),
         channel=rows.channel[first],
@@ -104,3 +108,22 @@ _MEANS = (
     *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
     *("velocity", "nodes"),
 )
+
+
+def cumulated(rows: Rows) -> tuple[Array, Array]:
+    """Return (n, S) the negative log of the share of each state that is left since before the first
+    reading, and (n, S) the variance that has joined it since."""
+    gone = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
+    joined = np.zeros_like(rows.fresh)
+    if rows.fresh.any():
+        last = np.zeros(joined.shape[1])
+        for t in range(len(joined)):
+            last = joined[t] = rows.keep[t] ** 2 * last + rows.fresh[t]
+    return gone, joined
+
+
+def _stepped(gone: Array, joined: Array) -> dict[str, Array]:
+    """Return `Rows.keep` and `Rows.fresh` from row to row; the inverse of `cumulated`."""
+    keep = np.exp(-np.maximum(np.diff(gone, axis=0, prepend=0.0), 0.0))
+    before = np.concatenate([np.zeros((1, joined.shape[1])), joined[:-1]])
+    return {"keep": keep, "fresh": np.maximum(joined - keep**2 * before, 0.0)}

@@ -131,7 +131,7 @@ class TrackMatcher:
         if rows is None or len(rows.level) < FEWEST_READINGS:
             return None
         if around is None:
-            return Seen.of(rows, field_map, None, models)
+            return Seen.of(rows, field_map, None, models, batch.of_one_potential)
         twice = {name: np.concatenate([getattr(rows, name)] * 2) for name in OF_LENGTHS}
         rows = rows._replace(**twice)
         return Seen.of(rows, around.field, around, models)

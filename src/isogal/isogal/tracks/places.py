@@ -17,11 +17,11 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import displacements
+from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.search import residuals_at
-from isogal.tracks.averaging import averaged_rows, grouped
+from isogal.tracks.averaging import averaged_rows, cumulated, grouped
 from isogal.tracks.continued_map import ContinuedMap
 from isogal.tracks.models import usual_sigma
 
@@ -61,6 +61,10 @@ class Seen:
     """(m,) of them each row begins with, which is the mean of neighbouring readings."""
     rows: Rows
     """The m rows."""
+    since: tuple[Array, Array]
+    """(m, S) of the instrument's states, see `averaging.cumulated`."""
+    potential: tuple[str, ...] | None
+    """Components of the tensor, where the errors of their maps come from one potential."""
     field_map: AnyMap
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
@@ -79,7 +83,12 @@ class Seen:
 
     @classmethod
     def of(
-        cls, each: Rows, field_map: AnyMap, around: ContinuedMap | None, models: Models
+        cls,
+        each: Rows,
+        field_map: AnyMap,
+        around: ContinuedMap | None,
+        models: Models,
+        potential: tuple[str, ...] | None = None,
     ) -> "Seen":
         """Look at readings."""
         one = channels_of(field_map)[0]
@@ -90,10 +99,12 @@ class Seen:
         distance = np.hypot(apart[..., 0], apart[..., 1])
         _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
         slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
-        doubt = np.zeros(len(rows.level))
+        doubt, errors = np.zeros(len(rows.level)), rows.load.shape[2]
+        of_states = rows._replace(keep=rows.keep[:, errors:], fresh=rows.fresh[:, errors:])
         return cls(
-            each, first, rows, field_map, around, models, distance, distance, 1.0, slope, doubt
-        )
+            each, first, rows, cumulated(of_states),
+            potential, field_map, around, models, distance, distance, 1.0, slope, doubt,
+        )  # fmt: skip
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
@@ -144,14 +155,45 @@ class Seen:
         """Return (m, m) R of a model in cells of a size (m)."""
         rows, models = self.rows, self.models
         load = rows.load[models.shape[m]]
-        of_states = rows.reading[:, BATCH_STATES + load.shape[1] :]
-        states = of_states * models.initial[m, load.shape[1] :]
         blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
         of_map = models.sigma[m] ** 2 * self.alike * np.exp(-self.relative / models.length[m])
-        R = of_map * (load @ load.T) + states @ states.T + blur
+        if self.potential is None:
+            of_map = of_map * (load @ load.T)
+        else:
+            of_map = self._of_one_potential(m) * np.outer(load.sum(axis=1), load.sum(axis=1))
+        R = of_map + self._states(m) + blur
         R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
         R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
         return R
+
+    def _states(self, m: int) -> Array:
+        """Return (m, m) covariance that the instrument's states put into the rows."""
+        first = self.rows.load.shape[2]
+        reading = self.rows.reading[:, BATCH_STATES + first :]
+        variance, (gone, joined) = self.models.initial[m, first:] ** 2, self.since
+        R = np.zeros((len(reading), len(reading)))
+        for s in np.flatnonzero(reading.any(axis=0) & ((variance > 0.0) | joined.any(axis=0))):
+            at = variance[s] * np.exp(-2.0 * gone[:, s]) + joined[:, s]
+            one = np.outer(reading[:, s], reading[:, s])
+            if gone[:, s].any() or joined[:, s].any():
+                apart = np.abs(gone[:, None, s] - gone[:, s])
+                order = np.arange(len(at))
+                one *= np.exp(-apart) * at[np.minimum(order[:, None], order)]
+            else:
+                one *= variance[s]
+            R += one
+        return R
+
+    def _of_one_potential(self, m: int) -> Array:
+        """Return (m, m) covariance of the errors of maps that come from one wrong potential, in
+        units of each one's own."""
+        rows, names = self.rows, self.potential
+        assert names is not None
+        apart = displacements(rows.latitude, rows.longitude)
+        unit = 1.0 / np.sqrt(shares(names))[rows.channel]
+        length, sigma = float(self.models.length[m]), float(self.models.sigma[m])
+        every = tensor_covariance(names, rows.channel, apart, length)
+        return np.asarray(sigma**2 * unit[:, None] * unit * every)
 
     def parts(self, centres: Array, cell: float, which: Integers) -> Array:
         """Return (M, B, C) what each block adds to the log evidence of some models at cells
