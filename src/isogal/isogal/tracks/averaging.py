@@ -59,8 +59,8 @@ def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
     """Return readings such that those that are to be averaged are neighbours, and with which of
     them each row begins; `node` (m) is the distance between two of the map."""
     count, channels = len(rows.level), int(rows.channel.max()) + 1
-    steps = rows.travelled[1:]
-    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    way = rows.travelled[1:]
+    step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
     resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
     size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
     if size == 1:
@@ -111,7 +111,7 @@ _MEANS = (
 
 
 def cumulated(rows: Rows) -> tuple[Array, Array]:
-    """Return (n, S) the negative log of the share of each state that is left since before the first
+    """Return (n, S) the negative log of what share of each state is left since before the first
     reading, and (n, S) the variance that has joined it since."""
     gone = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
     joined = np.zeros_like(rows.fresh)
