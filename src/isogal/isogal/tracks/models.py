@@ -16,7 +16,7 @@ from isogal.arrays import Array
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.models import BIASED, NONE, Fault, Models, table_of
+from isogal.matching.pmht.models import BIASED, NOISIER, NONE, Fault, Models, table_of
 from isogal.matching.pmht.rows import States
 from isogal.matching.pmht.settings import Settings
 from isogal.scenario import Matcher as MatcherSettings
@@ -29,7 +29,9 @@ SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
 OWN, OWN_LOG_SIGMA = (0.2, 4.0, 9), 0.5
 """Grid of the factor on a sigma that the map has of its own, and 1-sigma of its logarithm."""
-Errors = list[tuple[float, float, float]]
+MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
+"""Factors on the variance of readings of several channels, in which an alignment or offset that
+nobody has told of is no constant, and their probability."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,9 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
         for length, b in zip(lengths, of_length, strict=True)
     ]
     faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
-    if told.constant or not states.unknown:
+    if not states.unknown:
+        faults = [faults[0], *(Fault(NOISIER, MISFIT_SHARE, noise=factor) for factor in MISFITS)]
+    elif told.constant:
         faults = faults[:1]
     rows = [(*error, fault) for fault in faults for error in errors]
     models = table_of(rows, assumed, states)
