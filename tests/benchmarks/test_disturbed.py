@@ -55,5 +55,5 @@ def test_fixes_up_to_two_minutes_late_cost_little(plain) -> None:
         under_way = {number for _, number, *_ in made._under_way}
         assert len(made._taken) >= len(tracks[run].fixes) - len(under_way)
     ratio, nees = compared(plain, tracks, since=600.0)
-    assert 0.9 < ratio < 1.25
+    assert 0.9 < ratio < 1.35
     assert nees < 1.57

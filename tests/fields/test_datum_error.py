@@ -118,8 +118,11 @@ def test_readings_are_of_the_true_map(tmp_path):
     runs = simulate(it, [0], coarse)
     plain = simulate(scenario(gravity=normal), [0], fine)
     assert runs.detail is not None and plain.detail is not None
-    # not more than float32 of the file, and velocities that fixes have changed
-    np.testing.assert_allclose(runs.detail.reading, plain.detail.reading, atol=3e-7)
+    # not more than float32 of the file, as long as no fix has changed velocities
+    before = np.s_[..., : it.matcher.batch_length]
+    np.testing.assert_allclose(
+        runs.detail.reading[before], plain.detail.reading[before], atol=3e-7
+    )
     assert np.ptp(runs.detail.map_value) < 0.1 * np.ptp(plain.detail.map_value)
     told = it.model_copy(update={"truth": {}})
     assert Case("a", it, 1, coarse).key != Case("a", told, 1, coarse).key

@@ -14,12 +14,11 @@ from isogal.maps.tensor_error import tensor_covariance
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Soundings
 from isogal.matching.parameters import Parameters
+from isogal.matching.pmht.chains import TENSOR_ORDER, filtered_chain
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import (
-    TENSOR_ORDER,
     States,
-    _filter_steps,
     navigator_states,
     rows_of,
 )
@@ -229,7 +228,7 @@ def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
 def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
     """Against a discrete filter of a Gauss-Markov process in steps of 1 m."""
     memory, steps = 600.0, 150
-    step, joined = _filter_steps(memory, np.array([0.0, steps]), np.array([length]), True)
+    step, joined = filtered_chain(memory, np.array([0.0, steps]), np.array([length]), True)
     a, keep = 1.0 - np.exp(-1.0 / memory), np.exp(-1.0 / length)
     one = np.array([[1.0 - a, a * keep], [0.0, keep]])
     fresh = (1.0 - keep**2) * np.array([[a * a, a], [a, 1.0]])

@@ -155,7 +155,7 @@ def test_curvature_is_what_the_map_departs_by():
 
     departure = 0.5 * (at(1.0) + at(-1.0)) - at(0.0)
     change = 0.5 * (at(1.0) - at(-1.0))
-    stride = 1 + len(rows.level) // kernels.MOST_LOOKED_AT
+    stride = 1 + len(rows.level) // mixture_kernels.MOST_LOOKED_AT
     less, more = (stride * (one**2 / rows.noise)[::stride].sum() for one in (departure, change))
     assert worst == pytest.approx(math.sqrt(less / more), rel=1e-6)
 

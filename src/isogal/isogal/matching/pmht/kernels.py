@@ -31,7 +31,9 @@ what of the path a first-order low-pass filter has a mean over, in units of its 
 
 
 @kernel(error_model="numpy")
-def propagated(which, growth_factor, transition, growth, mean, covariance):  # type: ignore[no-untyped-def]
+def propagated(  # type: ignore[no-untyped-def]
+    which, growth_factor, transition, growth, mean, covariance
+):
     """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
