@@ -17,15 +17,16 @@ from isogal.matching.pmht.rows import States, rows_of
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.continued_map import continued
+from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
-from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, Told, track_models
 from isogal.tracks.places import Seen
 
 DISTURBANCE = field_of("disturbance")
 
 
-def seen_of(batch, field_map=DISTURBANCE, **said):
+def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
     """The readings of a batch, with the models of what is told."""
     states = States.of(batch, field_map)
     models = track_models(Told.of(Matcher(**said)), batch, field_map, states)
@@ -34,7 +35,7 @@ def seen_of(batch, field_map=DISTURBANCE, **said):
         name: np.concatenate([getattr(rows, name)] * 2) for name in ("load", "step", "joined")
     }
     around = continued(field_map, 5000.0)
-    return Seen.of(rows._replace(**twice), around.field, around, models)
+    return Seen.of(rows._replace(**twice), around.field, around, models, old=old)
 
 
 def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
@@ -234,3 +235,37 @@ def test_a_drifting_track_and_a_rigid_one_agree_where_there_is_no_drift():
     assert apart @ np.linalg.solve(rigid.covariance[:2, :2], apart) < 2.0
     ratio = np.linalg.det(drifting.covariance[:2, :2]) / np.linalg.det(rigid.covariance[:2, :2])
     assert 0.5 < np.sqrt(ratio) < 4.0
+
+
+@pytest.mark.parametrize("scans", [40, 300])
+def test_readings_of_earlier_batches_count_as_given(scans):
+    """p(new | old) = p(all) / p(old), of rows that are readings, and of means of them."""
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 20.0), scans=scans)
+    centres = np.array([[0.0, 0.0], [400.0, -300.0]])
+    old = scans // 4
+    given = seen_of(batch, old=old).placed(centres, np.ones(2))
+    assert given.first[given.old] == old
+    which = np.arange(0, len(given.models.sigma), 31)
+    every = replace(given, old=0).parts(centres, 50.0, which).sum(axis=1)
+    rows = given.rows
+    for k, m in enumerate(which):
+        factor = np.linalg.cholesky(given.covariance(int(m), 50.0)[: given.old, : given.old])
+        white = np.linalg.solve(factor, given.residuals(centres)[: given.old])
+        before = -0.5 * (white**2).sum(axis=0) - np.log(np.diag(factor)).sum()
+        found = given.parts(centres, 50.0, which)[k].sum(axis=0)
+        np.testing.assert_allclose(found, every[k] - before, rtol=1e-7)
+    assert len(rows.level) > given.old
+
+
+def test_two_fields_of_a_drifting_track_say_more_than_one():
+    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=2e-5)
+    height = field_of("height")
+    other, _, _ = made_track(height, count=40, error=(300.0, -200.0), sigma=60.0, seed=9)
+    settings = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0)
+    first = TrackField("gravity", track, DISTURBANCE, settings)
+    second = TrackField("height", other, height, settings.model_copy(update={"map_sigma": 3.0}))
+    prior = Uncertainty(500.0, velocity=0.1)
+    (alone,), (both,) = (match_fields(fields, prior) for fields in ([first], [first, second]))
+    assert np.linalg.det(both.covariance) < np.linalg.det(alone.covariance)
+    apart = both.error[:2] - np.array([300.0, -200.0])
+    assert apart @ np.linalg.solve(both.covariance[:2, :2], apart) < 13.8

@@ -55,9 +55,10 @@ def averaged(track: Track, spacing: float) -> Track:
     )
 
 
-def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
+def grouped(rows: Rows, node: float, old: int = 0) -> tuple[Rows, Integers]:
     """Return readings such that those that are to be averaged are neighbours, and with which of
-    them each row begins; `node` (m) is the distance between two of the map."""
+    them each row begins; `node` (m) is the distance between two of the map. The first `old`
+    readings are not averaged with later ones."""
     count, channels = len(rows.level), int(rows.channel.max()) + 1
     way = rows.travelled[1:]
     step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
@@ -65,7 +66,7 @@ def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
     size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
     if size == 1:
         return rows, np.arange(count)
-    block = np.arange(count) // (size * channels)
+    block = (np.arange(count) - old) // (size * channels)
     order = np.lexsort((rows.channel, block))
     reach, since = np.cumsum(rows.travelled)[order], cumulated(rows)
     rows = Rows._make(
@@ -74,7 +75,9 @@ def grouped(rows: Rows, node: float) -> tuple[Rows, Integers]:
     )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
     steps = _stepped(*(one[order] for one in since))
     rows = rows._replace(keep=steps["keep"], fresh=steps["fresh"])
-    new = (np.diff(block[order], prepend=-1) != 0) | (np.diff(rows.channel, prepend=-1) != 0)
+    new = (np.diff(block[order], prepend=block[0] - 1) != 0) | (
+        np.diff(rows.channel, prepend=-1) != 0
+    )
     return rows, np.flatnonzero(new)
 
 

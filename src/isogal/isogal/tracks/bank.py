@@ -15,11 +15,16 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
-from isogal.matching.information import likelihood_information, measurement_only, positive_part
+from isogal.matching.information import (
+    informed_state,
+    likelihood_information,
+    measurement_only,
+    positive_part,
+)
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.publish import Told as ToldByBanks
 from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
-from isogal.matching.pmht.search import OF_LENGTHS, at_cells
+from isogal.matching.pmht.search import OF_LENGTHS, at_cells, some
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
@@ -127,14 +132,17 @@ class TrackMatcher:
         learnt = memory.log_prior[one.field]
         if learnt is not None and learnt.shape == models.log_prior.shape:
             models = models._replace(log_prior=learnt)
-        rows, _ = rows_of(batch, field_map, states, models.lengths, None)
-        if rows is None or len(rows.level) < FEWEST_READINGS:
+        # what earlier batches have used counts as given
+        old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
+        whole = replace(batch, new=len(batch))
+        rows, _ = rows_of(whole, field_map, states, models.lengths, None)
+        if rows is None or len(rows.level) - old < FEWEST_READINGS:
             return None
         if around is None:
-            return Seen.of(rows, field_map, None, models, batch.of_one_potential)
+            return Seen.of(rows, field_map, None, models, batch.of_one_potential, old)
         twice = {name: np.concatenate([getattr(rows, name)] * 2) for name in OF_LENGTHS}
         rows = rows._replace(**twice)
-        return Seen.of(rows, around.field, around, models)
+        return Seen.of(rows, around.field, around, models, old=old)
 
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
@@ -167,7 +175,8 @@ class TrackMatcher:
         numbers: dict[str, float] = {}
         given = {0: batch} | {b.field: b.batch for b in batch.beside}
         for k, field in enumerate(fields):
-            one, used = given[field], len(shifts.seen[k].each.level)
+            one, seen = given[field], shifts.seen[k]
+            used = len(seen.each.level) - int(np.r_[seen.first, len(seen.each.level)][seen.old])
             off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
             of_field = dict(figures(shifts, k))
             of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
@@ -296,14 +305,18 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 
 
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
-    """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank."""
-    them: Hypotheses | None = None
+    """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
+    and models that all readings leave."""
+    told = ToldByBanks.nothing()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
-        them = at_cells(seen.models, centres, which, cell, prior)
-        them = them.split(seen.field_map.grid, seen.rows).observed(seen.field_map.grid, seen.rows)
-    assert them is not None
-    return them.moments()
+        new, grid = some(seen.rows, seen.old, len(seen.rows.level)), seen.field_map.grid
+        them = at_cells(seen.models, centres, which, cell, prior).informed(told.total, prior)
+        them = them.split(grid, new).observed(grid, new)
+        if not len(them):
+            return rigid(shifts, prior)
+        told = told.with_bank(field, them, prior)
+    return informed_state(prior, told.total)
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

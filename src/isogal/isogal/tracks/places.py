@@ -56,7 +56,9 @@ class Seen:
     """Readings of one field, and the models that are possible."""
 
     each: Rows
-    """n readings."""
+    """n readings, those of earlier batches first."""
+    old: int
+    """How many rows are of these."""
     first: Integers
     """(m,) of them each row begins with, which is the mean of neighbouring readings."""
     rows: Rows
@@ -89,11 +91,12 @@ class Seen:
         around: ContinuedMap | None,
         models: Models,
         potential: tuple[str, ...] | None = None,
+        old: int = 0,
     ) -> "Seen":
-        """Look at readings."""
+        """Look at readings, the first `old` of which an earlier batch has used."""
         one = channels_of(field_map)[0]
         node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
-        each, first = grouped(each, node)
+        each, first = grouped(each, node, old)
         rows = averaged_rows(each, first)
         apart = displacements(rows.latitude, rows.longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
@@ -102,7 +105,7 @@ class Seen:
         doubt, errors = np.zeros(len(rows.level)), rows.load.shape[2]
         of_states = rows._replace(keep=rows.keep[:, errors:], fresh=rows.fresh[:, errors:])
         return cls(
-            each, first, rows, cumulated(of_states),
+            each, int(np.searchsorted(first, old)), first, rows, cumulated(of_states),
             potential, field_map, around, models, distance, distance, 1.0, slope, doubt,
         )  # fmt: skip
 
@@ -196,19 +199,19 @@ class Seen:
         return np.asarray(sigma**2 * unit[:, None] * unit * every)
 
     def parts(self, centres: Array, cell: float, which: Integers) -> Array:
-        """Return (M, B, C) what each block adds to the log evidence of some models at cells
-        (C, 2); of a cell off the map, nearly -inf."""
+        """Return (M, B, C) what each block of new rows adds, given those before it, to the log
+        evidence of some models at cells (C, 2); of a cell off the map, nearly -inf."""
         residual = self.residuals(centres)
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
-        first = np.unique(np.arange(BLOCKS) * len(residual) // BLOCKS)
+        first = np.unique(np.arange(BLOCKS) * (len(residual) - self.old) // BLOCKS)
         parts = np.empty((len(which), len(first), len(centres)))
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
             term = np.linalg.inv(factor) @ residual
             term *= -0.5 * term
             term -= np.log(np.diag(factor))[:, None]
-            parts[k] = np.add.reduceat(term, first, axis=0)
+            parts[k] = np.add.reduceat(term[self.old :], first, axis=0)
         parts[:, :, ~known] = -1e6
         return parts
 
