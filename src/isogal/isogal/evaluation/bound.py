@@ -191,6 +191,9 @@ def readings_of(
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
     slow = slow_states(scenario.gravimeter, trajectory, scans)
     slow = slow._replace(of_channel=common[:, None] * slow.of_channel)
+    if scenario.gravimeter.delay_sigma > 0.0 and len(of_map) == 1:
+        moved = (sensitivity[:, 0, :2] * trajectory.velocity[scans, :2]).sum(axis=1)
+        slow = slow.with_delay(scenario.gravimeter.delay_sigma, np.nan_to_num(moved))
     if field.name == "gradient":
         slow = gradiometer_states(scenario.gradiometer, trajectory, scans, turn)
     slope = height_slope(scenario, trajectory, scans)

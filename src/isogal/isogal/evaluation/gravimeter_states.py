@@ -41,6 +41,17 @@ class SlowStates(NamedTuple):
             np.zeros(0), np.zeros(0), np.zeros((scans, 0)), 0.0, 0.0, np.zeros((1, 0)), np.zeros(0)
         )
 
+    def with_delay(self, sigma: float, share: Array) -> "SlowStates":
+        """Return them with a delay (1-sigma, s) that is known no better, by which readings (S,)
+        change as `share`, map's unit per s; before the others, of which the filter's is last."""
+        return self._replace(
+            variance=np.r_[sigma**2, self.variance],
+            time=np.r_[np.inf, self.time],
+            share=np.concatenate([share[:, None], self.share], axis=1),
+            of_channel=np.concatenate([np.ones((1, 1)), self.of_channel], axis=1),
+            growth=np.r_[0.0, self.growth],
+        )
+
 
 def slow_states(settings: Gravimeter, trajectory: Trajectory, index: Integers) -> SlowStates:
     """Return those of an instrument: noise correlated in time, cross-coupling with the two

@@ -131,12 +131,15 @@ class Hypotheses:
     def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
         """Split those over which the map is not nearly linear, along the worst axis."""
         whole, done = self, list[Hypotheses]()
-        top = self.log_weight.max()
+        top, of_place = self.log_weight.max(), rows.place[-1]
+        leading = self._leading(self.which, self.log_weight)
         for _ in range(ROUNDS):
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
+            place, spread = whole.places(of_place)
+            asked = whole.log_weight > np.minimum(top - NEGLIGIBLE, leading[whole.which])
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, whole.log_weight, whole.mean,
-                whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
+                grid, rows, self.models, whole.which, asked, int(whole.log_weight.argmax()),
+                whole.mean, place, spread, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
             room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
@@ -148,15 +151,23 @@ class Hypotheses:
             if not cut.any():
                 break
             done.append(whole.part(~cut))
-            whole = whole.part(cut)._thirds(axes[cut])
+            whole = whole.part(cut)._thirds(axes[cut], of_place)
         return _joined([*done, whole]) if done else whole
 
-    def _thirds(self, direction: Array) -> "Hypotheses":
-        """Return three for each, along a 1-sigma vector of its position (K, 2)."""
+    def places(self, of_place: Array) -> tuple[Array, Array]:
+        """Return (K, 2) and (K, 2, 2) mean and covariance of where a reading was taken (m north
+        and east), (2, N) per unit of the states: what a delay moves it by is part of that."""
+        across = self.covariance @ of_place.T
+        return self.mean @ of_place.T, of_place @ across
+
+    def _thirds(self, direction: Array, of_place: Array) -> "Hypotheses":
+        """Return three for each, along a 1-sigma vector (K, 2) of the place of a reading
+        (`places`)."""
         weights, means, sigma = SPLIT
-        # all states move with position as by regression: u = P[:, :2] Ppp^-1 direction
-        inverse = np.linalg.inv(self.covariance[:, :2, :2])
-        u = np.einsum("kia,kab,kb->ki", self.covariance[:, :, :2], inverse, direction)
+        # all states move with the place as by regression: u = P A' (A P A')^-1 direction
+        across = self.covariance @ of_place.T
+        inverse = np.linalg.inv(of_place @ across)
+        u = np.einsum("kia,kab,kb->ki", across, inverse, direction)
         less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
         return _joined(
             [
@@ -213,8 +224,8 @@ class Hypotheses:
         """How many there may be."""
         return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
 
-    def reduced(self) -> "Hypotheses":
-        """Merge places, drop what is negligible, keep the best of each model."""
+    def reduced(self, of_place: Array) -> "Hypotheses":
+        """Merge places (`places`), drop what is negligible, keep the best of each model."""
         them = self
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
@@ -225,14 +236,18 @@ class Hypotheses:
         total = them._of_models(which, log_weight)
         light = total[which] < -LIGHT
         first = np.r_[True, which[1:] != which[:-1]]
-        kept = first | (log_weight > np.where(light, -LIGHT, -NEGLIGIBLE))
+        leading = self._leading(which, log_weight)[which]
+        light &= np.isinf(leading)
+        least = np.where(light, -LIGHT, np.minimum(leading, -NEGLIGIBLE))
+        kept = first | (log_weight > least)
         them = replace(them, log_weight=np.zeros(len(them))).part(order[kept])
         log_weight, light = log_weight[kept], light[kept]
         if len(them) > len(np.unique(them.which)):
             mean, covariance = them.mean.copy(), them.covariance.copy()
             stay = mixture_kernels.merged(
-                them.which, log_weight, mean, covariance, np.where(light, LIGHT_MERGE, 1.0)
-            )
+                them.which, log_weight, mean, covariance, *them.places(of_place),
+                np.where(light, LIGHT_MERGE, 1.0),
+            )  # fmt: skip
             them = replace(them, mean=mean, covariance=covariance).part(stay)
             log_weight = log_weight[stay]
         total = them._of_models(them.which, log_weight)
@@ -248,6 +263,18 @@ class Hypotheses:
         there = sums > 0.0
         total[there] = np.log(sums[there]) + top
         return total
+
+    def _leading(self, which: Integers, log_weight: Array) -> Array:
+        """Return (M,) the log weight from which places of a model count although it is improbable:
+        those of the likeliest model of each family, so that what becomes probable later has not
+        lost its place; inf of other models."""
+        total, family = self._of_models(which, log_weight), self.models.family
+        best = np.full(len(FAMILIES), -np.inf)
+        np.maximum.at(best, family, total)
+        leads = (total == best[family]) & np.isfinite(total)
+        top = np.full(len(total), -np.inf)
+        np.maximum.at(top, which, log_weight)
+        return np.where(leads, top - LIGHT, np.inf)
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""

@@ -25,7 +25,7 @@ whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
-AGES = ((0.4157745568, 0.7110930099), (2.2942803603, 0.2785177336), (6.2899450829, 0.0103892565))
+AGES = ((0.1157221174, 0.2647314156), (0.6117574845, 0.3777593394), (1.5126102698, 0.2440820524), (2.8337513377, 0.0904492374), (4.5992276394, 0.0201023845), (6.8445254531, 0.002663974), (9.6213168425, 0.0002032316), (13.0060549933, 8.3651e-06))
 """Nodes and weights of the Gauss-Laguerre rule of order 3 (Abramowitz & Stegun 1964, table 25.9):
 what of the path a first-order low-pass filter has a mean over, in units of its time constant."""
 

@@ -190,7 +190,7 @@ def _observed(
             if not len(seen):
                 break
             log += seen.log_evidence
-            bank = seen.reduced()
+            bank = seen.reduced(part.place[-1])
         if not len(seen):
             if one is each[0]:
                 return None

@@ -31,30 +31,36 @@ def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
 
 @kernel(error_model="numpy")
 def curvature(  # type: ignore[no-untyped-def]
-    grid, rows, models, which, log_weight, mean, covariance, least, enough, reach, worst, axes
+    grid, rows, models, which, asked, best, mean, place, spreads, enough, reach, worst, axes
 ):
-    """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of place, and
-    (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma along its axes, in 1-sigma
-    of the noise and, where that is more, in units of their change.
+    """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of the place
+    they were taken at, and (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma
+    along its axes, in 1-sigma of the noise and, where that is more, in units of their change.
 
-    Around the place of the likeliest one look at the map says of most that they depart by less
-    than `enough`; these are not looked at one by one, and 0, as are those of a log weight below
-    `least`."""
-    best = np.argmax(log_weight)
+    Around the place of one of them, `best`, a look at the map says of most that they depart by
+    less than `enough`; these are not looked at one by one, and 0, as are those that are not
+    `asked` for.
+
+    Parameters
+    ----------
+    asked : (K,) array of bool
+    place, spreads : (K, 2) and (K, 2, 2) arrays
+        See `Hypotheses.places`, m.
+    """
     step = 0.5 * grid.latitude_step / rows.radian[0, 0]
     stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
-    bend = 2.0 * _bend(grid, rows, mean[best, 0], mean[best, 1], step)
+    bend = 2.0 * _bend(grid, rows, place[best, 0], place[best, 1], step)
     for k in range(which.shape[0]):
         worst[k] = 0.0
-        if log_weight[k] < least:
+        if not asked[k]:
             continue
-        spread = covariance[k, 0, 0] + covariance[k, 1, 1]
-        away = math.hypot(mean[k, 0] - mean[best, 0], mean[k, 1] - mean[best, 1])
+        spread = spreads[k, 0, 0] + spreads[k, 1, 1]
+        away = math.hypot(place[k, 0] - place[best, 0], place[k, 1] - place[best, 1])
         near = away + reach * math.sqrt(spread) < step
         if near and 0.5 * reach * reach * spread * bend < enough:
             continue
         m = which[k]
-        a, b, d = covariance[k, 0, 0], covariance[k, 0, 1], covariance[k, 1, 1]
+        a, b, d = spreads[k, 0, 0], spreads[k, 0, 1], spreads[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
         c, s = math.cos(angle), math.sin(angle)
         big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
@@ -85,7 +91,9 @@ def curvature(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyped-def]
+def merged(  # type: ignore[no-untyped-def]
+    which, log_weight, mean, covariance, place, spreads, limit
+):
     """Merge hypotheses of one model whose places overlap by their moments, in place, and return
     the indices of those that stay.
 
@@ -93,6 +101,8 @@ def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyp
     ----------
     which : (K,) array
         Sorted; within a model by falling weight.
+    place, spreads : (K, 2) and (K, 2, 2) arrays
+        See `Hypotheses.places`, m.
     limit : (K,) array
         Squared Mahalanobis distance of places up to which they are one.
     """
@@ -101,12 +111,12 @@ def merged(which, log_weight, mean, covariance, limit):  # type: ignore[no-untyp
     for a in range(count):
         if not kept[a]:
             continue
-        p, q, r = covariance[a, 0, 0], covariance[a, 0, 1], covariance[a, 1, 1]
+        p, q, r = spreads[a, 0, 0], spreads[a, 0, 1], spreads[a, 1, 1]
         det = p * r - q * q
-        n0, e0 = mean[a, 0], mean[a, 1]
+        n0, e0 = place[a, 0], place[a, 1]
         b = a + 1
         while b < count and which[b] == which[a]:
-            n, e = mean[b, 0] - n0, mean[b, 1] - e0
+            n, e = place[b, 0] - n0, place[b, 1] - e0
             if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < limit[a] * det:
                 kept[b] = False
                 total = np.logaddexp(log_weight[a], log_weight[b])

@@ -75,10 +75,10 @@ FAULTS = (
     Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
     Fault(NAVIGATOR, 0.01, growth=10.0),
     Fault(NAVIGATOR, 0.01, growth=100.0),
-    Fault(LATE, 0.0005, delay=LATE_S),
-    Fault(FILTERED, 0.0005, lag=30.0),
-    Fault(FILTERED, 0.0005, lag=60.0),
-    Fault(FILTERED, 0.0005, lag=120.0),
+    Fault(LATE, 0.002, delay=LATE_S),
+    Fault(FILTERED, 0.002, lag=30.0, delay=9.0),
+    Fault(FILTERED, 0.002, lag=60.0, delay=18.0),
+    Fault(FILTERED, 0.002, lag=120.0, delay=36.0),
 )
 
 

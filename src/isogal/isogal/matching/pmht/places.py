@@ -15,15 +15,17 @@ NEAR_M, FEW = 700.0, 12
 it."""
 
 
-def pruned(them: Hypotheses, most: int) -> Hypotheses:
-    """Merge places and drop what is negligible, whatever its model; weights stay as they
+def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
+    """Merge places (`Hypotheses.places`) and drop what is negligible, whatever its model; weights stay as they
     are."""
     kept = np.argsort(-them.log_weight)[:most]
     kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
     them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
     mean, covariance = them.mean.copy(), them.covariance.copy()
     weight = them.log_weight.copy()
-    stay = mixture_kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))
+    stay = mixture_kernels.merged(
+        them.which, weight, mean, covariance, *them.places(of_place), np.ones(len(them))
+    )
     return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
 
 

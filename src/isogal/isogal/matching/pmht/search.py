@@ -185,7 +185,7 @@ class Search:
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return None
-            them = pruned(them, most)
+            them = pruned(them, most, part.place[-1])
         return Search(them, last)
 
 
