@@ -43,6 +43,10 @@ def models(**keys: Any) -> Models:
     )
 
 
+HERE = np.eye(2, 11)
+"""Where a reading is taken per unit of the states: at the navigator's place."""
+
+
 def random_bank(seed: int, count: int = 12, which: Models | None = None) -> Hypotheses:
     """Hypotheses of random models, places and covariances over all states."""
     random = np.random.default_rng(seed)

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.bank import PLANE, models, moments_of, random_bank, states_of
+from helpers.bank import HERE, PLANE, models, moments_of, random_bank, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
-from isogal.matching.pmht.models import BIASED, NONE
+from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.places import carried, gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.rows import rows_of
 
@@ -55,7 +55,7 @@ def test_a_split_conserves_weight_mean_and_covariance(seed):
     roots = np.linalg.cholesky(bank.covariance[:, :2, :2])  # to 1-sigma vectors
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     direction = np.einsum("kij,kj->ki", roots, direction)
-    parts = bank._thirds(direction)
+    parts = bank._thirds(direction, HERE)
     assert len(parts) == 9
     assert parts.log_evidence == pytest.approx(bank.log_evidence, abs=1e-8)
     for k in range(3):
@@ -83,7 +83,7 @@ def test_there_are_never_more_than_so_many():
     prior = np.diag(np.square([4000.0, 4000.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
     parts = Hypotheses.before(models(), prior).split(ROUGH.grid, rows(which=models()))
     assert 1000 < len(parts) <= MOST
-    assert len(parts.reduced()) <= MOST
+    assert len(parts.reduced(HERE)) <= MOST
 
 
 @given(seeds)
@@ -148,10 +148,10 @@ def test_reduced_keeps_moments_of_what_overlaps_and_every_model():
     which = models()
     bank = random_bank(1, 4, EXACT)
     bank.mean[:, :2] *= 0.01  # one place
-    same(moments_of(bank.reduced()), moments_of(bank), 1e-9)
+    same(moments_of(bank.reduced(HERE)), moments_of(bank), 1e-9)
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
     bank = replace(bank, log_weight=np.where(which.family == BIASED, 0.0, -500.0))
-    after = bank.reduced()
+    after = bank.reduced(HERE)
     assert set(after.which) == set(range(len(which.sigma)))
     assert after.log_evidence == pytest.approx(0.0)
     np.testing.assert_allclose(after.log_weight.max() - after.log_weight.min(), FLOOR)
@@ -162,7 +162,7 @@ def test_light_models_have_one_place_and_negligible_ones_go():
     bank.which[:] = [0, 0, 0, 1, 1, 1]
     bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
     bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 1.0, -LIGHT - 1.5, -LIGHT - 2.0]
-    after = bank.reduced()
+    after = bank.reduced(HERE)
     assert list(after.which) == [0, 0, 1]
 
 
@@ -183,10 +183,36 @@ def test_pruned_keeps_weights_as_they_are():
     bank = random_bank(4, 12)
     bank.mean[:, 0] = 1e5 * np.arange(12.0)
     bank.log_weight[:] = 100.0 - np.arange(12.0) * 1.5
-    after = pruned(bank, 6)
+    after = pruned(bank, 6, HERE)
     assert len(after) == 6
     np.testing.assert_array_equal(np.sort(after.log_weight)[::-1], bank.log_weight[:6])
-    assert len(pruned(bank, 100)) == 8  # the others are negligible
+    assert len(pruned(bank, 100, HERE)) == 8  # the others are negligible
+
+
+def test_places_of_a_late_model_are_split_along_the_way():
+    """A delay of 20 s is 1.3 km along the track, which a position known to 50 m does not show."""
+    late = models()
+    late = Models._make(column[late.family == LATE][:1] for column in late)
+    prior = np.diag(np.square([50.0, 50.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
+    bank = Hypotheses.before(late, prior)
+    new = rows(which=late, scans=30, velocity=(40.0, 50.0))
+    parts = bank.split(ROUGH.grid, new)
+    assert len(parts) > 3
+    same(parts.moments(), bank.moments(), 1e-6)
+    delay = parts.mean[:, -1]
+    assert np.ptp(delay) > 20.0  # and not of one position only
+    assert len(parts.reduced(new.place[-1])) > 3  # nor are they one place again
+
+
+def test_the_likeliest_model_of_a_family_keeps_its_places():
+    """What is improbable at first, as a delay, may be right: it must not have lost its place."""
+    bank = random_bank(2, 6)
+    late, none = (np.flatnonzero(bank.models.family == one)[0] for one in (LATE, NONE))
+    bank.which[:] = [none, none, none, late, late, late]
+    bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
+    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 9.0, -LIGHT - 9.5, -LIGHT - 20.0]
+    after = bank.reduced(HERE)
+    assert list(after.which[np.argsort(after.which)]) == [none, none, late, late]
 
 
 @pytest.mark.parametrize(("away", "sigma", "known"), [

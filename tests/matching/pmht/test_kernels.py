@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from helpers.bank import PLANE, models, moments_of, random_bank, states_of
+from helpers.bank import HERE, PLANE, models, moments_of, random_bank, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.rows import rows_of
@@ -97,7 +97,7 @@ def test_merging_conserves_mean_and_covariance():
     mean, covariance = bank.mean.copy(), bank.covariance.copy()
     weight = bank.log_weight.copy()
     far = np.full(len(bank), 1e12)
-    stay = mixture_kernels.merged(bank.which, weight, mean, covariance, far)
+    stay = mixture_kernels.merged(bank.which, weight, mean, covariance, *bank.places(HERE), far)
     assert list(stay) == [0]
     expected = moments_of(bank)
     assert weight[0] == pytest.approx(np.logaddexp.reduce(bank.log_weight))
@@ -113,7 +113,7 @@ def test_only_what_overlaps_and_has_one_model_is_merged():
     bank.covariance[:, :2, :2] = 1e4 * np.eye(2)
     bank.log_weight[:] = [-1.0, -2.0, -3.0, -4.0]
     stay = mixture_kernels.merged(
-        bank.which, bank.log_weight, bank.mean, bank.covariance, np.ones(4)
+        bank.which, bank.log_weight, bank.mean, bank.covariance, *bank.places(HERE), np.ones(4)
     )
     assert list(stay) == [0, 2, 3]
 
@@ -128,8 +128,8 @@ def looked_at(field_map, sigma: float, place=(0.0, 0.0)):
     covariance[0, :2, :2] = np.diag([sigma**2, sigma**2 / 100.0])
     worst, axes = np.zeros(1), np.zeros((1, 2))
     mixture_kernels.curvature(
-        field_map.grid, rows, which, np.zeros(1, np.int64), np.zeros(1), mean, covariance, -1.0,
-        0.0, 2.0, worst, axes,
+        field_map.grid, rows, which, np.zeros(1, np.int64), np.ones(1, bool), 0, mean,
+        mean[:, :2], covariance[:, :2, :2], 0.0, 2.0, worst, axes,
     )  # fmt: skip
     return worst[0], axes[0], rows
 

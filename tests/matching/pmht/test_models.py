@@ -100,9 +100,10 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
 
 def test_states_of_a_model_are_those_that_it_has():
     last = UNTOLD.initial[:, -3:]
-    for family, state in ((BIASED, BIAS), (LATE, DELAY)):
-        assert (last[UNTOLD.family == family, state] > 0.0).all()
-        assert (last[UNTOLD.family != family, state] == 0.0).all()
+    for families, state in (((BIASED,), BIAS), ((LATE, FILTERED), DELAY)):
+        has = np.isin(UNTOLD.family, families)
+        assert (last[has, state] > 0.0).all()
+        assert (last[~has, state] == 0.0).all()
     biased = UNTOLD.family == BIASED
     assert last[biased, BIAS] == pytest.approx(BIAS_SHARE * 1e-4)
     assert {*(last[biased, DRIFT] > 0.0)} == {True, False}
@@ -114,7 +115,11 @@ def test_states_of_a_model_are_those_that_it_has():
 
 def test_told_bias_and_delay_are_states_of_all_models():
     which = models(bias=2e-5, drift=1e-9, delay=3.0)
-    np.testing.assert_array_equal(which.initial[:, -3:], [[2e-5, 1e-9, 3.0]] * len(which.sigma))
+    last = which.initial[:, -3:]
+    np.testing.assert_array_equal(last[:, :DELAY], [[2e-5, 1e-9]] * len(which.sigma))
+    filtered = which.family == FILTERED  # whose time constant is not known to the second either
+    assert (last[~filtered, DELAY] == 3.0).all()
+    assert (last[filtered, DELAY] > 3.0).all()
 
 
 def test_a_walking_bias_is_a_state_that_begins_at_nothing():

@@ -52,7 +52,9 @@ def pursued(
     log_odds = diverged.log_odds + found.log_evidence - evidence
     if lead.bank is not None and log_odds < GIVES_UP:
         return replace(diverged, found=None)
-    return replace(diverged, found=pruned(found, PLACES, rows.place[-1]).normalised(), log_odds=log_odds)
+    return replace(
+        diverged, found=pruned(found, PLACES, rows.place[-1]).normalised(), log_odds=log_odds
+    )
 
 
 def _searched(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -103,7 +105,9 @@ def decided(memory: Memory, first: int) -> tuple[Memory, bool]:
     if found is None or not resolved(found) or (bank is not None and diverged.log_odds < SAYS):
         return memory, False
     fields = {
-        index: replace(one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count)))
+        index: replace(
+            one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))
+        )
         for index, one in memory.fields.items()
     }
     after = Diverged(diverged.start)

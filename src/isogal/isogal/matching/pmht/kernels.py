@@ -25,9 +25,10 @@ whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
-AGES = ((0.1157221174, 0.2647314156), (0.6117574845, 0.3777593394), (1.5126102698, 0.2440820524), (2.8337513377, 0.0904492374), (4.5992276394, 0.0201023845), (6.8445254531, 0.002663974), (9.6213168425, 0.0002032316), (13.0060549933, 8.3651e-06))
-"""Nodes and weights of the Gauss-Laguerre rule of order 3 (Abramowitz & Stegun 1964, table 25.9):
-what of the path a first-order low-pass filter has a mean over, in units of its time constant."""
+AGES = np.stack(np.polynomial.laguerre.laggauss(12), axis=1)[:6]
+"""(6, 2) ages, in units of its time constant, and weights of what of the path a first-order
+low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that is older than seven
+time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
 
 
 @kernel(error_model="numpy")
@@ -72,7 +73,8 @@ def predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
     channel = rows.channel[t]
     value = by_north = by_east = 0.0
     if lag > 0.0:
-        for age, weight in AGES:
+        for q in range(AGES.shape[0]):
+            age, weight = AGES[q, 0], AGES[q, 1]
             back = age * lag
             v, a, b = value_and_gradient(
                 grid,

@@ -154,7 +154,7 @@ def models_of(assumed: Assumed, states: States) -> Models:
     if assumed.bias > 0.0 or assumed.walks:
         faults = tuple(f for f in faults if not f.bias)
     if assumed.delay > 0.0:
-        faults = tuple(f for f in faults if not f.delay)
+        faults = tuple(f for f in faults if f.family != LATE)
     if assumed.filtered:
         faults = tuple(f for f in faults if not f.lag)
     fine = (

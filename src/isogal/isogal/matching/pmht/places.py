@@ -16,8 +16,8 @@ it."""
 
 
 def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
-    """Merge places (`Hypotheses.places`) and drop what is negligible, whatever its model; weights stay as they
-    are."""
+    """Merge places (`Hypotheses.places`) and drop what is negligible, whatever its model; weights
+    stay as they are."""
     kept = np.argsort(-them.log_weight)[:most]
     kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
     them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
