@@ -19,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import MOST, Hypotheses
+from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -42,51 +42,76 @@ FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
-CHUNK, AT_ONCE = 30, 60
-"""Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
+CHUNK = 30
+"""Readings that hypotheses take in one update: they are linearised together."""
+WORK = 20000
+"""Readings times hypotheses that a search goes through with one batch: bounds the time of a
+fix."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Past:
-    """The new readings of an earlier batch, and what became of the navigator there."""
+    """What became of the navigator over a batch, and its new readings."""
 
-    rows: Rows
-    forward: Array
-    """(7, 7) error at its end, before its fix, per unit of error at the last batch end."""
+    back: Array
+    """(7, 7) error at the end of the batch before per unit of error at the end of this one."""
+    prior: Array
+    """(7, 7) covariance of the navigator at its end, before its fix."""
+    left: Array
+    """(7, 7) after its fix."""
     taken: Array
     """(7,) what its fix took off the error."""
-    evidence: float
-    """Log evidence of its readings given those before."""
     time: float
     """s, its end."""
-    left: Array
-    """(7, 7) covariance of the navigator after its fix."""
+    rows: Rows | None = None
+    """None = there was no reading."""
+    evidence: float = 0.0
+    """Log evidence of its readings given those before, by the bank."""
+
+    @classmethod
+    def of(cls, back: Array, prior: Array, time: float) -> "Past":
+        """Return that of a batch that has had no reading and no fix."""
+        return cls(back, prior, prior, np.zeros(BATCH_STATES), time)
 
 
-def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
+def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
     """Return the readings of some batches as those of a navigator that has taken none of their
-    fixes, per unit of its error x before the first of them, and (7, 7) and (7,) the error of the
-    real one at the end, A x + b."""
-    parts, A, b = [], np.eye(BATCH_STATES), np.zeros(BATCH_STATES)
-    n = BATCH_STATES
+    fixes, per unit of its error x before the first of them; (n,) the 1-sigma of their places (m)
+    by what is not in its place then; and (7,) the x of which nothing is left at the end.
+
+    Parameters
+    ----------
+    history : sequence of Past
+    start : (7, 7) array
+        Covariance of the navigator before the first of them.
+    """
+    parts, bends, A, b = [], [], np.eye(BATCH_STATES), np.zeros(BATCH_STATES)
+    n, before = BATCH_STATES, start
+    rest = start.copy()
+    rest[:2], rest[:, :2] = 0.0, 0.0
     for past in history:
-        A, b = past.forward @ A, past.forward @ b
-        rows = past.rows
-        of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
-        moved = of_place @ b
-        place, reading = rows.place.copy(), rows.reading.copy()
-        place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
-        parts.append(
-            rows._replace(
-                latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
-                longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
-                level=rows.level - of_reading @ b,
-                place=place,
-                reading=reading,
+        forward = np.linalg.inv(past.back)
+        A, b = forward @ A, forward @ b
+        rest = forward @ (rest - before) @ forward.T + past.prior
+        if past.rows is not None:
+            rows = past.rows
+            of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
+            moved = of_place @ b
+            place, reading = rows.place.copy(), rows.reading.copy()
+            place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
+            square = 0.5 * np.einsum("tai,ij,taj->t", of_place, rest, of_place)
+            bends.append(np.sqrt(np.maximum(square, 0.0)))
+            parts.append(
+                rows._replace(
+                    latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
+                    longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
+                    level=rows.level - of_reading @ b,
+                    place=place,
+                    reading=reading,
+                )
             )
-        )
-        b = b - past.taken
-    return _together(parts), A, b
+        b, before = b - past.taken, past.left
+    return _together(parts), np.concatenate(bends), np.asarray(-np.linalg.solve(A, b))
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
@@ -116,8 +141,8 @@ def parts_of(rows: Rows) -> list[Rows]:
 
 
 def places(
-    rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array,
-    own: Array | None = None, at_least: float = 0.0,
+    rows: Rows, bend: Array, field_map: AnyMap, models: Models, wide: Array,
+    own: Array | None = None,
 ) -> tuple[Hypotheses | None, float]:  # fmt: skip
     """Return hypotheses of few models at the cells where readings fit best, None where none is on
     the map or all together are not worth a closer look; and the log of how much more likely the
@@ -129,15 +154,15 @@ def places(
         Per unit of an error x.
     models : Models
         See `models.few`.
-    prior, wide : (7, 7) arrays
-        Covariance of x according to the navigator, and where its place is searched for.
+    bend : (n,) array
+        1-sigma of the rows' places by what is not in the place of x, m.
+    wide : (7, 7) array
+        Covariance of x: where its place is searched for.
     own : (7,) array, optional
         x where the navigator believes to be.
-    at_least : float
-        Log of how much more likely the readings must be elsewhere than there.
     """
     spread = wide[:2, :2]
-    seen = _Seen.of(rows, field_map, models, prior)
+    seen = _Seen.of(rows, bend, field_map, models)
     sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
     coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
     centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
@@ -146,7 +171,7 @@ def places(
     total = np.logaddexp.reduce(log, axis=1)
     there = float(np.logaddexp.reduce(total)) + 2.0 * math.log(coarse)
     gain = there - seen.at(own, coarse)
-    if not math.isfinite(there) or gain < at_least:
+    if not math.isfinite(there) or gain < 0.0:
         return None, gain
     best = _best(total, COARSE_BEST)
     fine = coarse / 3.0
@@ -160,33 +185,46 @@ def places(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """Hypotheses about a navigator that may be anywhere, while they take the readings of the last
-    hour."""
+    """Hypotheses about a navigator that may be anywhere, on their way through the batches of the
+    last hour."""
 
     hypotheses: Hypotheses
-    """About its error before the first of them."""
+    """About its error at the end of the last batch that they have come to, before its fix; before
+    the first one about that before it."""
+    log_odds: float
+    """Of them against the bank, by the readings of these batches."""
     done: int = 0
-    """How many readings they have taken."""
+    """How many batches that are."""
 
-    def continued(self, rows: Rows, grid: Grid, most: int) -> "Search | None":
-        """Return it after some more readings; None where no hypothesis is left on the map.
+    def later(
+        self, history: Sequence[Past], start: Array, grid: Grid, most: int
+    ) -> "Search | None":
+        """Return it after some more batches; None where no hypothesis is left on the map.
 
         Parameters
         ----------
-        rows : Rows
-            All of them (`unaided`).
+        history : sequence of Past
+            All batches.
+        start : (7, 7) array
+            Covariance of the navigator before the first of them.
         most : int
             Hypotheses at most.
         """
-        them, count = self.hypotheses, len(rows.level)
-        last = min(self.done + AT_ONCE * them.most // MOST, count)
-        for first in range(self.done, last, CHUNK):
-            part = some(rows, first, min(first + CHUNK, last))
-            them = them.split(grid, part).observed(grid, part)
-            if not len(them):
-                return None
-            them = pruned(them, most)
-        return Search(them, last)
+        them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0
+        while done < len(history) and work < WORK:
+            past = history[done]
+            if done:
+                start, them = history[done - 1].left, them.moved(history[done - 1].taken)
+            them = them.propagated(start, past.back, past.prior, aided=False)
+            for part in [] if past.rows is None else parts_of(past.rows):
+                work += len(them) * len(part.level)
+                them = them.split(grid, part).observed(grid, part)
+                if not len(them):
+                    return None
+                them = pruned(them, most)
+            log_odds += them.log_evidence - past.evidence
+            them, done = them.normalised(), done + 1
+        return Search(them, log_odds, done)
 
 
 def at_cells(
@@ -238,7 +276,7 @@ class _Seen:
     models: Models
 
     @classmethod
-    def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
+    def of(cls, rows: Rows, bend: Array, field_map: AnyMap, models: Models) -> "_Seen":
         size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
@@ -257,14 +295,10 @@ class _Seen:
         one = channels_of(field_map)[0]
         _, by_north, by_east = one.value_and_gradient(lat, lon)
         slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
-        rest = prior.copy()
-        rest[:2], rest[:, :2] = 0.0, 0.0
-        own = grouped.place[:, :, :BATCH_STATES]
-        bend = np.sqrt(0.5 * np.einsum("tai,ij,taj->t", own, rest, own))
         return cls(
             grouped, field_map.grid, mean(rows.noise) / size,
             np.hypot(apart[..., 0], apart[..., 1]),
-            slope if math.isfinite(slope) else 0.0, bend, models,
+            slope if math.isfinite(slope) else 0.0, mean(bend), models,
         )  # fmt: skip
 
     def at(self, own: Array | None, cell: float) -> float:
