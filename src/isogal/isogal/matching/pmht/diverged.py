@@ -14,12 +14,11 @@ from isogal.matching.pmht.places import resolved, spread_over
 from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
 from isogal.matching.pmht.search import Search, places, unaided
 
-
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
 SAYS = math.log(99.0)
 """Log odds at which it is told so: a probability of 0.99."""
-SEARCH_SHARES = np.array([0.1, 0.3, 0.9])
+SEARCH_SHARES = np.array([0.1, 0.3])
 """Sigmas of the map's error by which places are searched for, in units of the largest."""
 EVERY = 20
 """New readings from one look to the next."""
@@ -41,10 +40,10 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
             diverged = replace(diverged, wait=EVERY)
         elif all(one.rows is None for one in history):
             return diverged
-        seen, bend, own = unaided(history, start)
+        seen, since, own = unaided(history, start)
         models = few(lead.models, SEARCH_SHARES)
         wide = start if lost else start + LOST_COVARIANCE
-        begun, _ = places(seen, bend, field_map, models, wide, None if lost else own)
+        begun, _ = places(seen, since, field_map, models, wide, None if lost else own)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)

@@ -117,10 +117,9 @@ class Hypotheses:
         unit = np.outer(scale, scale)
         forward = np.linalg.inv(back)
         dynamic = forward @ before @ forward.T
-        values, vectors = np.linalg.eigh((prior - dynamic) / unit)
-        growth = (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
+        growth, narrower = joined(dynamic, prior)
         learnt = np.eye(BATCH_STATES)
-        if aided and values[0] < -1e-9:
+        if aided and narrower:
             learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
         transition = np.ascontiguousarray(learnt @ forward)
         growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
@@ -306,6 +305,15 @@ class Hypotheses:
         names = (*states.names, *UNKNOWN[: states.unknown])
         values = zip(names, (*mean[:named], *mean[first:]), strict=True)
         return {name: float(value) for name, value in values if name}
+
+
+def joined(before: Array, after: Array) -> tuple[Array, bool]:
+    """Return (7, 7) what has joined a navigator's covariance where it has grown, and whether it is
+    narrower in some direction."""
+    scale = np.sqrt(np.diag(after))
+    unit = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh((after - before) / unit)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T * unit, bool(values[0] < -1e-9)
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

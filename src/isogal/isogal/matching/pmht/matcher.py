@@ -25,7 +25,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
 from isogal.matching.pmht.diverged import decided, pursued
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import Hypotheses, joined
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.publish import Told, published
@@ -156,10 +156,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array, by_seven: Array) -> 
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             # the fix was not taken as it was: where the navigator knows less than by that it
             # knew no more then; where it knows more, others have told it since
-            scale = np.sqrt(np.diag(before))
-            unit = np.outer(scale, scale)
-            values, vectors = np.linalg.eigh((back @ prior @ back.T - before) / unit)
-            before = before + (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
+            before = before + joined(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
     return memory.propagated(before, back, prior, float(batch.time[-1]))
 

@@ -19,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import Hypotheses, joined
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -76,8 +76,9 @@ class Past:
 
 def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
     """Return the readings of some batches as those of a navigator that has taken none of their
-    fixes, per unit of its error x before the first of them; (n,) the 1-sigma of their places (m)
-    by what is not in its place then; and (7,) the x of which nothing is left at the end.
+    fixes, per unit of its error x before the first of them; (n, 7, 7) the covariance that x has at
+    each of them beside its place, what has joined it since being put into x; and (7,) the x of
+    which nothing is left at the end.
 
     Parameters
     ----------
@@ -85,22 +86,23 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
     start : (7, 7) array
         Covariance of the navigator before the first of them.
     """
-    parts, bends, A, b = [], [], np.eye(BATCH_STATES), np.zeros(BATCH_STATES)
     n, before = BATCH_STATES, start
+    parts, since, A, b = list[Rows](), list[Array](), np.eye(n), np.zeros(n)
     rest = start.copy()
     rest[:2], rest[:, :2] = 0.0, 0.0
     for past in history:
         forward = np.linalg.inv(past.back)
+        growth, _ = joined(forward @ before @ forward.T, past.prior)
         A, b = forward @ A, forward @ b
-        rest = forward @ (rest - before) @ forward.T + past.prior
+        back = np.linalg.inv(A)
+        rest = rest + back @ growth @ back.T
         if past.rows is not None:
             rows = past.rows
             of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
             moved = of_place @ b
             place, reading = rows.place.copy(), rows.reading.copy()
             place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
-            square = 0.5 * np.einsum("tai,ij,taj->t", of_place, rest, of_place)
-            bends.append(np.sqrt(np.maximum(square, 0.0)))
+            since.append(np.broadcast_to(rest, (len(rows.level), n, n)))
             parts.append(
                 rows._replace(
                     latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
@@ -111,7 +113,7 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
                 )
             )
         b, before = b - past.taken, past.left
-    return _together(parts), np.concatenate(bends), np.asarray(-np.linalg.solve(A, b))
+    return _together(parts), np.concatenate(since), np.asarray(-np.linalg.solve(A, b))
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
@@ -141,7 +143,7 @@ def parts_of(rows: Rows) -> list[Rows]:
 
 
 def places(
-    rows: Rows, bend: Array, field_map: AnyMap, models: Models, wide: Array,
+    rows: Rows, since: Array, field_map: AnyMap, models: Models, wide: Array,
     own: Array | None = None,
 ) -> tuple[Hypotheses | None, float]:  # fmt: skip
     """Return hypotheses of few models at the cells where readings fit best, None where none is on
@@ -154,32 +156,30 @@ def places(
         Per unit of an error x.
     models : Models
         See `models.few`.
-    bend : (n,) array
-        1-sigma of the rows' places by what is not in the place of x, m.
+    since : (n, 7, 7) array
+        Covariance of x at each row beside its place (`unaided`).
     wide : (7, 7) array
         Covariance of x: where its place is searched for.
     own : (7,) array, optional
         x where the navigator believes to be.
     """
     spread = wide[:2, :2]
-    seen = _Seen.of(rows, bend, field_map, models)
+    seen = _Seen.of(rows, since, field_map, models)
     sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
     coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
     centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, coarse) + _density(centres, spread)[:, None]
-    total = np.logaddexp.reduce(log, axis=1)
-    there = float(np.logaddexp.reduce(total)) + 2.0 * math.log(coarse)
-    gain = there - seen.at(own, coarse)
-    if not math.isfinite(there) or gain < 0.0:
-        return None, gain
-    best = _best(total, COARSE_BEST)
+    best = np.unique(_best(log, COARSE_BEST)[0])
     fine = coarse / 3.0
     inside = _square(np.arange(-1.0, 2.0) * fine)
     centres = (centres[best][:, None] + inside).reshape(-1, 2)
     residual = seen.residuals(centres)
     log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
-    cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
+    gain = float(np.logaddexp.reduce(log, axis=None)) + 2.0 * math.log(fine) - seen.at(own, fine)
+    if not math.isfinite(gain) or gain < 0.0:
+        return None, gain
+    cell, model = _best(log, FINE_BEST)
     return at_cells(models, centres[cell], model, fine, wide), gain
 
 
@@ -249,9 +249,12 @@ def _density(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _best(log: Array, most: int) -> Integers:
-    order = np.argsort(-log)[:most]
-    return np.asarray(order[log[order] > log[order[0]] - WORTH], dtype=np.int64)
+def _best(log: Array, most: int) -> tuple[Integers, Integers]:
+    """Return cells and models of the best of (C, M), as many of each model."""
+    order = np.argsort(-log, axis=0)[: most // log.shape[1]]
+    model = np.broadcast_to(np.arange(log.shape[1]), order.shape)
+    kept = log[order, model] > log.max() - WORTH
+    return order[kept], model[kept]
 
 
 def _square(axis: Array) -> Array:
@@ -265,18 +268,16 @@ class _Seen:
 
     rows: Rows
     grid: Grid
-    noise: Array
-    """(n,) variance."""
-    distance: Array
-    """(n, n) m."""
-    slope: float
-    """RMS derivative of the map along the track, unit per m, of one component."""
-    bend: Array
-    """(n,) 1-sigma of the place of a reading by what the navigator says of its errors."""
+    other: Array
+    """(n, n) covariance of what is not the map's error, of no cell."""
+    blur: Array
+    """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
+    shape: Array
+    """(n, n) correlation of the map's error."""
     models: Models
 
     @classmethod
-    def of(cls, rows: Rows, bend: Array, field_map: AnyMap, models: Models) -> "_Seen":
+    def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "_Seen":
         size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
@@ -290,16 +291,28 @@ class _Seen:
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
             load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
-        lat, lon = grouped.latitude, grouped.longitude
-        apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
-        one = channels_of(field_map)[0]
-        _, by_north, by_east = one.value_and_gradient(lat, lon)
-        slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
-        return cls(
-            grouped, field_map.grid, mean(rows.noise) / size,
-            np.hypot(apart[..., 0], apart[..., 1]),
-            slope if math.isfinite(slope) else 0.0, mean(bend), models,
+        n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
+        apart = horizontal_difference(
+            grouped.latitude[:, None], grouped.longitude[:, None],
+            grouped.latitude, grouped.longitude,
         )  # fmt: skip
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        # the order of rows in time, and what they have in common with each other
+        order, since = mean(np.arange(float(len(rows.level)))), mean(since)
+        other = np.diag(mean(rows.noise) / size)
+        other += in_common(grouped.reading[:, :n], since, np.zeros((len(order), n)), order)
+        variance, gone = _of_instrument(rows, models.initial[0, first - n :])
+        other += in_common(grouped.reading[:, first:], mean(variance), mean(gone), order)
+        one = channels_of(field_map)[0]
+        _, *slopes = one.value_and_gradient(grouped.latitude, grouped.longitude)
+        square = 0.5 * float(np.nanmean(np.square(slopes).sum(axis=0)))
+        slope = np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
+        for axis in range(2):
+            own = grouped.place[:, axis, :n]
+            other += slope * in_common(own, since, np.zeros((len(order), n)), order)
+        load = grouped.load[models.shape[0]]
+        shape = np.exp(-distance / models.length[0]) * (load @ load.T)
+        return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
 
     def at(self, own: Array | None, cell: float) -> float:
         """Return the log evidence of an error (7,) that is not one of place alone, blurred as
@@ -327,13 +340,9 @@ class _Seen:
         All models have one correlation length: with D the covariance of what is not the map's
         error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
         D, and the residuals are turned once for all sigmas."""
-        models, rows = self.models, self.rows
-        blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
-        other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load[models.shape[0]]
-        shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
-        factor = np.linalg.inv(np.linalg.cholesky(other))
-        values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
+        models = self.models
+        factor = np.linalg.inv(np.linalg.cholesky(self.other + cell**2 * self.blur))
+        values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
         turned = ((vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)) ** 2
         variance = 1.0 + np.outer(models.sigma**2, np.maximum(values, 0.0))
         log = -0.5 * (1.0 / variance).astype(np.float32) @ turned
@@ -341,6 +350,38 @@ class _Seen:
         log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
         log[~np.isfinite(log)] = -np.inf
         return np.asarray(log)
+
+
+def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
+    """Return (n, n) the covariance that states put into rows.
+
+    Parameters
+    ----------
+    effect : (n, S) array
+        What the states put into each row.
+    covariance : (n, S, S) array
+        Of the states, as they are at each row.
+    gone : (n, S) array
+        Negative log of the share of each state's first value that is left.
+    order : (n,) array
+        Grows with time: what joins the states at a row, later ones have too.
+    """
+    left = np.exp(-np.abs(gone[:, None] - gone))
+    across = np.einsum("ti,tij,tsj,sj->ts", effect, covariance, left, effect)
+    return np.asarray(np.where(order[:, None] <= order, across, across.T))
+
+
+def _of_instrument(rows: Rows, initial: Array) -> tuple[Array, Array]:
+    """Return (n, S, S) the covariance of the instrument's states at rows, by their 1-sigma (S,)
+    before the first one, and `gone` of `in_common`."""
+    errors = rows.load.shape[2]
+    keep, fresh = rows.keep[:, errors:], rows.fresh[:, errors:]
+    variance, now = np.empty_like(keep), initial**2
+    for t in range(len(keep)):
+        now = variance[t] = now * keep[t] ** 2 + fresh[t]
+    covariance = np.zeros((*keep.shape, keep.shape[1]))
+    covariance[:, np.arange(keep.shape[1]), np.arange(keep.shape[1])] = variance
+    return covariance, -np.cumsum(np.log(np.maximum(keep, 1e-300)), axis=0)
 
 
 def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
