@@ -12,14 +12,12 @@ from isogal.matching.pmht.memory import Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import resolved, spread_over
 from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
-from isogal.matching.pmht.search import Search, places, unaided
+from isogal.matching.pmht.search import SURE, Search, places, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
-SAYS = math.log(99.0)
-"""Log odds at which it is told so: a probability of 0.99."""
-SEARCH_SHARES = np.array([0.1, 0.3])
-"""Sigmas of the map's error by which places are searched for, in units of the largest."""
+SAYS = math.log(SURE / (1.0 - SURE))
+"""Log odds at which it is told so."""
 EVERY = 20
 """New readings from one look to the next."""
 PLACES = 600
@@ -41,13 +39,13 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
         elif all(one.rows is None for one in history):
             return diverged
         seen, since, own = unaided(history, start)
-        models = few(lead.models, SEARCH_SHARES)
+        models = few(lead.models, usual_noise(seen))
         wide = start if lost else start + LOST_COVARIANCE
         begun, _ = places(seen, since, field_map, models, wide, None if lost else own)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
-    search = search.later(history, start, field_map.grid, PLACES)
+    search = search.later(history, field_map.grid, PLACES)
     if search is not None and search.done == len(history) and not lost:
         search = search if search.log_odds > DIVERGED_LOG_ODDS else None
     return replace(diverged, search=search)

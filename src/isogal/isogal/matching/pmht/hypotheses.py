@@ -96,9 +96,7 @@ class Hypotheses:
             covariance=self.covariance[which],
         )
 
-    def propagated(
-        self, before: Array, back: Array, prior: Array, aided: bool = True
-    ) -> "Hypotheses":
+    def propagated(self, before: Array, back: Array, prior: Array) -> "Hypotheses":
         """Carry them to a batch end.
 
         What the navigator's covariance has grown by joins each hypothesis; where it has learnt
@@ -110,20 +108,22 @@ class Hypotheses:
             The navigator's covariance at the last batch end after its fix, and at this one.
         back : (7, 7) array
             Error there per unit of error here.
-        aided : bool
-            Whether what other aids have told the navigator is theirs as well.
         """
-        scale = np.sqrt(np.diag(prior))
-        unit = np.outer(scale, scale)
-        forward = np.linalg.inv(back)
+        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
         dynamic = forward @ before @ forward.T
         growth, narrower = joined(dynamic, prior)
-        learnt = np.eye(BATCH_STATES)
-        if aided and narrower:
-            learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
-        transition = np.ascontiguousarray(learnt @ forward)
-        growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
+        if not narrower:
+            return self.carried(forward, growth)
+        scale = np.sqrt(np.diag(prior))
+        unit = np.outer(scale, scale)
+        learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
+        return self.carried(learnt @ forward, learnt @ growth @ learnt.T)
+
+    def carried(self, forward: Array, growth: Array) -> "Hypotheses":
+        """Return them about an error that is `forward` (7, 7) times theirs, and to whose
+        covariance `growth` (7, 7) has been added."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
+        transition, growth = (np.ascontiguousarray(one) for one in (forward, growth))
         kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import Hypotheses, joined
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
@@ -47,7 +47,8 @@ class Diverged:
     def before(cls, prior: Array, time: float) -> "Diverged":
         """Return that of a navigator of covariance (7, 7) of whose readings before a time (s)
         nothing is asked."""
-        return cls(prior, (Past.of(np.eye(BATCH_STATES), prior, time),))
+        same, nothing = np.eye(BATCH_STATES), np.zeros_like(prior)
+        return cls(prior, (Past.of(same, nothing, prior, time),))
 
     @property
     def found(self) -> Hypotheses | None:
@@ -98,10 +99,16 @@ class Memory:
     def propagated(self, before: Array, back: Array, prior: Array, time: float) -> "Memory":
         """Return it at the end of the next batch, at a time (s), before its readings; other
         parameters of `Hypotheses.propagated`."""
+        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
+        growth, _ = joined(forward @ before @ forward.T, prior)
+        if any(one.bank is None for one in self.fields.values()):
+            # of kilometres, what is not linear in them looks like growth
+            growth = np.zeros_like(growth)
+        passed = Past.of(forward, growth, prior, time)
         return replace(
             self._each(lambda bank: bank.propagated(before, back, prior)),
             covariance=prior,
-            diverged=self.diverged.with_last(left=before).later(Past.of(back, prior, time)),
+            diverged=self.diverged.with_last(left=before).later(passed),
             taken=np.zeros(BATCH_STATES),
         )
 

@@ -15,13 +15,11 @@ it."""
 
 
 def pruned(them: Hypotheses, most: int) -> Hypotheses:
-    """Merge places, drop what is negligible, whatever its model, and keep as many of each model;
-    weights stay as they are."""
-    order = np.lexsort((-them.log_weight, them.which))
-    models, first = np.unique(them.which[order], return_index=True)
-    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
-    near = them.log_weight[order] > them.log_weight.max() - NEGLIGIBLE
-    them = them.part(order[near & (rank < most // len(models))])
+    """Merge places and drop what is negligible, whatever its model; weights stay as they
+    are."""
+    kept = np.argsort(-them.log_weight)[:most]
+    kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
+    them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
     mean, covariance = them.mean.copy(), them.covariance.copy()
     weight = them.log_weight.copy()
     stay = mixture_kernels.merged(them.which, weight, mean, covariance, np.ones(len(them)))

@@ -9,7 +9,7 @@ readings. docs/mathematics.md, section 9.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import Hypotheses, joined
+from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -30,11 +30,11 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 REACH = 2.7
 """1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 500, 3000
+COARSE_BEST, FINE_BEST = 500, 600
 """Cells of the first grid, and cells with a model of the second, that are followed up."""
-WORTH = 15.0
-"""Log of how much less likely than the best one may be to be followed up."""
-GROUPS = 40
+SURE = 0.99
+"""Probability that the place is among those, below which it is too early."""
+GROUPS = 120
 """Means of readings that cells are ranked by, at most."""
 MOST_CHANNELS = 3
 """Of several channels so many times as many, at most."""
@@ -53,12 +53,12 @@ fix."""
 class Past:
     """What became of the navigator over a batch, and its new readings."""
 
-    back: Array
-    """(7, 7) error at the end of the batch before per unit of error at the end of this one."""
-    prior: Array
-    """(7, 7) covariance of the navigator at its end, before its fix."""
+    forward: Array
+    """(7, 7) error at its end before its fix per unit of error at the last batch end."""
+    growth: Array
+    """(7, 7) what has joined the navigator's covariance."""
     left: Array
-    """(7, 7) after its fix."""
+    """(7, 7) covariance of the navigator after its fix."""
     taken: Array
     """(7,) what its fix took off the error."""
     time: float
@@ -69,9 +69,9 @@ class Past:
     """Log evidence of its readings given those before, by the bank."""
 
     @classmethod
-    def of(cls, back: Array, prior: Array, time: float) -> "Past":
+    def of(cls, forward: Array, growth: Array, prior: Array, time: float) -> "Past":
         """Return that of a batch that has had no reading and no fix."""
-        return cls(back, prior, prior, np.zeros(BATCH_STATES), time)
+        return cls(forward, growth, prior, np.zeros(BATCH_STATES), time)
 
 
 def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
@@ -86,16 +86,14 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
     start : (7, 7) array
         Covariance of the navigator before the first of them.
     """
-    n, before = BATCH_STATES, start
+    n = BATCH_STATES
     parts, since, A, b = list[Rows](), list[Array](), np.eye(n), np.zeros(n)
     rest = start.copy()
     rest[:2], rest[:, :2] = 0.0, 0.0
     for past in history:
-        forward = np.linalg.inv(past.back)
-        growth, _ = joined(forward @ before @ forward.T, past.prior)
-        A, b = forward @ A, forward @ b
+        A, b = past.forward @ A, past.forward @ b
         back = np.linalg.inv(A)
-        rest = rest + back @ growth @ back.T
+        rest = rest + back @ past.growth @ back.T
         if past.rows is not None:
             rows = past.rows
             of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
@@ -112,7 +110,7 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
                     reading=reading,
                 )
             )
-        b, before = b - past.taken, past.left
+        b = b - past.taken
     return _together(parts), np.concatenate(since), np.asarray(-np.linalg.solve(A, b))
 
 
@@ -166,21 +164,22 @@ def places(
     spread = wide[:2, :2]
     seen = _Seen.of(rows, since, field_map, models)
     sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-    coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
-    centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
-    residual = seen.residuals(centres)
-    log = seen.log_evidence(residual, coarse) + _density(centres, spread)[:, None]
-    best = np.unique(_best(log, COARSE_BEST)[0])
-    fine = coarse / 3.0
-    inside = _square(np.arange(-1.0, 2.0) * fine)
+    cell = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
+    centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, cell))
+    density = seen.log_density(centres, spread, cell)
+    best = _covering(np.logaddexp.reduce(density, axis=1), COARSE_BEST)
+    if best is None:
+        return None, math.nan
+    cell /= 3.0
+    inside = _square(np.arange(-1.0, 2.0) * cell)
     centres = (centres[best][:, None] + inside).reshape(-1, 2)
-    residual = seen.residuals(centres)
-    log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
-    gain = float(np.logaddexp.reduce(log, axis=None)) + 2.0 * math.log(fine) - seen.at(own, fine)
-    if not math.isfinite(gain) or gain < 0.0:
+    density = seen.log_density(centres, spread, cell)
+    best = _covering(density.ravel(), FINE_BEST)
+    gain = float(np.logaddexp.reduce(density, axis=None)) - seen.at(own, cell)
+    if best is None or gain < 0.0:
         return None, gain
-    cell, model = _best(log, FINE_BEST)
-    return at_cells(models, centres[cell], model, fine, wide), gain
+    which, model = np.divmod(best, density.shape[1])
+    return at_cells(models, centres[which], model, cell, wide), gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,26 +195,21 @@ class Search:
     done: int = 0
     """How many batches that are."""
 
-    def later(
-        self, history: Sequence[Past], start: Array, grid: Grid, most: int
-    ) -> "Search | None":
+    def later(self, history: Sequence[Past], grid: Grid, most: int) -> "Search | None":
         """Return it after some more batches; None where no hypothesis is left on the map.
 
         Parameters
         ----------
         history : sequence of Past
             All batches.
-        start : (7, 7) array
-            Covariance of the navigator before the first of them.
         most : int
             Hypotheses at most.
         """
         them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0
         while done < len(history) and work < WORK:
             past = history[done]
-            if done:
-                start, them = history[done - 1].left, them.moved(history[done - 1].taken)
-            them = them.propagated(start, past.back, past.prior, aided=False)
+            them = them.moved(history[done - 1].taken) if done else them
+            them = them.carried(past.forward, past.growth)
             for part in [] if past.rows is None else parts_of(past.rows):
                 work += len(them) * len(part.level)
                 them = them.split(grid, part).observed(grid, part)
@@ -249,12 +243,13 @@ def _density(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _best(log: Array, most: int) -> tuple[Integers, Integers]:
-    """Return cells and models of the best of (C, M), as many of each model."""
-    order = np.argsort(-log, axis=0)[: most // log.shape[1]]
-    model = np.broadcast_to(np.arange(log.shape[1]), order.shape)
-    kept = log[order, model] > log.max() - WORTH
-    return order[kept], model[kept]
+def _covering(log: Array, most: int) -> Integers | None:
+    """Return the best of (C,), without what is negligible; None where these may not hold what is
+    looked for."""
+    best = np.argsort(-log)[:most]
+    best = best[log[best] > log[best[0]] - NEGLIGIBLE]
+    lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
+    return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
 
 
 def _square(axis: Array) -> Array:
@@ -326,12 +321,14 @@ class _Seen:
             longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
             level=rows.level - rows.reading[:, :BATCH_STATES] @ own,
         )
-        residual = replace(self, rows=there).residuals(np.zeros((1, 2)))
+        residual = residuals_at(there, self.grid, np.zeros((1, 2)))
         return float(np.logaddexp.reduce(self.log_evidence(residual, cell), axis=None))
 
-    def residuals(self, centres: Array) -> Array:
-        """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
-        return residuals_at(self.rows, self.grid, centres)
+    def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
+        """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
+        place are, each with a model, before and by the readings; of a prior N(0, spread)."""
+        log = self.log_evidence(residuals_at(self.rows, self.grid, centres), cell)
+        return log + _density(centres, spread)[:, None] + 2.0 * math.log(cell)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
