@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from isogal.arrays import Array
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
+from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
-from isogal.matching.pmht.places import resolved, spread_over
+from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
-from isogal.matching.pmht.search import SURE, Search, places, unaided
+from isogal.matching.pmht.search import SURE, Ranked, Search, Seen, since_start, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
@@ -27,21 +30,17 @@ PLACES = 600
 def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
     """Return it after the hypotheses about places have taken more readings, or after a look where
     there are none and it is time for one."""
-    history, start, search = diverged.past, diverged.start, diverged.search
+    history, search = diverged.past, diverged.search
     rows, lost = history[-1].rows, lead.bank is None
     if rows is not None:
         diverged = replace(diverged, wait=diverged.wait - scans_of(rows))
     if search is None:
-        if not lost:
-            if diverged.wait > 0 or rows is None or not _in_doubt(lead, rows):
-                return diverged
-            diverged = replace(diverged, wait=EVERY)
-        elif all(one.rows is None for one in history):
+        if lost and all(one.rows is None for one in history):
             return diverged
-        seen, since, own = unaided(history, start)
-        models = few(lead.models, usual_noise(seen))
-        wide = start if lost else start + LOST_COVARIANCE
-        begun, _ = places(seen, since, field_map, models, wide, None if lost else own)
+        if not lost and (diverged.wait > 0 or rows is None or not _in_doubt(lead, rows)):
+            return diverged
+        diverged = replace(diverged, wait=EVERY)
+        begun = _look(diverged, lead, field_map)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
@@ -49,6 +48,32 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
     if search is not None and search.done == len(history) and not lost:
         search = search if search.log_odds > DIVERGED_LOG_ODDS else None
     return replace(diverged, search=search)
+
+
+def _wide(diverged: Diverged, lost: bool) -> Array:
+    """Return (7, 7) the covariance of an error that is searched for."""
+    wide = diverged.start.copy()
+    if not lost:
+        n = BATCH_STATES if not diverged.whole else 2
+        wide[:n, :n] += LOST_COVARIANCE[:n, :n]
+    return wide
+
+
+def _ranked(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> tuple[Ranked, Array]:
+    """Return all cells by the readings of the last hour, and `unaided`'s own error."""
+    rows, since, own = unaided(diverged.past, diverged.start)
+    seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
+    return Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2]), own
+
+
+def _look(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Hypotheses | None:
+    """Return hypotheses about places where the readings are likelier than at the navigator's own;
+    None where there are none, or too many."""
+    cells, own = _ranked(diverged, lead, field_map)
+    fine, lost = cells.finer(), lead.bank is None
+    if fine is None or (not lost and fine.gain(own) < 0.0):
+        return None
+    return fine.hypotheses(_wide(diverged, lost))
 
 
 def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
@@ -59,21 +84,25 @@ def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
     return bool(bank.map_error[0] > usual_noise(rows) or bank.faults[NONE] < 0.5)
 
 
-def decided(memory: Memory, first: int) -> tuple[Memory, bool]:
+def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:
     """Return the memory, with hypotheses at the place that has been found where that is certain,
     and whether the navigator is to be told that it has diverged."""
-    search, found = memory.diverged.search, memory.diverged.found
-    known = memory.fields[first].bank is not None
+    diverged, lead = memory.diverged, memory.fields[first]
+    search, found, known = diverged.search, diverged.found, lead.bank is not None
     if search is None or found is None or not resolved(found):
         return memory, False
     if known and search.log_odds < SAYS:
         return memory, False
+    # those that a search began with may not have held the place: have all cells it there?
+    cells, own = _ranked(diverged, lead, field_map)
+    place = own + np.linalg.solve(since_start(diverged.past), found.moments()[0])
+    if cells.share(place[:2], 3.0 * NEAR_M) < 1.0 - SURE:
+        return replace(memory, diverged=replace(diverged, search=None, wait=0)), False
     fields = {
         index: replace(one, bank=spread_over(found, one.models).reduced())
         for index, one in memory.fields.items()
     }
-    last = memory.diverged.past[-1]
-    diverged = Diverged.before(memory.covariance, last.time)
+    diverged = Diverged.before(memory.covariance, diverged.past[-1].time)
     return replace(memory, fields=fields, diverged=diverged), known
 
 

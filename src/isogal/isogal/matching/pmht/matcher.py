@@ -97,7 +97,7 @@ class Pmht:
         lead = memory.fields[self.lead]
         diverged = memory.diverged.with_last(rows=rows[0], evidence=evidence)
         diverged = pursued(diverged, lead, field_map)
-        memory, reset = decided(replace(memory, diverged=diverged), self.lead)
+        memory, reset = decided(replace(memory, diverged=diverged), self.lead, field_map)
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory

@@ -38,6 +38,8 @@ class Diverged:
     """(7, 7) covariance of the navigator before the first of `past`."""
     past: tuple[Past, ...]
     """Batches of the last hour, and those that a search has not come to."""
+    whole: bool = True
+    """Whether they are all since the navigator's place was known."""
     wait: int = FIRST
     """Readings to the next look."""
     search: Search | None = None
@@ -58,11 +60,11 @@ class Diverged:
 
     def later(self, passed: Past) -> "Diverged":
         """Return it with another batch, and without those that nothing asks for any more."""
-        past, start, search = (*self.past, passed), self.start, self.search
+        past, start, search, whole = (*self.past, passed), self.start, self.search, self.whole
         while passed.time - past[0].time > HOUR and (search is None or search.done > 1):
-            start, past = past[0].left, past[1:]
+            start, past, whole = past[0].left, past[1:], False
             search = None if search is None else replace(search, done=search.done - 1)
-        return replace(self, past=past, start=start, search=search)
+        return replace(self, past=past, start=start, whole=whole, search=search)
 
     def with_last(self, **changes: Any) -> "Diverged":
         """Return it with another last batch."""

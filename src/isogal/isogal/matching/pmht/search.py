@@ -114,6 +114,15 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
     return _together(parts), np.concatenate(since), np.asarray(-np.linalg.solve(A, b))
 
 
+def since_start(history: Sequence[Past]) -> Array:
+    """Return (7, 7) the error of an unaided navigator at the end of some batches per unit of error
+    before the first of them."""
+    A = np.eye(BATCH_STATES)
+    for past in history:
+        A = past.forward @ A
+    return A
+
+
 def _together(parts: Sequence[Rows]) -> Rows:
     axis = dict.fromkeys(OF_LENGTHS, 1)
     return Rows._make(
@@ -140,46 +149,61 @@ def parts_of(rows: Rows) -> list[Rows]:
     return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
-def places(
-    rows: Rows, since: Array, field_map: AnyMap, models: Models, wide: Array,
-    own: Array | None = None,
-) -> tuple[Hypotheses | None, float]:  # fmt: skip
-    """Return hypotheses of few models at the cells where readings fit best, None where none is on
-    the map or all together are not worth a closer look; and the log of how much more likely the
-    readings are there.
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """Cells over the prior of an error's place, and how probable they are."""
 
-    Parameters
-    ----------
-    rows : Rows
-        Per unit of an error x.
-    models : Models
-        See `models.few`.
-    since : (n, 7, 7) array
-        Covariance of x at each row beside its place (`unaided`).
-    wide : (7, 7) array
-        Covariance of x: where its place is searched for.
-    own : (7,) array, optional
-        x where the navigator believes to be.
-    """
-    spread = wide[:2, :2]
-    seen = _Seen.of(rows, since, field_map, models)
-    sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-    cell = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
-    centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, cell))
-    density = seen.log_density(centres, spread, cell)
-    best = _covering(np.logaddexp.reduce(density, axis=1), COARSE_BEST)
-    if best is None:
-        return None, math.nan
-    cell /= 3.0
-    inside = _square(np.arange(-1.0, 2.0) * cell)
-    centres = (centres[best][:, None] + inside).reshape(-1, 2)
-    density = seen.log_density(centres, spread, cell)
-    best = _covering(density.ravel(), FINE_BEST)
-    gain = float(np.logaddexp.reduce(density, axis=None)) - seen.at(own, cell)
-    if best is None or gain < 0.0:
-        return None, gain
-    which, model = np.divmod(best, density.shape[1])
-    return at_cells(models, centres[which], model, cell, wide), gain
+    seen: "Seen"
+    centres: Array
+    """(C, 2) m, north and east."""
+    size: float
+    """m."""
+    spread: Array
+    """(2, 2) covariance of the place before any reading."""
+    log_density: Array
+    """(C, M) log probabilities of cells with a model, before and by the readings."""
+
+    @classmethod
+    def of(cls, seen: "Seen", spread: Array) -> "Ranked":
+        """Return cells all over a prior N(0, spread)."""
+        sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
+        size = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
+        centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, size))
+        return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
+
+    def finer(self) -> "Ranked | None":
+        """Return the best cells, each divided by nine; None where they may not hold the place."""
+        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), COARSE_BEST)
+        if best is None:
+            return None
+        size = self.size / 3.0
+        centres = (self.centres[best][:, None] + _square(np.arange(-1.0, 2.0) * size)).reshape(
+            -1, 2
+        )
+        density = self.seen.log_density(centres, self.spread, size)
+        return Ranked(self.seen, centres, size, self.spread, density)
+
+    def hypotheses(self, wide: Array) -> Hypotheses | None:
+        """Return those of the best cells and models about an error of covariance `wide` (7, 7);
+        None where they may not hold the place."""
+        best = _covering(self.log_density.ravel(), FINE_BEST)
+        if best is None:
+            return None
+        which, model = np.divmod(best, self.log_density.shape[1])
+        return at_cells(self.seen.models, self.centres[which], model, self.size, wide)
+
+    def share(self, place: Array, reach: float) -> float:
+        """Return the probability of cells within a reach (m) of a place (2,)."""
+        near = np.hypot(*(self.centres - place).T) < reach
+        log = self.log_density
+        return float(np.exp(log[near] - np.logaddexp.reduce(log, axis=None)).sum())
+
+    def gain(self, own: Array) -> float:
+        """Return the log of how much more likely the readings are in these cells than where an
+        error (7,) would be."""
+        return float(np.logaddexp.reduce(self.log_density, axis=None)) - self.seen.at(
+            own, self.size
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,7 +282,7 @@ def _square(axis: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class Seen:
     """Readings, averaged in groups, and what cells are ranked by."""
 
     rows: Rows
@@ -272,7 +296,8 @@ class _Seen:
     models: Models
 
     @classmethod
-    def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "_Seen":
+    def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
+        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
         size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
@@ -309,11 +334,9 @@ class _Seen:
         shape = np.exp(-distance / models.length[0]) * (load @ load.T)
         return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
 
-    def at(self, own: Array | None, cell: float) -> float:
+    def at(self, own: Array, cell: float) -> float:
         """Return the log evidence of an error (7,) that is not one of place alone, blurred as
-        cells of a size (m) are; -inf of none."""
-        if own is None:
-            return -math.inf
+        cells of a size (m) are."""
         rows = self.rows
         moved = rows.place[:, :, :BATCH_STATES] @ own
         there = rows._replace(
