@@ -79,14 +79,17 @@ class Pmht:
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
         each = (Beside(self.lead, batch, field_map), *batch.beside)
-        for one in each:
-            if (reason := unusable(one.batch) or _unlike(one)) is not None:
-                return declined(batch, reason), memory
+        whys = (unusable(one.batch) or _unlike(one) for one in each)
+        reason = next((why for why in whys if why is not None), None)
+        if reason is not None and (memory is None or unusable(_silent(batch)) is not None):
+            return declined(batch, reason), memory
         prior, by_seven = navigator_states(batch)
         if memory is None:
             memory = Memory.before(prior, float(batch.time[-1]))
         else:
             memory = _propagated(memory, batch, prior, by_seven)
+        if reason is not None:  # of the readings: the navigator has gone on
+            return declined(batch, reason), memory
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
@@ -129,6 +132,11 @@ class Pmht:
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)
         return replace(memory, fields=fields), rows
+
+
+def _silent(batch: Batch) -> Batch:
+    """Return the batch without its readings."""
+    return replace(batch, reading=np.full(len(batch), np.nan))
 
 
 def _unlike(one: Beside) -> str | None:
