@@ -14,7 +14,7 @@ from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.places import NEAR_M
-from isogal.matching.pmht.search import since_start
+from isogal.matching.pmht.search import unaided
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
@@ -154,9 +154,12 @@ def test_the_navigator_is_followed_through_20_minutes_without_readings(what, rea
     np.testing.assert_allclose(
         wider[:4, :4], (forward @ covariance @ forward.T)[:4, :4], rtol=1e-4
     )
-    np.testing.assert_allclose(since_start(last.diverged.past), forward, rtol=1e-9, atol=1e-12)
-    assert last.diverged.past[0].rows is not None
-    assert all(one.rows is None for one in last.diverged.past[1:])
+    past = last.diverged.past
+    _, _, A, b = unaided(past, last.diverged.start)
+    np.testing.assert_allclose(A, forward, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(b, -forward @ past[0].taken, rtol=1e-9, atol=1e-12)
+    assert past[0].rows is not None
+    assert all(one.rows is None for one in past[1:])
 
 
 def test_off_the_map_there_is_no_fix():

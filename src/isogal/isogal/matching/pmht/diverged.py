@@ -15,14 +15,16 @@ from isogal.matching.pmht.memory import Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
-from isogal.matching.pmht.search import SURE, Ranked, Search, Seen, since_start, unaided
+from isogal.matching.pmht.search import SURE, Ranked, Search, Seen, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
 SAYS = math.log(SURE / (1.0 - SURE))
 """Log odds at which it is told so."""
-EVERY = 20
-"""New readings from one look to the next."""
+EVERY, LATER = 20, 180
+"""New readings from one look to the next, and where it has found the navigator where it believes
+to be: three minutes and half an hour of a reading every ten seconds. Later looks tell later of a
+navigator that has diverged, earlier ones take as long as the fixes."""
 PLACES = 600
 """Hypotheses about a diverged navigator, at most."""
 
@@ -39,8 +41,8 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
             return diverged
         if not lost and (diverged.wait > 0 or rows is None or not _in_doubt(lead, rows)):
             return diverged
-        diverged = replace(diverged, wait=EVERY)
-        begun = _look(diverged, lead, field_map)
+        begun, wait = _look(diverged, lead, field_map)
+        diverged = replace(diverged, wait=wait)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
@@ -59,21 +61,29 @@ def _wide(diverged: Diverged, lost: bool) -> Array:
     return wide
 
 
-def _ranked(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> tuple[Ranked, Array]:
-    """Return all cells by the readings of the last hour, and `unaided`'s own error."""
-    rows, since, own = unaided(diverged.past, diverged.start)
+def _ranked(
+    diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now: Array
+) -> tuple[Ranked, float]:
+    """Return all cells by the readings of the last hour, and how probable those are where a
+    navigator of an error (7,) at the end of the last batch, before its fix, would be."""
+    rows, since, A, b = unaided(diverged.past, diverged.start)
     seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
-    return Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2]), own
+    cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2])
+    begin = np.asarray(np.linalg.solve(A, now - b), dtype=np.float64)
+    return cells, cells.share(begin[:2], 3.0 * NEAR_M)
 
 
-def _look(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Hypotheses | None:
-    """Return hypotheses about places where the readings are likelier than at the navigator's own;
-    None where there are none, or too many."""
-    cells, own = _ranked(diverged, lead, field_map)
-    fine, lost = cells.finer(), lead.bank is None
-    if fine is None or (not lost and fine.gain(own) < 0.0):
-        return None
-    return fine.hypotheses(_wide(diverged, lost))
+def _look(
+    diverged: Diverged, lead: FieldMemory, field_map: AnyMap
+) -> tuple[Hypotheses | None, int]:
+    """Return hypotheses about places where the readings are likelier than at the navigator's own,
+    None where there are none or too many; and how many readings it is to the next look."""
+    lost = lead.bank is None
+    cells, own = _ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
+    if not lost and own > 0.5:
+        return None, LATER
+    fine = cells.finer()
+    return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
 
 
 def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
@@ -94,9 +104,8 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
     if known and search.log_odds < SAYS:
         return memory, False
     # those that a search began with may not have held the place: have all cells it there?
-    cells, own = _ranked(diverged, lead, field_map)
-    place = own + np.linalg.solve(since_start(diverged.past), found.moments()[0])
-    if cells.share(place[:2], 3.0 * NEAR_M) < 1.0 - SURE:
+    _, there = _ranked(diverged, lead, field_map, found.moments()[0])
+    if there < 1.0 - SURE:
         return replace(memory, diverged=replace(diverged, search=None, wait=0)), False
     fields = {
         index: replace(one, bank=spread_over(found, one.models).reduced())

@@ -13,8 +13,6 @@ from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
-FIRST = 60
-"""Readings before the first look: a sixth of an hour."""
 HOUR = 3600.0
 """s that a search goes back."""
 
@@ -40,7 +38,7 @@ class Diverged:
     """Batches of the last hour, and those that a search has not come to."""
     whole: bool = True
     """Whether they are all since the navigator's place was known."""
-    wait: int = FIRST
+    wait: int = 0
     """Readings to the next look."""
     search: Search | None = None
     """None = nothing is likely enough to be followed up."""

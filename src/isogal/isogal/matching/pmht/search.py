@@ -74,11 +74,11 @@ class Past:
         return cls(forward, growth, prior, np.zeros(BATCH_STATES), time)
 
 
-def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
+def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array, Array]:
     """Return the readings of some batches as those of a navigator that has taken none of their
     fixes, per unit of its error x before the first of them; (n, 7, 7) the covariance that x has at
-    each of them beside its place, what has joined it since being put into x; and (7,) the x of
-    which nothing is left at the end.
+    each of them beside its place, what has joined it since being put into x; and (7, 7) and (7,)
+    the error of the real navigator at the end, A x + b.
 
     Parameters
     ----------
@@ -111,16 +111,7 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array]:
                 )
             )
         b = b - past.taken
-    return _together(parts), np.concatenate(since), np.asarray(-np.linalg.solve(A, b))
-
-
-def since_start(history: Sequence[Past]) -> Array:
-    """Return (7, 7) the error of an unaided navigator at the end of some batches per unit of error
-    before the first of them."""
-    A = np.eye(BATCH_STATES)
-    for past in history:
-        A = past.forward @ A
-    return A
+    return _together(parts), np.concatenate(since), A, b
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
@@ -197,13 +188,6 @@ class Ranked:
         near = np.hypot(*(self.centres - place).T) < reach
         log = self.log_density
         return float(np.exp(log[near] - np.logaddexp.reduce(log, axis=None)).sum())
-
-    def gain(self, own: Array) -> float:
-        """Return the log of how much more likely the readings are in these cells than where an
-        error (7,) would be."""
-        return float(np.logaddexp.reduce(self.log_density, axis=None)) - self.seen.at(
-            own, self.size
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,19 +317,6 @@ class Seen:
         load = grouped.load[models.shape[0]]
         shape = np.exp(-distance / models.length[0]) * (load @ load.T)
         return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
-
-    def at(self, own: Array, cell: float) -> float:
-        """Return the log evidence of an error (7,) that is not one of place alone, blurred as
-        cells of a size (m) are."""
-        rows = self.rows
-        moved = rows.place[:, :, :BATCH_STATES] @ own
-        there = rows._replace(
-            latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
-            longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
-            level=rows.level - rows.reading[:, :BATCH_STATES] @ own,
-        )
-        residual = residuals_at(there, self.grid, np.zeros((1, 2)))
-        return float(np.logaddexp.reduce(self.log_evidence(residual, cell), axis=None))
 
     def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
         """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
