@@ -26,6 +26,7 @@ SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
 AGES = np.stack(np.polynomial.laguerre.laggauss(12), axis=1)[:6]
+AGES /= 1.0, AGES[:, 1].sum()
 """(6, 2) ages, in units of its time constant, and weights of what of the path a first-order
 low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that is older than seven
 time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
