@@ -158,7 +158,7 @@ def of_mismatch() -> list[Row]:
     """Return the rows of `mismatch.py` with nothing told."""
 
     def bound(row: mismatch_rows.Row, scenario: Scenario, record: Runs, place: Place) -> Array:
-        return mismatch.bound_of(row, scenario, record, _maps(place))
+        return mismatch.bound_of(row, "nothing told", scenario, record, _maps(place))
 
     return [
         Row(
@@ -166,7 +166,7 @@ def of_mismatch() -> list[Row]:
             partial(_mismatched, row),
             quick=row.name in ("initial errors 3 times larger", "readings 20 s late"),
             needs=(AUSTRALIA, KALGOORLIE),
-            bound=partial(bound, row) if row.bound else plain_bound,
+            bound=partial(bound, row) if row.bound or row.unknown else plain_bound,
         )
         for row in mismatch_rows.ROWS
     ]

@@ -110,18 +110,19 @@ def parts_of(scenario: Scenario, runs: int, folder: Path) -> Iterator[tuple[rang
         yield range(first, last), folder / f"{name}-{first}-{last}.npz"
 
 
-def bound_of(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> Array:
+def bound_of(row: Row, kind: Kind, scenario: Scenario, record: Runs, maps: Maps) -> Array:
     """Return (K,) m, the RMS bound of a row's world at the times of a record."""
+    known = (*row.bound, *(row.unknown if kind == "nothing told" else ()))
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
-    world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario
+    world = changed(scenario.world, maps.put_in(known)) if known else scenario
     share = map_share(world, field_map, record)
     return posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
 
 
-def measured(row: Row, scenario: Scenario, record: Runs, maps: Maps) -> dict[str, Any]:
-    """Return the figures of a row."""
-    bound = bound_of(row, scenario, record, maps)
+def measured(case: "Case", scenario: Scenario, record: Runs, maps: Maps) -> dict[str, Any]:
+    """Return the figures of a line."""
+    bound = bound_of(case.row, case.kind, scenario, record, maps)
     summary = summarise(record, scenario, bound)
     late = record.elapsed > SETTLED_AFTER
     squared = (record.horizontal_error[:, late] ** 2).mean(axis=1)
@@ -269,7 +270,7 @@ def main() -> None:
                 parts = list(parts_of(scenario, case.runs, options.out / "parts"))
                 one = partial(some_runs, scenario)
                 record = Runs.concatenate(list(pool.map(one, *zip(*parts, strict=True))))
-                results[case.name] = measured(case.row, scenario, record, maps)
+                results[case.name] = measured(case, scenario, record, maps)
                 write_json(path, results)
             print(line(case.name, "", results[case.name]), flush=True)
     bases = dict.fromkeys(name.rpartition(", ")[2] for name in results)

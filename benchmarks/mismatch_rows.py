@@ -25,6 +25,9 @@ class Row:
     """Whether there is a way to tell."""
     bound: tuple[str, ...] = ()
     """Settings of the bound, where the world does not say it all."""
+    unknown: tuple[str, ...] = ()
+    """Settings of the bound where nothing is told: what nobody knows is a state of it, with the
+    1-sigma that it has in the matcher's model of it."""
 
 
 EXACT = ("map_error.sigma=0", "matcher.map_sigma=0")
@@ -116,7 +119,7 @@ ROWS = (
         ("gravimeter.correlated_sigma=3e-5", "gravimeter.correlation_time=120"),
     ),
     Row("gravimeter bias walks 1 mGal in an hour", ("gravimeter.bias_walk=1.7e-7",)),
-    Row("readings 20 s late", ("gravimeter.delay=20",)),
+    Row("readings 20 s late", ("gravimeter.delay=20",), unknown=("gravimeter.delay_sigma=20",)),
     Row(
         "readings 20 s late, told that they may be by 20 s",
         ("gravimeter.delay=20",),
@@ -130,7 +133,11 @@ ROWS = (
         base=(*MGAL_3, "gravimeter.delay_sigma=2"),
         tellable=False,
     ),
-    Row("gravimeter with a low-pass filter of 30 s", ("gravimeter.filter_time=30",)),
+    Row(
+        "gravimeter with a low-pass filter of 30 s",
+        ("gravimeter.filter_time=30",),
+        unknown=("gravimeter.delay_sigma=9",),
+    ),
     Row(
         "gravimeter takes 1 mGal from 0.01 m/s², route with turns",
         ("gravimeter.cross_coupling=1e-3",),

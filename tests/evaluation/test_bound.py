@@ -192,6 +192,13 @@ def test_worse_sensors_and_maps_give_larger_bounds():
     assert good < rms(gravimeter={"outlier_fraction": 0.05})
     assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
     assert good < rms(initial_error={"position": 500.0})
+    clock, late = (rms(gravimeter={"delay_sigma": sigma}) for sigma in (2.0, 20.0))
+    assert (
+        1.02 * good
+        < clock
+        < late
+        < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
+    )
     assert good < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
 
 

@@ -4,7 +4,6 @@ import pytest
 
 from isogal import plugins
 from isogal.errors import InputError
-from isogal.matching.pmht.settings import GONE
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -43,13 +42,6 @@ def test_bad_values_of_options_are_refused():
 def test_unknown_names(name, message):
     with pytest.raises(InputError, match=message):
         load_matcher(Matcher().model_copy(update={"name": name}))
-
-
-@pytest.mark.parametrize("name", GONE)
-def test_options_that_the_bank_has_no_use_for_are_refused(name):
-    words = rf"^matcher\.options of pmht: {name}: the bank of hypotheses has no use for it$"
-    with pytest.raises(InputError, match=words):
-        load_matcher(Matcher(options={name: 1}))
 
 
 def test_an_unknown_option_gets_the_nearest_of_its_matcher():

@@ -3,13 +3,10 @@
 docs/mathematics.md, section 5.1.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 
 _LEAST_WEIGHT = 1e-4
@@ -33,21 +30,3 @@ def path_nodes(batch: Batch, rows: Integers) -> Array:
     nodes = [away[..., 0] / north[:, None], away[..., 1] / east[:, None]]
     every = np.stack([*nodes, np.broadcast_to(weight, away.shape[:2])], axis=-1)
     return np.ascontiguousarray(every)  # kernels are compiled once for each memory layout
-
-
-def as_points(batch: Batch, field_map: FieldMap, xi: Array) -> Batch:
-    """Return the batch as if each reading were of one point, the row's place, if the navigator's
-    error is xi (4,): what the mean over the path differs by joins the offset."""
-    if batch.filter_path is None:
-        return batch
-    moved = batch.transition @ xi
-    north, east = metres_per_radian(batch.latitude)
-    latitude, longitude = (
-        batch.latitude - moved[:, 0] / north,
-        batch.longitude - moved[:, 1] / east,
-    )
-    nodes = path_nodes(batch, np.arange(len(batch)))
-    along = latitude[:, None] + nodes[..., 0], longitude[:, None] + nodes[..., 1]
-    mean = (field_map.value(*along) * nodes[..., 2]).sum(axis=1)
-    more = mean - field_map.value(latitude, longitude)
-    return replace(batch, offset=batch.offset + np.nan_to_num(more))

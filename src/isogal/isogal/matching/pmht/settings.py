@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from isogal.errors import InputError
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
@@ -14,18 +13,6 @@ from isogal.matching.pmht.models import DRIFT_TIME, Assumed
 from isogal.matching.pmht.rows import stated_sigma
 from isogal.matching.registry import check_options
 from isogal.scenario import Matcher as MatcherSettings
-
-GONE = (
-    "context",
-    "samples",
-    "hypotheses",
-    "confidence",
-    "outlier_gate",
-    "significance",
-    "tolerance",
-    "largest_misfit",
-)
-"""Options of what was there before the bank."""
 
 
 class Options(BaseModel):
@@ -67,13 +54,7 @@ class Settings:
 
     @classmethod
     def of(cls, matcher: MatcherSettings) -> "Settings":
-        """Read a scenario's matcher section; raises InputError on an unknown or bad option, and on
-        one that the bank has no use for."""
-        for name in GONE:
-            if name in matcher.options:
-                raise InputError(
-                    f"matcher.options of pmht: {name}: the bank of hypotheses has no use for it"
-                )
+        """Read a scenario's matcher section; raises InputError on an unknown or bad option."""
         options: Options = check_options("pmht", matcher.options, Options)
         told = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
         retrodiction = matcher.mode == "retrodiction"
