@@ -31,14 +31,13 @@ SPLIT = (
 """Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
 (2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
 variance of 1; theirs loses 4.5 % of it at each split."""
-ROUNDS = 8
-"""Of splits of splits, at most."""
-MOST, USUAL_STATES = 4000, 11
-"""Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
+MOST, NUMBERS = 4000, 484_000
+"""Hypotheses at most, and the numbers in their covariances: bounds the time of a fix, of which most
+is that of these."""
 NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
-LIGHT, LIGHT_MERGE = 5.0, 16.0
-"""Models less probable by this log have one place only, and merge over this squared distance."""
+LIGHT = 5.0
+"""Models less probable by this log have one place only."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 LEAST = -600.0
@@ -132,7 +131,7 @@ class Hypotheses:
         whole, done = self, list[Hypotheses]()
         top, of_place = self.log_weight.max(), rows.place[-1]
         leading = self._leading(self.which, self.log_weight)
-        for _ in range(ROUNDS):
+        while True:  # `most` ends it on a map as rough as that
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
             place, spread = whole.places(of_place)
             asked = whole.log_weight > np.minimum(top - NEGLIGIBLE, leading[whole.which])
@@ -221,7 +220,7 @@ class Hypotheses:
     @property
     def most(self) -> int:
         """How many there may be."""
-        return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
+        return min(MOST, NUMBERS // self.mean.shape[1] ** 2)
 
     def reduced(self, of_place: Array) -> "Hypotheses":
         """Merge places (`places`), drop what is negligible, keep the best of each model."""
@@ -240,13 +239,12 @@ class Hypotheses:
         least = np.where(light, -LIGHT, np.minimum(leading, -NEGLIGIBLE))
         kept = first | (log_weight > least)
         them = replace(them, log_weight=np.zeros(len(them))).part(order[kept])
-        log_weight, light = log_weight[kept], light[kept]
+        log_weight = log_weight[kept]
         if len(them) > len(np.unique(them.which)):
             mean, covariance = them.mean.copy(), them.covariance.copy()
             stay = mixture_kernels.merged(
-                them.which, log_weight, mean, covariance, *them.places(of_place),
-                np.where(light, LIGHT_MERGE, 1.0),
-            )  # fmt: skip
+                them.which, log_weight, mean, covariance, *them.places(of_place)
+            )
             them = replace(them, mean=mean, covariance=covariance).part(stay)
             log_weight = log_weight[stay]
         total = them._of_models(them.which, log_weight)

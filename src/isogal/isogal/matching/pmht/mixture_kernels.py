@@ -92,10 +92,10 @@ def curvature(  # type: ignore[no-untyped-def]
 
 @kernel(error_model="numpy")
 def merged(  # type: ignore[no-untyped-def]
-    which, log_weight, mean, covariance, place, spreads, limit
+    which, log_weight, mean, covariance, place, spreads
 ):
-    """Merge hypotheses of one model whose places overlap by their moments, in place, and return
-    the indices of those that stay.
+    """Merge hypotheses of one model whose places are within one 1-sigma of each other by their
+    moments, in place, and return the indices of those that stay.
 
     Parameters
     ----------
@@ -103,8 +103,6 @@ def merged(  # type: ignore[no-untyped-def]
         Sorted; within a model by falling weight.
     place, spreads : (K, 2) and (K, 2, 2) arrays
         See `Hypotheses.places`, m.
-    limit : (K,) array
-        Squared Mahalanobis distance of places up to which they are one.
     """
     count, size = mean.shape
     kept = np.ones(count, np.bool_)
@@ -117,7 +115,7 @@ def merged(  # type: ignore[no-untyped-def]
         b = a + 1
         while b < count and which[b] == which[a]:
             n, e = place[b, 0] - n0, place[b, 1] - e0
-            if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < limit[a] * det:
+            if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < det:
                 kept[b] = False
                 total = np.logaddexp(log_weight[a], log_weight[b])
                 w = math.exp(log_weight[b] - total)

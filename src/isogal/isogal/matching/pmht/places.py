@@ -23,9 +23,7 @@ def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
     them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
     mean, covariance = them.mean.copy(), them.covariance.copy()
     weight = them.log_weight.copy()
-    stay = mixture_kernels.merged(
-        them.which, weight, mean, covariance, *them.places(of_place), np.ones(len(them))
-    )
+    stay = mixture_kernels.merged(them.which, weight, mean, covariance, *them.places(of_place))
     return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
 
 
