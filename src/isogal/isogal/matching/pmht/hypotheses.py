@@ -127,9 +127,10 @@ class Hypotheses:
         kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
-    def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
-        """Split those over which the map is not nearly linear, along the worst axis."""
-        whole, done = self, list[Hypotheses]()
+    def split(self, grid: Grid, rows: Rows, most: int | None = None) -> "Hypotheses":
+        """Split those over which the map is not nearly linear, along the worst axis, into at most
+        so many."""
+        whole, done, most = self, list[Hypotheses](), most or self.most
         top = self.log_weight.max()
         for _ in range(ROUNDS):
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
@@ -138,7 +139,7 @@ class Hypotheses:
                 whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
-            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
+            room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
                 kept = np.zeros(len(cut), bool)

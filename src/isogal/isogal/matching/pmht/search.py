@@ -42,9 +42,9 @@ FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
-CHUNK = 30
+CHUNK = 15
 """Readings that hypotheses take in one update: they are linearised together."""
-WORK = 20000
+WORK = 14000
 """Readings times hypotheses that a search goes through with one batch: bounds the time of a
 fix."""
 
@@ -220,7 +220,7 @@ class Search:
             them = them.carried(past.forward, past.growth)
             for part in [] if past.rows is None else parts_of(past.rows):
                 work += len(them) * len(part.level)
-                them = them.split(grid, part).observed(grid, part)
+                them = them.split(grid, part, 2 * most).observed(grid, part)
                 if not len(them):
                     return None
                 them = pruned(them, most)
@@ -358,7 +358,7 @@ def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Ar
         Grows with time: what joins the states at a row, later ones have too.
     """
     left = np.exp(-np.abs(gone[:, None] - gone))
-    across = np.einsum("ti,tij,tsj,sj->ts", effect, covariance, left, effect)
+    across = (np.einsum("ti,tij->tj", effect, covariance)[:, None] * left * effect).sum(axis=2)
     return np.asarray(np.where(order[:, None] <= order, across, across.T))
 
 
