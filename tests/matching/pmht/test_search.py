@@ -10,7 +10,7 @@ from helpers.batches import field_map_of, make_batch, wavy
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.models import Assumed, few, models_of
 from isogal.matching.pmht.rows import States, rows_of
-from isogal.matching.pmht.search import SURE, Ranked, Seen, in_common, residuals_at
+from isogal.matching.pmht.search import SURE, Ranked, Seen, _covering, in_common, residuals_at
 
 ROUGH = field_map_of(wavy)
 ERROR = (2000.0, -1500.0, 0.0, 0.0)
@@ -68,7 +68,8 @@ def test_cells_hold_the_place_or_there_are_none():
     them = fine.hypotheses(wide)
     mean, covariance = them.moments()
     assert np.hypot(*(mean[:2] - place)) < 3.0 * np.sqrt(np.trace(covariance[:2, :2]))
-    assert replace(fine, log_density=0.0 * fine.log_density).hypotheses(wide) is None
+    assert list(_covering(np.array([0.0, 1.0, -90.0, 0.5]), 3)) == [1, 3, 0]
+    assert _covering(np.zeros(1000), 600) is None
 
 
 @pytest.mark.parametrize("sigma", [None, 3e-5])
