@@ -11,7 +11,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.memory import Diverged, FieldMemory, Memory
+from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
@@ -21,12 +21,6 @@ DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
 SAYS = math.log(SURE / (1.0 - SURE))
 """Log odds at which it is told so."""
-EVERY, LATER = 20, 180
-"""New readings from one look to the next, and where it has found the navigator where it believes
-to be: three minutes and half an hour of a reading every ten seconds. Later looks tell later of a
-navigator that has diverged, earlier ones take as long as the fixes."""
-PLACES = 600
-"""Hypotheses about a diverged navigator, at most."""
 
 
 def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -46,7 +40,7 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
-    search = search.later(history, field_map.grid, PLACES)
+    search = search.later(history, field_map.grid)
     if search is not None and search.done == len(history) and not lost:
         search = search if search.log_odds > DIVERGED_LOG_ODDS else None
     return replace(diverged, search=search)

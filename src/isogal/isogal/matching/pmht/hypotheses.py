@@ -32,8 +32,7 @@ SPLIT = (
 (2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
 variance of 1; theirs loses 4.5 % of it at each split."""
 MOST, NUMBERS = 4000, 484_000
-"""Hypotheses at most, and the numbers in their covariances: bounds the time of a fix, of which most
-is that of these."""
+"""Hypotheses at most, and the numbers in their covariances: bounds the time of a fix."""
 NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT = 5.0
@@ -126,9 +125,10 @@ class Hypotheses:
         kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
-    def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
-        """Split those over which the map is not nearly linear, along the worst axis."""
-        whole, done = self, list[Hypotheses]()
+    def split(self, grid: Grid, rows: Rows, most: int | None = None) -> "Hypotheses":
+        """Split those over which the map is not nearly linear, along the worst axis, into at most
+        so many."""
+        whole, done, most = self, list[Hypotheses](), most or self.most
         top, of_place = self.log_weight.max(), rows.place[-1]
         leading = self._leading(self.which, self.log_weight)
         while True:  # `most` ends it on a map as rough as that
@@ -140,7 +140,7 @@ class Hypotheses:
                 whole.mean, place, spread, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
-            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
+            room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
                 kept = np.zeros(len(cut), bool)

@@ -13,6 +13,10 @@ from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
+EVERY, LATER = 20, 180
+"""New readings from one look to the next, and where it has found the navigator where it believes
+to be: three minutes and half an hour of a reading every ten seconds. Later looks tell later of a
+navigator that has diverged, earlier ones take as long as the fixes."""
 HOUR = 3600.0
 """s that a search goes back."""
 
@@ -38,7 +42,7 @@ class Diverged:
     """Batches of the last hour, and those that a search has not come to."""
     whole: bool = True
     """Whether they are all since the navigator's place was known."""
-    wait: int = 0
+    wait: int = EVERY
     """Readings to the next look."""
     search: Search | None = None
     """None = nothing is likely enough to be followed up."""
@@ -89,11 +93,10 @@ class Memory:
 
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
-        taken = self.taken + by
         return replace(
             self._each(lambda bank: bank.moved(by)),
-            diverged=self.diverged.with_last(taken=taken),
-            taken=taken,
+            diverged=self.diverged.with_last(taken=self.diverged.past[-1].taken + by),
+            taken=self.taken + by,
         )
 
     def propagated(self, before: Array, back: Array, prior: Array, time: float) -> "Memory":
@@ -115,10 +118,15 @@ class Memory:
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
         a covariance (7, 7) then."""
+        diverged, last = self.diverged, self.diverged.past[-1]
+        if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
+            diverged = Diverged.before(covariance, last.time)
+        else:
+            diverged = diverged.with_last(taken=taken, left=covariance)
         return replace(
             self._each(lambda bank: bank.moved(taken)),
             covariance=covariance,
-            diverged=self.diverged.with_last(taken=taken, left=covariance),
+            diverged=diverged,
             taken=taken,
         )
 

@@ -24,29 +24,28 @@ from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
 
-COARSE_M, FINE_M = 1000.0, 333.0
-"""Cells of the first and of the second grid."""
+COARSE_M = 1000.0
+"""Cells of the first grid, half of `FEATURE_M`; those of the second are a third."""
 CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
-REACH = 2.7
-"""1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 500, 600
-"""Cells of the first grid, and cells with a model of the second, that are followed up."""
+PLACES = 600
+"""Cells, and then hypotheses, that are followed up, at most."""
 SURE = 0.99
-"""Probability that the place is among those, below which it is too early."""
+"""Probability of what is taken as certain: that the place is in the first grid and among the cells
+that are followed up, and that a navigator that is told so has diverged."""
 GROUPS = 120
-"""Means of readings that cells are ranked by, at most."""
-MOST_CHANNELS = 3
-"""Of several channels so many times as many, at most."""
+"""Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
+With a third of them a map of 3 mGal is told apart 2 minutes later."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
-CHUNK = 30
-"""Readings that hypotheses take in one update: they are linearised together."""
-WORK = 20000
-"""Readings times hypotheses that a search goes through with one batch: bounds the time of a
-fix."""
+CHUNK = 15
+"""Readings that hypotheses take in one update: with twice as many the first fix takes twice as
+long, 0.2 s where the map is rough."""
+WORK = 14000
+"""Readings times hypotheses that a search goes through with one batch, 0.2 s; with 8000 a place on
+a map of 3 mGal is found 2 minutes later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,13 +157,15 @@ class Ranked:
     def of(cls, seen: "Seen", spread: Array) -> "Ranked":
         """Return cells all over a prior N(0, spread)."""
         sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-        size = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
-        centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, size))
+        reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
+        size, count = COARSE_M, math.ceil(reach / COARSE_M)
+        centres = _square(size * np.arange(-count, count + 1.0))
+        centres = centres[np.hypot(*centres.T) < reach + size]
         return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
 
     def finer(self) -> "Ranked | None":
         """Return the best cells, each divided by nine; None where they may not hold the place."""
-        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), COARSE_BEST)
+        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), PLACES)
         if best is None:
             return None
         size = self.size / 3.0
@@ -177,7 +178,7 @@ class Ranked:
     def hypotheses(self, wide: Array) -> Hypotheses | None:
         """Return those of the best cells and models about an error of covariance `wide` (7, 7);
         None where they may not hold the place."""
-        best = _covering(self.log_density.ravel(), FINE_BEST)
+        best = _covering(self.log_density.ravel(), PLACES)
         if best is None:
             return None
         which, model = np.divmod(best, self.log_density.shape[1])
@@ -203,15 +204,13 @@ class Search:
     done: int = 0
     """How many batches that are."""
 
-    def later(self, history: Sequence[Past], grid: Grid, most: int) -> "Search | None":
+    def later(self, history: Sequence[Past], grid: Grid) -> "Search | None":
         """Return it after some more batches; None where no hypothesis is left on the map.
 
         Parameters
         ----------
         history : sequence of Past
             All batches.
-        most : int
-            Hypotheses at most.
         """
         them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0
         while done < len(history) and work < WORK:
@@ -220,10 +219,10 @@ class Search:
             them = them.carried(past.forward, past.growth)
             for part in [] if past.rows is None else parts_of(past.rows):
                 work += len(them) * len(part.level)
-                them = them.split(grid, part).observed(grid, part)
+                them = them.split(grid, part, 2 * PLACES).observed(grid, part)
                 if not len(them):
                     return None
-                them = pruned(them, most, part.place[-1])
+                them = pruned(them, PLACES, part.place[-1])
             log_odds += them.log_evidence - past.evidence
             them, done = them.normalised(), done + 1
         return Search(them, log_odds, done)
@@ -282,7 +281,7 @@ class Seen:
     @classmethod
     def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
         """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
-        size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
+        size = -(-len(rows.level) // GROUPS)
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
         which = np.concatenate([one[len(one) % size :] for one in each])
@@ -295,25 +294,22 @@ class Seen:
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
             load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
-        n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
         apart = horizontal_difference(
             grouped.latitude[:, None], grouped.longitude[:, None],
             grouped.latitude, grouped.longitude,
         )  # fmt: skip
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        # the order of rows in time, and what they have in common with each other
-        order, since = mean(np.arange(float(len(rows.level)))), mean(since)
-        other = np.diag(mean(rows.noise) / size)
-        other += in_common(grouped.reading[:, :n], since, np.zeros((len(order), n)), order)
-        variance, gone = _of_instrument(rows, models.initial[0, first - n :])
-        other += in_common(grouped.reading[:, first:], mean(variance), mean(gone), order)
         one = channels_of(field_map)[0]
         _, *slopes = one.value_and_gradient(grouped.latitude, grouped.longitude)
         square = 0.5 * float(np.nanmean(np.square(slopes).sum(axis=0)))
         slope = np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
-        for axis in range(2):
-            own = grouped.place[:, axis, :n]
-            other += slope * in_common(own, since, np.zeros((len(order), n)), order)
+        other = np.diag(mean(rows.noise) / size)
+        covariance, gone = map(mean, _states(rows, since, models.initial[0]))
+        order = mean(np.arange(float(len(rows.level))))
+        for effect, unit in (
+            (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
+        ):  # fmt: skip
+            other += unit * in_common(effect, covariance, gone, order)
         load = grouped.load[models.shape[0]]
         shape = np.exp(-distance / models.length[0]) * (load @ load.T)
         return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
@@ -358,21 +354,24 @@ def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Ar
         Grows with time: what joins the states at a row, later ones have too.
     """
     left = np.exp(-np.abs(gone[:, None] - gone))
-    across = np.einsum("ti,tij,tsj,sj->ts", effect, covariance, left, effect)
+    across = (np.einsum("ti,tij->tj", effect, covariance)[:, None] * left * effect).sum(axis=2)
     return np.asarray(np.where(order[:, None] <= order, across, across.T))
 
 
-def _of_instrument(rows: Rows, initial: Array) -> tuple[Array, Array]:
-    """Return (n, S, S) the covariance of the instrument's states at rows, by their 1-sigma (S,)
-    before the first one, and `gone` of `in_common`."""
-    errors = rows.load.shape[2]
-    keep, fresh = rows.keep[:, errors:], rows.fresh[:, errors:]
-    variance, now = np.empty_like(keep), initial**2
-    for t in range(len(keep)):
-        now = variance[t] = now * keep[t] ** 2 + fresh[t]
-    covariance = np.zeros((*keep.shape, keep.shape[1]))
-    covariance[:, np.arange(keep.shape[1]), np.arange(keep.shape[1])] = variance
-    return covariance, -np.cumsum(np.log(np.maximum(keep, 1e-300)), axis=0)
+def _states(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
+    """Return `covariance` and `gone` of `in_common` of all states of rows but the map's errors,
+    by what is unknown of x at each of them (n, 7, 7) and 1-sigmas before the first one of the
+    others."""
+    n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
+    covariance = np.zeros((len(since), n + len(initial), n + len(initial)))
+    covariance[:, :n, :n] = since
+    gone, now = np.zeros(covariance.shape[:2]), initial**2
+    gone[:, n:] = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
+    diagonal = np.arange(first, n + len(initial))
+    for t in range(len(since)):
+        now = now * rows.keep[t] ** 2 + rows.fresh[t]
+        covariance[t, diagonal, diagonal] = now[first - n :]
+    return covariance, gone
 
 
 def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
