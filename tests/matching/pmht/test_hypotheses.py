@@ -16,6 +16,7 @@ from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.places import gathered, pruned, resolved, spread_over
+from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import rows_of
 
 ROUGH = field_map_of(wavy)
@@ -125,19 +126,19 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
     random = np.random.default_rng(seed)
     root = random.standard_normal((7, 7)) * SIGMA[:, None] * 0.3
     prior = forward @ before @ forward.T + root @ root.T
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, prior)
+    bank = Hypotheses.before(EXACT, before).carried(*steps(before, back, prior)[1])
     same(bank.moments(), (np.zeros(7), prior), 1e-7)
     learnt = forward @ before @ forward.T
     gain = learnt[:, :1] / (learnt[0, 0] + 50.0**2)
     told = learnt - gain @ learnt[:1]  # an aid has measured one position
-    bank = Hypotheses.before(EXACT, before).propagated(before, back, told)
+    bank = Hypotheses.before(EXACT, before).carried(*steps(before, back, told)[1])
     same(bank.moments(), (np.zeros(7), told), 1e-5)
 
 
 def test_a_worse_navigator_grows_by_its_factor():
     which = models()
     before = np.diag(SIGMA**2)
-    bank = Hypotheses.before(which, before).propagated(before, np.eye(7), 2.0 * before)
+    bank = Hypotheses.before(which, before).carried(*steps(before, np.eye(7), 2.0 * before)[1])
     expected = (which.start + which.growth)[:, None] * np.diag(before)
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 

@@ -94,29 +94,6 @@ class Hypotheses:
             covariance=self.covariance[which],
         )
 
-    def propagated(self, before: Array, back: Array, prior: Array) -> "Hypotheses":
-        """Carry them to a batch end.
-
-        What the navigator's covariance has grown by joins each hypothesis; where it has learnt
-        from other aids, each is narrowed as it was.
-
-        Parameters
-        ----------
-        before, prior : (7, 7) arrays
-            The navigator's covariance at the last batch end after its fix, and at this one.
-        back : (7, 7) array
-            Error there per unit of error here.
-        """
-        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-        dynamic = forward @ before @ forward.T
-        growth, narrower = joined(dynamic, prior)
-        if not narrower:
-            return self.carried(forward, growth)
-        scale = np.sqrt(np.diag(prior))
-        unit = np.outer(scale, scale)
-        learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
-        return self.carried(learnt @ forward, learnt @ growth @ learnt.T)
-
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
@@ -332,15 +309,6 @@ class Hypotheses:
         return {name: float(value) for name, value in values if name}
 
 
-def joined(before: Array, after: Array) -> tuple[Array, bool]:
-    """Return (7, 7) what has joined a navigator's covariance where it has grown, and whether it is
-    narrower in some direction."""
-    scale = np.sqrt(np.diag(after))
-    unit = np.outer(scale, scale)
-    values, vectors = np.linalg.eigh((after - before) / unit)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T * unit, bool(values[0] < -1e-9)
-
-
 def _joined(parts: list[Hypotheses]) -> Hypotheses:
     """Return the hypotheses of several parts."""
     return replace(
@@ -350,15 +318,3 @@ def _joined(parts: list[Hypotheses]) -> Hypotheses:
         mean=np.concatenate([p.mean for p in parts]),
         covariance=np.concatenate([p.covariance for p in parts]),
     )
-
-
-def _transport(a: Array, b: Array) -> Array:
-    """Return the symmetric T with T a T = b: the optimal map from N(0, a) to N(0, b) (Gelbrich
-    1990)."""
-    values, vectors = np.linalg.eigh(a)
-    root = np.sqrt(np.maximum(values, 1e-300))
-    half = (vectors * root) @ vectors.T
-    inverse = (vectors / root) @ vectors.T
-    values, vectors = np.linalg.eigh(half @ b @ half)
-    middle = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return np.asarray(inverse @ middle @ inverse)

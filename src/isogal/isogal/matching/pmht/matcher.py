@@ -7,7 +7,7 @@ Gaussian about the navigator's error, the map's error under the vehicle and the 
 states. Every reading is a Kalman update of every hypothesis; how well each foretold it is its
 evidence (docs/mathematics.md, sections 4 to 9).
 
-    propagate    hypotheses follow the navigator to the batch end      hypotheses.py
+    propagate    hypotheses follow the navigator to the batch end      propagation.py
     observe      they take the new readings, field by field            rows.py, kernels.py
     search       is the navigator somewhere else?                      diverged.py, search.py
     publish      what the readings alone say; what is remembered       publish.py
@@ -25,9 +25,10 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
 from isogal.matching.pmht.diverged import decided, pursued
-from isogal.matching.pmht.hypotheses import Hypotheses, joined
+from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
+from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
 from isogal.matching.pmht.search import parts_of
@@ -164,7 +165,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array, by_seven: Array) -> 
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             # the fix was not taken as it was: where the navigator knows less than by that it
             # knew no more then; where it knows more, others have told it since
-            before = before + joined(before, back @ prior @ back.T)[0]
+            before = before + grown(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
     return memory.propagated(before, back, prior, float(batch.time[-1]))
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.hypotheses import Hypotheses, joined
+from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
@@ -101,17 +102,15 @@ class Memory:
 
     def propagated(self, before: Array, back: Array, prior: Array, time: float) -> "Memory":
         """Return it at the end of the next batch, at a time (s), before its readings; other
-        parameters of `Hypotheses.propagated`."""
-        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-        growth, _ = joined(forward @ before @ forward.T, prior)
+        parameters of `propagation.steps`."""
+        alone, aided = steps(before, back, prior)
         if any(one.bank is None for one in self.fields.values()):
             # of kilometres, what is not linear in them looks like growth
-            growth = np.zeros_like(growth)
-        passed = Past.of(forward, growth, prior, time)
+            alone = alone._replace(growth=np.zeros_like(prior))
         return replace(
-            self._each(lambda bank: bank.propagated(before, back, prior)),
+            self._each(lambda bank: bank.carried(*aided)),
             covariance=prior,
-            diverged=self.diverged.with_last(left=before).later(passed),
+            diverged=self.diverged.with_last(left=before).later(Past.of(*alone, prior, time)),
             taken=np.zeros(BATCH_STATES),
         )
 
