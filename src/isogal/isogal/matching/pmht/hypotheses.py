@@ -211,7 +211,7 @@ class Hypotheses:
     @property
     def most(self) -> int:
         """How many there may be."""
-        return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
+        return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self) -> "Hypotheses":
         """Merge places, drop what is negligible, keep the best of each model."""
@@ -306,6 +306,12 @@ class Hypotheses:
         names = (*states.names, *UNKNOWN[: states.unknown])
         values = zip(names, (*mean[:named], *mean[first:]), strict=True)
         return {name: float(value) for name, value in values if name}
+
+
+def at_same_time(states: int) -> float:
+    """Return what share of hypotheses of the usual number of states takes as long: an update goes
+    over the covariance."""
+    return min(1.0, USUAL_STATES / states) ** 2
 
 
 def joined(before: Array, after: Array) -> tuple[Array, bool]:
