@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
@@ -39,9 +39,12 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
     search = search.later(history, field_map.grid)
-    if search is not None and search.done == len(history) and not lost:
-        search = search if search.log_odds > DIVERGED_LOG_ODDS else None
-    return replace(diverged, search=search)
+    if search is None or lost:
+        return replace(diverged, search=search)
+    if search.log_odds < DIVERGED_LOG_ODDS - FLOOR:
+        return replace(diverged, search=None, look=now + LATER)
+    worse = search.done == len(history) and search.log_odds < DIVERGED_LOG_ODDS
+    return replace(diverged, search=None if worse else search)
 
 
 def _wide(diverged: Diverged, lost: bool) -> Array:
