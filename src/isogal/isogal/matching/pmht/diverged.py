@@ -10,11 +10,11 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
-from isogal.matching.pmht.rows import Rows, scans_of, usual_noise
+from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import SURE, Ranked, Search, Seen, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
@@ -27,23 +27,24 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
     """Return it after the hypotheses about places have taken more readings, or after a look where
     there are none and it is time for one."""
     history, search = diverged.past, diverged.search
-    rows, lost = history[-1].rows, lead.bank is None
-    if rows is not None:
-        diverged = replace(diverged, wait=diverged.wait - scans_of(rows))
+    rows, now, lost = history[-1].rows, history[-1].time, lead.bank is None
     if search is None:
         if lost and all(one.rows is None for one in history):
             return diverged
-        if not lost and (diverged.wait > 0 or rows is None or not _in_doubt(lead, rows)):
+        if not lost and (now < diverged.look or rows is None or not _in_doubt(lead, rows)):
             return diverged
         begun, wait = _look(diverged, lead, field_map)
-        diverged = replace(diverged, wait=wait)
+        diverged = replace(diverged, look=now + wait)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
     search = search.later(history, field_map.grid)
-    if search is not None and search.done == len(history) and not lost:
-        search = search if search.log_odds > DIVERGED_LOG_ODDS else None
-    return replace(diverged, search=search)
+    if search is None or lost:
+        return replace(diverged, search=search)
+    if search.log_odds < DIVERGED_LOG_ODDS - FLOOR:
+        return replace(diverged, search=None, look=now + LATER)
+    worse = search.done == len(history) and search.log_odds < DIVERGED_LOG_ODDS
+    return replace(diverged, search=None if worse else search)
 
 
 def _wide(diverged: Diverged, lost: bool) -> Array:
@@ -69,13 +70,13 @@ def _ranked(
 
 def _look(
     diverged: Diverged, lead: FieldMemory, field_map: AnyMap
-) -> tuple[Hypotheses | None, int]:
-    """Return hypotheses about places where the readings are likelier than at the navigator's own,
-    None where there are none or too many; and how many readings it is to the next look."""
+) -> tuple[Hypotheses | None, float]:
+    """Return hypotheses about places where the readings fit, None where there are too many, or
+    where they fit at the navigator's own as well; and how long it is to the next look (s)."""
     lost = lead.bank is None
     cells, own = _ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
-    if not lost and own > 0.5:
-        return None, LATER
+    if not lost and own > 1.0 - SURE:
+        return None, LATER if own > 0.5 else EVERY
     fine = cells.finer()
     return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
 
@@ -100,7 +101,7 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
     # those that a search began with may not have held the place: have all cells it there?
     _, there = _ranked(diverged, lead, field_map, found.moments()[0])
     if there < 1.0 - SURE:
-        return replace(memory, diverged=replace(diverged, search=None, wait=0)), False
+        return replace(memory, diverged=replace(diverged, search=None, look=-math.inf)), False
     fields = {
         index: replace(
             one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))

@@ -31,8 +31,8 @@ SPLIT = (
 """Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
 (2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
 variance of 1; theirs loses 4.5 % of it at each split."""
-MOST, NUMBERS = 4000, 484_000
-"""Hypotheses at most, and the numbers in their covariances: bounds the time of a fix."""
+MOST, USUAL_STATES = 4000, 11
+"""Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 12.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT = 5.0
@@ -197,7 +197,7 @@ class Hypotheses:
     @property
     def most(self) -> int:
         """How many there may be."""
-        return min(MOST, NUMBERS // self.mean.shape[1] ** 2)
+        return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self, of_place: Array) -> "Hypotheses":
         """Merge places (`places`), drop what is negligible, keep the best of each model."""
@@ -307,6 +307,12 @@ class Hypotheses:
         names = (*states.names, *UNKNOWN[: states.unknown])
         values = zip(names, (*mean[:named], *mean[first:]), strict=True)
         return {name: float(value) for name, value in values if name}
+
+
+def at_same_time(states: int) -> float:
+    """Return what share of hypotheses of the usual number of states takes as long: an update goes
+    over the covariance."""
+    return min(1.0, USUAL_STATES / states) ** 2
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

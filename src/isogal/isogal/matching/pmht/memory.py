@@ -14,10 +14,10 @@ from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
-EVERY, LATER = 20, 180
-"""New readings from one look to the next, and where it has found the navigator where it believes
-to be: three minutes and half an hour of a reading every ten seconds. Later looks tell later of a
-navigator that has diverged, earlier ones take as long as the fixes."""
+EVERY, LATER = 200.0, 1800.0
+"""s from one look for other places to the next, and where it has found the navigator where it
+believes to be. Later looks tell later of a navigator that has diverged, earlier ones take as long
+as the fixes."""
 HOUR = 3600.0
 """s that a search goes back."""
 
@@ -41,10 +41,10 @@ class Diverged:
     """(7, 7) covariance of the navigator before the first of `past`."""
     past: tuple[Past, ...]
     """Batches of the last hour, and those that a search has not come to."""
+    look: float
+    """s, when it is time for the next look."""
     whole: bool = True
     """Whether they are all since the navigator's place was known."""
-    wait: int = EVERY
-    """Readings to the next look."""
     search: Search | None = None
     """None = nothing is likely enough to be followed up."""
 
@@ -53,7 +53,7 @@ class Diverged:
         """Return that of a navigator of covariance (7, 7) of whose readings before a time (s)
         nothing is asked."""
         same, nothing = np.eye(BATCH_STATES), np.zeros_like(prior)
-        return cls(prior, (Past.of(same, nothing, prior, time),))
+        return cls(prior, (Past.of(same, nothing, prior, time),), time + EVERY)
 
     @property
     def found(self) -> Hypotheses | None:

@@ -19,7 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
+from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
@@ -178,7 +178,8 @@ class Ranked:
     def hypotheses(self, wide: Array) -> Hypotheses | None:
         """Return those of the best cells and models about an error of covariance `wide` (7, 7);
         None where they may not hold the place."""
-        best = _covering(self.log_density.ravel(), PLACES)
+        states = BATCH_STATES + self.seen.models.initial.shape[1]
+        best = _covering(self.log_density.ravel(), round(PLACES * at_same_time(states)))
         if best is None:
             return None
         which, model = np.divmod(best, self.log_density.shape[1])
@@ -212,17 +213,19 @@ class Search:
         history : sequence of Past
             All batches.
         """
-        them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0
+        them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0.0
+        share = at_same_time(them.mean.shape[1])
+        most = round(PLACES * share)
         while done < len(history) and work < WORK:
             past = history[done]
             them = them.moved(history[done - 1].taken) if done else them
             them = them.carried(past.forward, past.growth)
             for part in [] if past.rows is None else parts_of(past.rows):
-                work += len(them) * len(part.level)
-                them = them.split(grid, part, 2 * PLACES).observed(grid, part)
+                work += len(them) * len(part.level) / share
+                them = them.split(grid, part, 2 * most).observed(grid, part)
                 if not len(them):
                     return None
-                them = pruned(them, PLACES, part.place[-1])
+                them = pruned(them, most, part.place[-1])
             log_odds += them.log_evidence - past.evidence
             them, done = them.normalised(), done + 1
         return Search(them, log_odds, done)
