@@ -61,7 +61,7 @@ def test_arrays(kind, shape) -> None:
 
 
 def test_dataclasses_and_named_tuples_of_the_library(tmp_path) -> None:
-    memory = Memory.before(3.0 * np.eye(7))
+    memory = Memory.before(3.0 * np.eye(7), 5.0)
     estimate = Estimate(np.ones(3), np.zeros(3), np.array([1.0, 0, 0, 0]))
     path = tmp_path / "deep" / "file"
     save(

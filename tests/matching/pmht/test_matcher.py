@@ -13,6 +13,8 @@ from isogal import checkpoints
 from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.places import NEAR_M
+from isogal.matching.pmht.search import unaided
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
@@ -130,6 +132,36 @@ def test_a_batch_without_a_new_reading_is_declined_and_the_next_goes_on():
     assert (np.abs(error - mean) < 4.0 * np.sqrt(np.diag(covariance))).all()
 
 
+@pytest.mark.parametrize(("what", "reason"), [
+    ({"reading": np.full(15, np.nan)}, "there is no new reading"),
+    ({"sigma": np.zeros(15)}, "sigma of a reading is not positive"),
+])  # fmt: skip
+def test_the_navigator_is_followed_through_20_minutes_without_readings(what, reason):
+    """Each batch says what became of the navigator since the one before, so that none may be left
+    out."""
+
+    def change(batch, number):
+        return replace(batch, **what) if number else batch
+
+    legs = flight(9, pmht(**LETTER), change=change)
+    assert [fix.reason for _, fix, *_ in legs[1:]] == [reason] * 8
+    forward = np.eye(7)
+    forward[:2, 2:4] = 8 * 150.0 * np.eye(2)
+    first, last = legs[0][2], legs[-1][2]
+    mean, covariance = first.fields[0].bank.moments()
+    later, wider = last.fields[0].bank.moments()
+    np.testing.assert_allclose(later[:4], (forward @ mean)[:4], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        wider[:4, :4], (forward @ covariance @ forward.T)[:4, :4], rtol=1e-4
+    )
+    past = last.diverged.past
+    _, _, A, b = unaided(past, last.diverged.start)
+    np.testing.assert_allclose(A, forward, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(b, -forward @ past[0].taken, rtol=1e-9, atol=1e-12)
+    assert past[0].rows is not None
+    assert all(one.rows is None for one in past[1:])
+
+
 def test_off_the_map_there_is_no_fix():
     batch, _ = make_batch(PLANE, ERROR)
     away = replace(batch, latitude=batch.latitude + 0.2)
@@ -234,21 +266,25 @@ def test_fixes_name_a_map_error_but_where_none_is_told():
 
 
 def test_a_start_told_to_be_wide_is_searched_for():
-    """5 km: declined until the place is known, then told to the navigator."""
-    found = None
+    """5 km: declined while cells are too many, and until the place is known; then told to the
+    navigator."""
+    found, begun = None, None
     for number, (batch, fix, memory, error) in enumerate(  # noqa: B007
-        flown(ROUGH, pmht(**LETTER), 10, (4000.0, -5500.0, 0.05, -0.05), (5000.0, 0.1),
-              start=(-12e3, -12e3))
+        flown(ROUGH, pmht(map_sigma=1e-4, **LETTER), 10, (4000.0, -5500.0, 0.05, -0.05),
+              (5000.0, 0.1), start=(-12e3, -12e3))
     ):  # fmt: skip
         if fix.published:
             found = number
             break
         assert memory.fields[0].bank is None
         assert fix.reason == "the place is searched for"
-    assert found is not None and found >= 1
+        if begun is None and memory.diverged.search is not None:
+            begun = number
+    assert found is not None and begun is not None and 0 < begun < found
     mean, covariance = posterior_of(fix, batch.prior)
     assert not fix.reset
-    assert np.hypot(*(mean - error)[:2]) < 4.0 * np.sqrt(np.trace(covariance[:2, :2])) < 400.0
+    sigma = np.sqrt(np.trace(covariance[:2, :2]))
+    assert np.hypot(*(mean - error)[:2]) < 4.0 * sigma < 4.0 * NEAR_M
 
 
 def test_a_navigator_that_has_diverged_is_told_so():

@@ -96,9 +96,7 @@ class Hypotheses:
             covariance=self.covariance[which],
         )
 
-    def propagated(
-        self, before: Array, back: Array, prior: Array, aided: bool = True
-    ) -> "Hypotheses":
+    def propagated(self, before: Array, back: Array, prior: Array) -> "Hypotheses":
         """Carry them to a batch end.
 
         What the navigator's covariance has grown by joins each hypothesis; where it has learnt
@@ -110,27 +108,29 @@ class Hypotheses:
             The navigator's covariance at the last batch end after its fix, and at this one.
         back : (7, 7) array
             Error there per unit of error here.
-        aided : bool
-            Whether what other aids have told the navigator is theirs as well.
         """
+        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
+        dynamic = forward @ before @ forward.T
+        growth, narrower = joined(dynamic, prior)
+        if not narrower:
+            return self.carried(forward, growth)
         scale = np.sqrt(np.diag(prior))
         unit = np.outer(scale, scale)
-        forward = np.linalg.inv(back)
-        dynamic = forward @ before @ forward.T
-        values, vectors = np.linalg.eigh((prior - dynamic) / unit)
-        growth = (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
-        learnt = np.eye(BATCH_STATES)
-        if aided and values[0] < -1e-9:
-            learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
-        transition = np.ascontiguousarray(learnt @ forward)
-        growth = np.ascontiguousarray(learnt @ growth @ learnt.T)
+        learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
+        return self.carried(learnt @ forward, learnt @ growth @ learnt.T)
+
+    def carried(self, forward: Array, growth: Array) -> "Hypotheses":
+        """Return them about an error that is `forward` (7, 7) times theirs, and to whose
+        covariance `growth` (7, 7) has been added."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
+        transition, growth = (np.ascontiguousarray(one) for one in (forward, growth))
         kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
-    def split(self, grid: Grid, rows: Rows) -> "Hypotheses":
-        """Split those over which the map is not nearly linear, along the worst axis."""
-        whole, done = self, list[Hypotheses]()
+    def split(self, grid: Grid, rows: Rows, most: int | None = None) -> "Hypotheses":
+        """Split those over which the map is not nearly linear, along the worst axis, into at most
+        so many."""
+        whole, done, most = self, list[Hypotheses](), most or self.most
         top = self.log_weight.max()
         for _ in range(ROUNDS):
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
@@ -139,7 +139,7 @@ class Hypotheses:
                 whole.covariance, top - NEGLIGIBLE, CURVED, REACH, worst, axes,
             )  # fmt: skip
             cut = worst > CURVED
-            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
+            room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
                 kept = np.zeros(len(cut), bool)
@@ -211,7 +211,7 @@ class Hypotheses:
     @property
     def most(self) -> int:
         """How many there may be."""
-        return round(MOST * min(1.0, USUAL_STATES / self.mean.shape[1]) ** 1.5)
+        return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self) -> "Hypotheses":
         """Merge places, drop what is negligible, keep the best of each model."""
@@ -306,6 +306,21 @@ class Hypotheses:
         names = (*states.names, *UNKNOWN[: states.unknown])
         values = zip(names, (*mean[:named], *mean[first:]), strict=True)
         return {name: float(value) for name, value in values if name}
+
+
+def at_same_time(states: int) -> float:
+    """Return what share of hypotheses of the usual number of states takes as long: an update goes
+    over the covariance."""
+    return min(1.0, USUAL_STATES / states) ** 2
+
+
+def joined(before: Array, after: Array) -> tuple[Array, bool]:
+    """Return (7, 7) what has joined a navigator's covariance where it has grown, and whether it is
+    narrower in some direction."""
+    scale = np.sqrt(np.diag(after))
+    unit = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh((after - before) / unit)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T * unit, bool(values[0] < -1e-9)
 
 
 def _joined(parts: list[Hypotheses]) -> Hypotheses:

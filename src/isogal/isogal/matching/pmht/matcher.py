@@ -24,8 +24,8 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
-from isogal.matching.pmht.diverged import decided, pursued, remembered
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.diverged import decided, pursued
+from isogal.matching.pmht.hypotheses import Hypotheses, joined
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.publish import Told, published
@@ -79,14 +79,17 @@ class Pmht:
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
         each = (Beside(self.lead, batch, field_map), *batch.beside)
-        for one in each:
-            if (reason := unusable(one.batch) or _unlike(one)) is not None:
-                return declined(batch, reason), memory
+        whys = (unusable(one.batch) or _unlike(one) for one in each)
+        reason = next((why for why in whys if why is not None), None)
+        if reason is not None and (memory is None or unusable(_silent(batch)) is not None):
+            return declined(batch, reason), memory
         prior, by_seven = navigator_states(batch)
         if memory is None:
-            memory, forward = Memory.before(prior), np.eye(BATCH_STATES)
+            memory = Memory.before(prior, float(batch.time[-1]))
         else:
-            memory, forward = _propagated(memory, batch, prior, by_seven)
+            memory = _propagated(memory, batch, prior, by_seven)
+        if reason is not None:  # of the readings: the navigator has gone on
+            return declined(batch, reason), memory
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
@@ -95,12 +98,9 @@ class Pmht:
             return declined(batch, "none of the likely places is on the map"), memory
         memory, told, evidence = observed
         lead = memory.fields[self.lead]
-        diverged = memory.diverged
-        if rows[0] is not None:
-            time = float(batch.time[-1])
-            diverged = remembered(diverged, rows[0], forward, evidence, time)
-            diverged = pursued(diverged, lead, rows[0], field_map, evidence)
-        memory, reset = decided(replace(memory, diverged=diverged), self.lead)
+        diverged = memory.diverged.with_last(rows=rows[0], evidence=evidence)
+        diverged = pursued(diverged, lead, field_map)
+        memory, reset = decided(replace(memory, diverged=diverged), self.lead, field_map)
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
@@ -134,6 +134,11 @@ class Pmht:
         return replace(memory, fields=fields), rows
 
 
+def _silent(batch: Batch) -> Batch:
+    """Return the batch without its readings."""
+    return replace(batch, reading=np.full(len(batch), np.nan))
+
+
 def _unlike(one: Beside) -> str | None:
     """Why readings cannot be of a map, in one line; None where they can."""
     channels = 1 if one.batch.channel is None else one.batch.rows_per_scan
@@ -143,11 +148,8 @@ def _unlike(one: Beside) -> str | None:
     return f"the readings have {channels} channels, the map {maps}"
 
 
-def _propagated(
-    memory: Memory, batch: Batch, prior: Array, by_seven: Array
-) -> tuple[Memory, Array]:
-    """Return the memory at the end of a batch, before its readings, and (7, 7) the error there per
-    unit of error at the last batch end."""
+def _propagated(memory: Memory, batch: Batch, prior: Array, by_seven: Array) -> Memory:
+    """Return the memory at the end of a batch, before its readings."""
     last = len(batch) - batch.new - 1
     back = np.eye(BATCH_STATES)
     if batch.backward is not None and last >= 0:  # what a gap in the inertial data adds is growth
@@ -162,13 +164,9 @@ def _propagated(
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             # the fix was not taken as it was: where the navigator knows less than by that it
             # knew no more then; where it knows more, others have told it since
-            scale = np.sqrt(np.diag(before))
-            unit = np.outer(scale, scale)
-            values, vectors = np.linalg.eigh((back @ prior @ back.T - before) / unit)
-            before = before + (vectors * np.maximum(values, 0.0)) @ vectors.T * unit
+            before = before + joined(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
-    forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-    return memory.propagated(before, back, prior), forward
+    return memory.propagated(before, back, prior, float(batch.time[-1]))
 
 
 def _observed(

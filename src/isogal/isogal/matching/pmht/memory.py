@@ -1,22 +1,24 @@
 """What `pmht` carries from batch to batch."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.hypotheses import Hypotheses, joined
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Epoch, States
 from isogal.matching.pmht.search import Past, Search
 
-FIRST = 60
-"""Readings before the first look: a sixth of an hour."""
-DIVERGED_LOG_ODDS = math.log(1e-3)
-"""Of a navigator that has diverged, before any reading: one in a thousand."""
+EVERY, LATER = 200.0, 1800.0
+"""s from one look for other places to the next, and where it has found the navigator where it
+believes to be. Later looks tell later of a navigator that has diverged, earlier ones take as long
+as the fixes."""
+HOUR = 3600.0
+"""s that a search goes back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,18 +38,39 @@ class Diverged:
 
     start: Array
     """(7, 7) covariance of the navigator before the first of `past`."""
-    past: tuple[Past, ...] = ()
-    """Batches of the last hour."""
+    past: tuple[Past, ...]
+    """Batches of the last hour, and those that a search has not come to."""
+    look: float
+    """s, when it is time for the next look."""
     whole: bool = True
     """Whether they are all since the navigator's place was known."""
-    wait: int = FIRST
-    """Readings to the next look."""
     search: Search | None = None
-    """For places, on its way through the last hour."""
-    found: Hypotheses | None = None
-    """What it has found, carried along with the bank; None = there is nothing."""
-    log_odds: float = DIVERGED_LOG_ODDS
-    """Of what has been found against the bank."""
+    """None = nothing is likely enough to be followed up."""
+
+    @classmethod
+    def before(cls, prior: Array, time: float) -> "Diverged":
+        """Return that of a navigator of covariance (7, 7) of whose readings before a time (s)
+        nothing is asked."""
+        same, nothing = np.eye(BATCH_STATES), np.zeros_like(prior)
+        return cls(prior, (Past.of(same, nothing, prior, time),), time + EVERY)
+
+    @property
+    def found(self) -> Hypotheses | None:
+        """What a search has found that has come to the last batch; None = nothing has."""
+        done = self.search is not None and self.search.done == len(self.past)
+        return self.search.hypotheses if self.search is not None and done else None
+
+    def later(self, passed: Past) -> "Diverged":
+        """Return it with another batch, and without those that nothing asks for any more."""
+        past, start, search, whole = (*self.past, passed), self.start, self.search, self.whole
+        while passed.time - past[0].time > HOUR and (search is None or search.done > 1):
+            start, past, whole = past[0].left, past[1:], False
+            search = None if search is None else replace(search, done=search.done - 1)
+        return replace(self, past=past, start=start, whole=whole, search=search)
+
+    def with_last(self, **changes: Any) -> "Diverged":
+        """Return it with another last batch."""
+        return replace(self, past=(*self.past[:-1], replace(self.past[-1], **changes)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,33 +86,48 @@ class Memory:
     """(7,) error that the last fix takes off its estimate."""
 
     @classmethod
-    def before(cls, prior: Array) -> "Memory":
-        """Return that before the first batch, of a navigator of covariance (7, 7)."""
-        return cls({}, prior, Diverged(prior))
+    def before(cls, prior: Array, time: float) -> "Memory":
+        """Return that before the readings of a first batch, which ends at a time (s), of a
+        navigator of covariance (7, 7)."""
+        return cls({}, prior, Diverged.before(prior, time))
 
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
-        past = self.diverged.past
-        if past:
-            past = (*past[:-1], replace(past[-1], taken=past[-1].taken + by))
-        found = self.diverged.found
-        found = None if found is None else found.moved(by)
         return replace(
             self._each(lambda bank: bank.moved(by)),
-            diverged=replace(self.diverged, past=past, found=found),
+            diverged=self.diverged.with_last(taken=self.diverged.past[-1].taken + by),
             taken=self.taken + by,
         )
 
-    def propagated(self, before: Array, back: Array, prior: Array) -> "Memory":
-        """Return it at the next batch end; parameters of `Hypotheses.propagated`."""
-        found = self.diverged.found
-        if found is not None:
-            found = found.propagated(before, back, prior, aided=False)
+    def propagated(self, before: Array, back: Array, prior: Array, time: float) -> "Memory":
+        """Return it at the end of the next batch, at a time (s), before its readings; other
+        parameters of `Hypotheses.propagated`."""
+        forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
+        growth, _ = joined(forward @ before @ forward.T, prior)
+        if any(one.bank is None for one in self.fields.values()):
+            # of kilometres, what is not linear in them looks like growth
+            growth = np.zeros_like(growth)
+        passed = Past.of(forward, growth, prior, time)
         return replace(
             self._each(lambda bank: bank.propagated(before, back, prior)),
             covariance=prior,
-            diverged=replace(self.diverged, found=found),
+            diverged=self.diverged.with_last(left=before).later(passed),
             taken=np.zeros(BATCH_STATES),
+        )
+
+    def after(self, taken: Array, covariance: Array) -> "Memory":
+        """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
+        a covariance (7, 7) then."""
+        diverged, last = self.diverged, self.diverged.past[-1]
+        if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
+            diverged = Diverged.before(covariance, last.time)
+        else:
+            diverged = diverged.with_last(taken=taken, left=covariance)
+        return replace(
+            self._each(lambda bank: bank.moved(taken)),
+            covariance=covariance,
+            diverged=diverged,
+            taken=taken,
         )
 
     def _each(self, change: Callable[[Hypotheses], Hypotheses]) -> "Memory":

@@ -263,11 +263,14 @@ def table_of(
     )
 
 
-def few(models: Models, shares: Array) -> Models:
-    """Return the models by which a place is searched for: those without a fault, with no map error
-    and with sigmas at some shares of the largest one."""
+def few(models: Models, noise: float) -> Models:
+    """Return the models by which a place is searched for: those without a fault, of the usual
+    length, with no map error and with sigmas that are at least a factor of two apart, down to
+    what readings of a 1-sigma tell."""
     plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
-    sigma = models.sigma[plain]
-    wanted = [0, *(int(np.abs(sigma - s).argmin()) for s in shares * sigma.max())]
-    part = Models._make(column[plain[np.unique(wanted)]] for column in models)
-    return part._replace(log_prior=np.full(len(part.sigma), -math.log(len(part.sigma))))
+    sigma, wanted = models.sigma[plain], list[int]()
+    for k in np.argsort(-sigma):
+        if not wanted or sigma[k] == 0.0 or (NARROW * noise < sigma[k] < 0.6 * sigma[wanted[-1]]):
+            wanted.append(int(k))
+    part = Models._make(column[plain[np.sort(wanted)]] for column in models)
+    return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))

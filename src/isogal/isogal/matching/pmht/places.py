@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht import mixture_kernels
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
@@ -67,12 +66,3 @@ def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
     mean[:, :n] = np.repeat(them.mean[:, :n], m, axis=0)
     weight = (them.log_weight[:, None] + models.log_prior).ravel()
     return Hypotheses(models, np.tile(np.arange(m), count), weight, mean, covariance)
-
-
-def carried(them: Hypotheses, transition: Array, shift: Array) -> Hypotheses:
-    """Return them about another error of the navigator, (7, 7) x + (7,)."""
-    whole = np.eye(them.mean.shape[1])
-    whole[:BATCH_STATES, :BATCH_STATES] = transition
-    mean = them.mean @ whole.T
-    mean[:, :BATCH_STATES] += shift
-    return replace(them, mean=mean, covariance=whole @ them.covariance @ whole.T)

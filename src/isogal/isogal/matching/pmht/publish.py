@@ -19,7 +19,7 @@ from isogal.matching.information import (
     shares,
 )
 from isogal.matching.interfaces import Batch, Beside, Candidates, Fix, Information, declined
-from isogal.matching.pmht.diverged import after_fix, probability
+from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
@@ -95,7 +95,7 @@ def published(
     if not information.matrix.any():
         reason = "the batch tells nothing that the navigator does not know"
         fix = replace(declined(batch, reason, **figures), map_error=error)
-        return fix, _after(memory, np.zeros(BATCH_STATES), prior)
+        return fix, memory.after(np.zeros(BATCH_STATES), prior)
     mean, covariance = informed_state(prior, information)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     north, east = metres_per_radian(batch.end[0])
@@ -113,7 +113,7 @@ def published(
     )
     if settings.each_scan:
         fix = _of_each_scan(fix, each[0], information, prior, mean)
-    return fix, _after(memory, mean, covariance)
+    return fix, memory.after(mean, covariance)
 
 
 def _as_known(batch: Batch, information: Information) -> Information:
@@ -122,15 +122,6 @@ def _as_known(batch: Batch, information: Information) -> Information:
     if batch.attitude is not None:
         return information
     return Information(information.vector[:4], information.matrix[:4, :4])
-
-
-def _after(memory: Memory, taken: Array, covariance: Array) -> Memory:
-    fields = {
-        index: one if one.bank is None else replace(one, bank=one.bank.moved(taken))
-        for index, one in memory.fields.items()
-    }
-    diverged = after_fix(memory.diverged, taken, covariance)
-    return replace(memory, fields=fields, covariance=covariance, diverged=diverged, taken=taken)
 
 
 def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
@@ -208,6 +199,7 @@ def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> di
     figures["hypotheses"] = float(0 if bank is None else len(bank))
     place = batch.latitude[-1:], batch.longitude[-1:]
     figures["feature_variability"] = float(feature_variability(field_map, *place)[0])
-    if memory.diverged.found is not None:
-        figures["diverged"] = probability(memory.diverged)
+    search = memory.diverged.search
+    if search is not None and memory.diverged.found is not None:
+        figures["diverged"] = probability(search.log_odds)
     return figures

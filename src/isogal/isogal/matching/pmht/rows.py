@@ -313,11 +313,6 @@ def stated_sigma(one: FieldMap) -> float:
     return float(known.mean()) if known.size else 0.0
 
 
-def scans_of(rows: Rows) -> int:
-    """Return how many scans there are of one channel."""
-    return int((rows.channel == rows.channel[0]).sum())
-
-
 def usual_noise(rows: Rows) -> float:
     """Return the usual 1-sigma of the white noise, map's unit."""
     return math.sqrt(float(np.median(rows.noise)))

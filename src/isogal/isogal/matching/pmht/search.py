@@ -9,7 +9,7 @@ readings. docs/mathematics.md, section 9.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,74 +19,98 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.interpolation import Grid, look_up
-from isogal.matching.pmht.hypotheses import MOST, Hypotheses
+from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.places import pruned
 from isogal.matching.pmht.rows import Rows
 
-COARSE_M, FINE_M = 1000.0, 333.0
-"""Cells of the first and of the second grid."""
+COARSE_M = 1000.0
+"""Cells of the first grid, half of `FEATURE_M`; those of the second are a third."""
 CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
-REACH = 2.7
-"""1-sigma of the prior up to which places are looked for."""
-COARSE_BEST, FINE_BEST = 500, 3000
-"""Cells of the first grid, and cells with a model of the second, that are followed up."""
-WORTH = 15.0
-"""Log of how much less likely than the best one may be to be followed up."""
-GROUPS = 40
-"""Means of readings that cells are ranked by, at most."""
-MOST_CHANNELS = 3
-"""Of several channels so many times as many, at most."""
+PLACES = 600
+"""Cells, and then hypotheses, that are followed up, at most."""
+SURE = 0.99
+"""Probability of what is taken as certain: that the place is in the first grid and among the cells
+that are followed up, and that a navigator that is told so has diverged."""
+GROUPS = 120
+"""Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
+With a third of them a map of 3 mGal is told apart 2 minutes later."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
-CHUNK, AT_ONCE = 30, 60
-"""Readings that hypotheses take in one update, and with one batch: bounds the time of a fix."""
+CHUNK = 15
+"""Readings that hypotheses take in one update: with twice as many the first fix takes twice as
+long, 0.2 s where the map is rough."""
+WORK = 10000
+"""Readings times hypotheses of the usual number of states that a search goes through with one
+batch, 0.15 s; with half as many a place on a map of 3 mGal is found 2 minutes later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Past:
-    """The new readings of an earlier batch, and what became of the navigator there."""
+    """What became of the navigator over a batch, and its new readings."""
 
-    rows: Rows
     forward: Array
-    """(7, 7) error at its end, before its fix, per unit of error at the last batch end."""
-    taken: Array
-    """(7,) what its fix took off the error."""
-    evidence: float
-    """Log evidence of its readings given those before."""
-    time: float
-    """s, its end."""
+    """(7, 7) error at its end before its fix per unit of error at the last batch end."""
+    growth: Array
+    """(7, 7) what has joined the navigator's covariance."""
     left: Array
     """(7, 7) covariance of the navigator after its fix."""
+    taken: Array
+    """(7,) what its fix took off the error."""
+    time: float
+    """s, its end."""
+    rows: Rows | None = None
+    """None = there was no reading."""
+    evidence: float = 0.0
+    """Log evidence of its readings given those before, by the bank."""
+
+    @classmethod
+    def of(cls, forward: Array, growth: Array, prior: Array, time: float) -> "Past":
+        """Return that of a batch that has had no reading and no fix."""
+        return cls(forward, growth, prior, np.zeros(BATCH_STATES), time)
 
 
-def unaided(history: Sequence[Past]) -> tuple[Rows, Array, Array]:
+def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array, Array]:
     """Return the readings of some batches as those of a navigator that has taken none of their
-    fixes, per unit of its error x before the first of them, and (7, 7) and (7,) the error of the
-    real one at the end, A x + b."""
-    parts, A, b = [], np.eye(BATCH_STATES), np.zeros(BATCH_STATES)
+    fixes, per unit of its error x before the first of them; (n, 7, 7) the covariance that x has at
+    each of them beside its place, what has joined it since being put into x; and (7, 7) and (7,)
+    the error of the real navigator at the end, A x + b.
+
+    Parameters
+    ----------
+    history : sequence of Past
+    start : (7, 7) array
+        Covariance of the navigator before the first of them.
+    """
     n = BATCH_STATES
+    parts, since, A, b = list[Rows](), list[Array](), np.eye(n), np.zeros(n)
+    rest = start.copy()
+    rest[:2], rest[:, :2] = 0.0, 0.0
     for past in history:
         A, b = past.forward @ A, past.forward @ b
-        rows = past.rows
-        of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
-        moved = of_place @ b
-        place, reading = rows.place.copy(), rows.reading.copy()
-        place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
-        parts.append(
-            rows._replace(
-                latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
-                longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
-                level=rows.level - of_reading @ b,
-                place=place,
-                reading=reading,
+        back = np.linalg.inv(A)
+        rest = rest + back @ past.growth @ back.T
+        if past.rows is not None:
+            rows = past.rows
+            of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
+            moved = of_place @ b
+            place, reading = rows.place.copy(), rows.reading.copy()
+            place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
+            since.append(np.broadcast_to(rest, (len(rows.level), n, n)))
+            parts.append(
+                rows._replace(
+                    latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
+                    longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
+                    level=rows.level - of_reading @ b,
+                    place=place,
+                    reading=reading,
+                )
             )
-        )
         b = b - past.taken
-    return _together(parts), A, b
+    return _together(parts), np.concatenate(since), A, b
 
 
 def _together(parts: Sequence[Rows]) -> Rows:
@@ -115,78 +139,96 @@ def parts_of(rows: Rows) -> list[Rows]:
     return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
-def places(
-    rows: Rows, field_map: AnyMap, models: Models, prior: Array, wide: Array,
-    own: Array | None = None, at_least: float = 0.0,
-) -> tuple[Hypotheses | None, float]:  # fmt: skip
-    """Return hypotheses of few models at the cells where readings fit best, None where none is on
-    the map or all together are not worth a closer look; and the log of how much more likely the
-    readings are there.
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """Cells over the prior of an error's place, and how probable they are."""
 
-    Parameters
-    ----------
-    rows : Rows
-        Per unit of an error x.
-    models : Models
-        See `models.few`.
-    prior, wide : (7, 7) arrays
-        Covariance of x according to the navigator, and where its place is searched for.
-    own : (7,) array, optional
-        x where the navigator believes to be.
-    at_least : float
-        Log of how much more likely the readings must be elsewhere than there.
-    """
-    spread = wide[:2, :2]
-    seen = _Seen.of(rows, field_map, models, prior)
-    sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-    coarse = min(COARSE_M, max(FINE_M, sigma * 2.0 * REACH / 80.0))
-    centres = _square(np.arange(-REACH * sigma, REACH * sigma + 1.0, coarse))
-    residual = seen.residuals(centres)
-    log = seen.log_evidence(residual, coarse) + _density(centres, spread)[:, None]
-    total = np.logaddexp.reduce(log, axis=1)
-    there = float(np.logaddexp.reduce(total)) + 2.0 * math.log(coarse)
-    gain = there - seen.at(own, coarse)
-    if not math.isfinite(there) or gain < at_least:
-        return None, gain
-    best = _best(total, COARSE_BEST)
-    fine = coarse / 3.0
-    inside = _square(np.arange(-1.0, 2.0) * fine)
-    centres = (centres[best][:, None] + inside).reshape(-1, 2)
-    residual = seen.residuals(centres)
-    log = seen.log_evidence(residual, fine) + _density(centres, spread)[:, None]
-    cell, model = np.divmod(_best(log.ravel(), FINE_BEST), log.shape[1])
-    return at_cells(models, centres[cell], model, fine, wide), gain
+    seen: "Seen"
+    centres: Array
+    """(C, 2) m, north and east."""
+    size: float
+    """m."""
+    spread: Array
+    """(2, 2) covariance of the place before any reading."""
+    log_density: Array
+    """(C, M) log probabilities of cells with a model, before and by the readings."""
+
+    @classmethod
+    def of(cls, seen: "Seen", spread: Array) -> "Ranked":
+        """Return cells all over a prior N(0, spread)."""
+        sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
+        reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
+        size, count = COARSE_M, math.ceil(reach / COARSE_M)
+        centres = _square(size * np.arange(-count, count + 1.0))
+        centres = centres[np.hypot(*centres.T) < reach + size]
+        return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
+
+    def finer(self) -> "Ranked | None":
+        """Return the best cells, each divided by nine; None where they may not hold the place."""
+        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), PLACES)
+        if best is None:
+            return None
+        size = self.size / 3.0
+        centres = (self.centres[best][:, None] + _square(np.arange(-1.0, 2.0) * size)).reshape(
+            -1, 2
+        )
+        density = self.seen.log_density(centres, self.spread, size)
+        return Ranked(self.seen, centres, size, self.spread, density)
+
+    def hypotheses(self, wide: Array) -> Hypotheses | None:
+        """Return those of the best cells and models about an error of covariance `wide` (7, 7);
+        None where they may not hold the place."""
+        states = BATCH_STATES + self.seen.models.initial.shape[1]
+        best = _covering(self.log_density.ravel(), round(PLACES * at_same_time(states)))
+        if best is None:
+            return None
+        which, model = np.divmod(best, self.log_density.shape[1])
+        return at_cells(self.seen.models, self.centres[which], model, self.size, wide)
+
+    def share(self, place: Array, reach: float) -> float:
+        """Return the probability of cells within a reach (m) of a place (2,)."""
+        near = np.hypot(*(self.centres - place).T) < reach
+        log = self.log_density
+        return float(np.exp(log[near] - np.logaddexp.reduce(log, axis=None)).sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """Hypotheses about a navigator that may be anywhere, while they take the readings of the last
-    hour."""
+    """Hypotheses about a navigator that may be anywhere, on their way through the batches of the
+    last hour."""
 
     hypotheses: Hypotheses
-    """About its error before the first of them."""
+    """About its error at the end of the last batch that they have come to, before its fix; before
+    the first one about that before it."""
+    log_odds: float
+    """Of them against the bank, by the readings of these batches."""
     done: int = 0
-    """How many readings they have taken."""
+    """How many batches that are."""
 
-    def continued(self, rows: Rows, grid: Grid, most: int) -> "Search | None":
-        """Return it after some more readings; None where no hypothesis is left on the map.
+    def later(self, history: Sequence[Past], grid: Grid) -> "Search | None":
+        """Return it after some more batches; None where no hypothesis is left on the map.
 
         Parameters
         ----------
-        rows : Rows
-            All of them (`unaided`).
-        most : int
-            Hypotheses at most.
+        history : sequence of Past
+            All batches.
         """
-        them, count = self.hypotheses, len(rows.level)
-        last = min(self.done + AT_ONCE * them.most // MOST, count)
-        for first in range(self.done, last, CHUNK):
-            part = some(rows, first, min(first + CHUNK, last))
-            them = them.split(grid, part).observed(grid, part)
-            if not len(them):
-                return None
-            them = pruned(them, most)
-        return Search(them, last)
+        them, log_odds, done, work = self.hypotheses, self.log_odds, self.done, 0.0
+        share = at_same_time(them.mean.shape[1])
+        most = round(PLACES * share)
+        while done < len(history) and work < WORK:
+            past = history[done]
+            them = them.moved(history[done - 1].taken) if done else them
+            them = them.carried(past.forward, past.growth)
+            for part in [] if past.rows is None else parts_of(past.rows):
+                work += len(them) * len(part.level) / share
+                them = them.split(grid, part, 2 * most).observed(grid, part)
+                if not len(them):
+                    return None
+                them = pruned(them, most)
+            log_odds += them.log_evidence - past.evidence
+            them, done = them.normalised(), done + 1
+        return Search(them, log_odds, done)
 
 
 def at_cells(
@@ -211,9 +253,13 @@ def _density(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _best(log: Array, most: int) -> Integers:
-    order = np.argsort(-log)[:most]
-    return np.asarray(order[log[order] > log[order[0]] - WORTH], dtype=np.int64)
+def _covering(log: Array, most: int) -> Integers | None:
+    """Return the best of (C,), without what is negligible; None where these may not hold what is
+    looked for."""
+    best = np.argsort(-log)[:most]
+    best = best[log[best] > log[best[0]] - NEGLIGIBLE]
+    lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
+    return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
 
 
 def _square(axis: Array) -> Array:
@@ -222,24 +268,23 @@ def _square(axis: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class Seen:
     """Readings, averaged in groups, and what cells are ranked by."""
 
     rows: Rows
     grid: Grid
-    noise: Array
-    """(n,) variance."""
-    distance: Array
-    """(n, n) m."""
-    slope: float
-    """RMS derivative of the map along the track, unit per m, of one component."""
-    bend: Array
-    """(n,) 1-sigma of the place of a reading by what the navigator says of its errors."""
+    other: Array
+    """(n, n) covariance of what is not the map's error, of no cell."""
+    blur: Array
+    """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
+    shape: Array
+    """(n, n) correlation of the map's error."""
     models: Models
 
     @classmethod
-    def of(cls, rows: Rows, field_map: AnyMap, models: Models, prior: Array) -> "_Seen":
-        size = -(-len(rows.level) // (GROUPS * min(MOST_CHANNELS, len(np.unique(rows.channel)))))
+    def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
+        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
+        size = -(-len(rows.level) // GROUPS)
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
         which = np.concatenate([one[len(one) % size :] for one in each])
@@ -252,39 +297,31 @@ class _Seen:
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
             load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
         )  # fmt: skip
-        lat, lon = grouped.latitude, grouped.longitude
-        apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
-        one = channels_of(field_map)[0]
-        _, by_north, by_east = one.value_and_gradient(lat, lon)
-        slope = math.sqrt(0.5 * float(np.nanmean(by_north**2 + by_east**2)))
-        rest = prior.copy()
-        rest[:2], rest[:, :2] = 0.0, 0.0
-        own = grouped.place[:, :, :BATCH_STATES]
-        bend = np.sqrt(0.5 * np.einsum("tai,ij,taj->t", own, rest, own))
-        return cls(
-            grouped, field_map.grid, mean(rows.noise) / size,
-            np.hypot(apart[..., 0], apart[..., 1]),
-            slope if math.isfinite(slope) else 0.0, bend, models,
+        apart = horizontal_difference(
+            grouped.latitude[:, None], grouped.longitude[:, None],
+            grouped.latitude, grouped.longitude,
         )  # fmt: skip
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        one = channels_of(field_map)[0]
+        _, *slopes = one.value_and_gradient(grouped.latitude, grouped.longitude)
+        square = 0.5 * float(np.nanmean(np.square(slopes).sum(axis=0)))
+        slope = np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
+        other = np.diag(mean(rows.noise) / size)
+        covariance, gone = map(mean, _states(rows, since, models.initial[0]))
+        order = mean(np.arange(float(len(rows.level))))
+        for effect, unit in (
+            (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
+        ):  # fmt: skip
+            other += unit * in_common(effect, covariance, gone, order)
+        load = grouped.load[models.shape[0]]
+        shape = np.exp(-distance / models.length[0]) * (load @ load.T)
+        return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
 
-    def at(self, own: Array | None, cell: float) -> float:
-        """Return the log evidence of an error (7,) that is not one of place alone, blurred as
-        cells of a size (m) are; -inf of none."""
-        if own is None:
-            return -math.inf
-        rows = self.rows
-        moved = rows.place[:, :, :BATCH_STATES] @ own
-        there = rows._replace(
-            latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
-            longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
-            level=rows.level - rows.reading[:, :BATCH_STATES] @ own,
-        )
-        residual = replace(self, rows=there).residuals(np.zeros((1, 2)))
-        return float(np.logaddexp.reduce(self.log_evidence(residual, cell), axis=None))
-
-    def residuals(self, centres: Array) -> Array:
-        """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
-        return residuals_at(self.rows, self.grid, centres)
+    def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
+        """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
+        place are, each with a model, before and by the readings; of a prior N(0, spread)."""
+        log = self.log_evidence(residuals_at(self.rows, self.grid, centres), cell)
+        return log + _density(centres, spread)[:, None] + 2.0 * math.log(cell)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -293,13 +330,9 @@ class _Seen:
         All models have one correlation length: with D the covariance of what is not the map's
         error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
         D, and the residuals are turned once for all sigmas."""
-        models, rows = self.models, self.rows
-        blur = self.slope * np.hypot(cell / math.sqrt(12.0), self.bend)
-        other = np.diag(self.noise) + np.outer(blur, blur) * np.exp(-self.distance / FEATURE_M)
-        load = rows.load[models.shape[0]]
-        shape = np.exp(-self.distance / models.length[0]) * (load @ load.T)
-        factor = np.linalg.inv(np.linalg.cholesky(other))
-        values, vectors = np.linalg.eigh(factor @ shape @ factor.T)
+        models = self.models
+        factor = np.linalg.inv(np.linalg.cholesky(self.other + cell**2 * self.blur))
+        values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
         turned = ((vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)) ** 2
         variance = 1.0 + np.outer(models.sigma**2, np.maximum(values, 0.0))
         log = -0.5 * (1.0 / variance).astype(np.float32) @ turned
@@ -307,6 +340,41 @@ class _Seen:
         log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
         log[~np.isfinite(log)] = -np.inf
         return np.asarray(log)
+
+
+def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
+    """Return (n, n) the covariance that states put into rows.
+
+    Parameters
+    ----------
+    effect : (n, S) array
+        What the states put into each row.
+    covariance : (n, S, S) array
+        Of the states, as they are at each row.
+    gone : (n, S) array
+        Negative log of the share of each state's first value that is left.
+    order : (n,) array
+        Grows with time: what joins the states at a row, later ones have too.
+    """
+    left = np.exp(-np.abs(gone[:, None] - gone))
+    across = (np.einsum("ti,tij->tj", effect, covariance)[:, None] * left * effect).sum(axis=2)
+    return np.asarray(np.where(order[:, None] <= order, across, across.T))
+
+
+def _states(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
+    """Return `covariance` and `gone` of `in_common` of all states of rows but the map's errors,
+    by what is unknown of x at each of them (n, 7, 7) and 1-sigmas before the first one of the
+    others."""
+    n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
+    covariance = np.zeros((len(since), n + len(initial), n + len(initial)))
+    covariance[:, :n, :n] = since
+    gone, now = np.zeros(covariance.shape[:2]), initial**2
+    gone[:, n:] = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
+    diagonal = np.arange(first, n + len(initial))
+    for t in range(len(since)):
+        now = now * rows.keep[t] ** 2 + rows.fresh[t]
+        covariance[t, diagonal, diagonal] = now[first - n :]
+    return covariance, gone
 
 
 def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
