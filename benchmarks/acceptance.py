@@ -46,12 +46,14 @@ import isogal
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import write_json
 from isogal.fields.scenario_map import maps_for_scenario
+from isogal.matching.interfaces import Batch, Fix, Matcher
+from isogal.matching.registry import build_run_matcher
 from isogal.montecarlo import engine
 from isogal.scenario import Scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = Path(__file__).with_name("acceptance.json")
-FORMAT = 1
+FORMAT = 2
 """Of the figures: another one makes all rows anew."""
 QUICK_RUNS, CHUNK = 10, 10
 """Runs of a row of --quick, and at most to a job."""
@@ -67,6 +69,22 @@ def version() -> str:
     return found.hexdigest()[:12]
 
 
+class Told:
+    """A matcher, and how many times it has told a navigator that it has diverged."""
+
+    def __init__(self, matcher: Matcher) -> None:
+        self.matcher, self.resets = matcher, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.matcher, name)
+
+    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
+        """Match one batch; see `isogal.matching.interfaces.Matcher`."""
+        fix, after = self.matcher.match(batch, field_map, memory)
+        self.resets += fix.reset
+        return fix, after
+
+
 def simulated(scenario: Scenario, runs: range) -> tuple[Runs, Cost]:
     """Return some runs and what they took, without what a process does once (loading compiled
     functions); the time of a fix is CPU time."""
@@ -75,9 +93,9 @@ def simulated(scenario: Scenario, runs: range) -> tuple[Runs, Cost]:
         engine.simulate(scenario, runs[:1], maps)
         _warm.add(key)
     with patch.object(engine, "clock", SimpleNamespace(perf_counter=time.thread_time)):
-        start = time.process_time()
-        record = engine.simulate(scenario, runs, maps)
-        return record, Cost(time.process_time() - start, _peak())
+        start, matcher = time.process_time(), Told(build_run_matcher(scenario))
+        record = engine.simulate(scenario, runs, maps, matcher)
+        return record, Cost(time.process_time() - start, _peak(), matcher.resets)
 
 
 def _peak() -> float:
@@ -99,7 +117,11 @@ def _figures(
 ) -> dict[str, Any]:
     record = Runs.concatenate([part for part, _ in parts])
     costs = [cost for _, cost in parts]
-    cost = Cost(sum(one.cpu for one in costs), max(one.memory for one in costs))
+    cost = Cost(
+        sum(one.cpu for one in costs),
+        max(one.memory for one in costs),
+        sum(one.resets for one in costs),
+    )
     return figures_of(row, scenario, record, row.bound(scenario, record, place), cost)
 
 

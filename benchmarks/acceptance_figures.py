@@ -29,6 +29,8 @@ class Cost:
     """s."""
     memory: float
     """MB, peak."""
+    resets: int = 0
+    """How many times a navigator was told that it has diverged."""
 
 
 def jackknife(statistic: Callable[..., float], *samples: Array) -> tuple[float, float]:
@@ -86,6 +88,8 @@ def figures_of(
         "beyond_claim": len(judged["overconfident"]),
         "beyond_claim_time": float(outside.mean()),
         "worse_than_unaided": len(judged["worse_than_unaided"]),
+        "told_diverged": cost.resets,
+        "run_hours": hours,
         "found": {str(m): _found(record, m) for m in row.minutes},
         "fix_ms": _of_fixes(seconds),
         "run_hours_per_cpu_s": hours / cost.cpu,

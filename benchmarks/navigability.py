@@ -33,10 +33,7 @@ from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.pmht.diverged import PLACES
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.places import carried
-from isogal.matching.pmht.search import unaided
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
@@ -82,19 +79,20 @@ class Listening:
         """Match one batch; see `isogal.matching.interfaces.Matcher`."""
         _, after = self.matcher.match(batch, field_map, None)
         bank = after.fields[0].bank
-        searched = bank is None
-        them = _searched(after.diverged, field_map) if searched else bank.moved(-after.taken)
-        self.found.append(heaviest(them))  # a bank is about what the fix leaves
+        # a bank is about what the fix leaves
+        them = _searched(after.diverged, field_map) if bank is None else bank.moved(-after.taken)
+        wide = np.zeros(2), batch.prior[:2, :2], 0.0
+        self.found.append(wide if them is None else heaviest(them))
         return declined(batch, "only listening"), after
 
 
-def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses:
-    """Return the hypotheses of a search that takes all readings at once."""
-    rows, to_end, off = unaided(diverged.past)
+def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses | None:
+    """Return the hypotheses of a search that takes all readings at once; None where it has too
+    many places to begin with."""
     search = diverged.search
-    while search.done < len(rows.level):
-        search = search.continued(rows, field_map.grid, PLACES)
-    return carried(search.hypotheses.normalised(), to_end, off)
+    while search is not None and search.done < len(diverged.past):
+        search = search.later(diverged.past, field_map.grid)
+    return None if search is None else search.hypotheses
 
 
 def heaviest(bank: Hypotheses) -> tuple[Array, Array, float]:

@@ -35,7 +35,7 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("split: rest", Hypotheses, "split"),
     ("readings taken", Hypotheses, "observed"),
     ("merged", Hypotheses, "reduced"),
-    ("search: cells", diverged, "places"),
+    ("search: cells", diverged, "_ranked"),
     ("search: rest", matcher, "pursued"),
     ("publish", matcher, "published"),
     ("the matcher's rest", matcher.Pmht, "match"),
