@@ -28,7 +28,7 @@ def excess(shifts: Shifts) -> Array:
     mean, covariance = shifts.moments
     scatter = np.zeros((2, 2))
     for field, seen in enumerate(shifts.seen):
-        if len(seen.first) - seen.old >= FEWEST:
+        if len(seen.white) - seen.old_rows >= FEWEST:
             apart = _fixes(shifts, field) - mean
             scatter += apart.T @ apart / len(apart)
     factor = np.linalg.cholesky(covariance)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
@@ -20,8 +20,8 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import residuals_at
-from isogal.tracks.averaging import averaged_rows, cumulated, grouped
+from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
+from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import ContinuedMap
 from isogal.tracks.models import usual_sigma
 
@@ -55,59 +55,84 @@ PLACES = 400
 class Seen:
     """Readings of one field, and the models that are possible."""
 
-    each: Rows
-    """n readings, those of earlier batches first."""
+    readings: Rows
+    """n of them, those of earlier batches first."""
     old: int
-    """How many rows are of these."""
-    first: Integers
-    """(m,) of them each row begins with, which is the mean of neighbouring readings."""
-    rows: Rows
-    """The m rows."""
-    since: tuple[Array, Array]
-    """(m, S) of the instrument's states, see `averaging.cumulated`."""
-    potential: tuple[str, ...] | None
-    """Components of the tensor, where the errors of their maps come from one potential."""
+    """How many are of these."""
+    rows: Averages
+    """Of which m rows are means."""
     field_map: AnyMap
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
     models: Models
-    distance: Array
-    """(m, m) m."""
-    relative: Array
-    """(m, m) m, the same by which the map's errors hold together: where the map has lengths of its
-    own, times its usual one over them."""
-    alike: Array | float
-    """(m, m) factor of the errors' correlation, below 1 where lengths differ."""
-    slope: float
-    """RMS derivative of the map along the track, unit per m, of one component."""
-    doubt: Array
-    """(m,) 1-sigma of the continuation where a row may be."""
+    correlation: Array
+    """(L, m, m) of the map's errors for each of the models' lengths."""
+    load: Array
+    """(K, m, U) as `Rows.load`, of rows."""
+    white: Array
+    """(m,) variance of the noise."""
+    known: Array
+    """(m, m) covariance of what a continued map is wrong by where a row may be."""
+    blur: Array
+    """(m, m) covariance of what the map shows within a cell, for one of 1 m."""
+    states: Array
+    """(S, m, m) covariance that each of the instrument's states puts into rows, per unit of its
+    variance at the start."""
+    walked: Array
+    """(m, m) the same of what has joined them since."""
 
     @classmethod
     def of(
         cls,
-        each: Rows,
+        readings: Rows,
         field_map: AnyMap,
         around: ContinuedMap | None,
         models: Models,
         potential: tuple[str, ...] | None = None,
         old: int = 0,
     ) -> "Seen":
-        """Look at readings, the first `old` of which an earlier batch has used."""
+        """Look at readings, the first `old` of which an earlier batch has used; `potential`:
+        components of the tensor, where the errors of their maps come from one potential."""
+        if around is not None:
+            twice = {name: np.concatenate([getattr(readings, name)] * 2) for name in OF_LENGTHS}
+            readings = readings._replace(**twice)
         one = channels_of(field_map)[0]
         node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
-        each, first = grouped(each, node, old)
-        rows = averaged_rows(each, first)
-        apart = displacements(rows.latitude, rows.longitude)
-        distance = np.hypot(apart[..., 0], apart[..., 1])
-        _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
-        slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
-        doubt, errors = np.zeros(len(rows.level)), rows.load.shape[2]
-        of_states = rows._replace(keep=rows.keep[:, errors:], fresh=rows.fresh[:, errors:])
+        rows = Averages.of(readings, node, old)
+        points, lengths = rows.points, models.lengths
+        apart = displacements(readings.latitude[points], readings.longitude[points])
+        if potential is None:
+            distance = np.hypot(apart[..., 0], apart[..., 1])
+            every = [np.exp(-distance / length) for length in lengths]
+        else:
+            channel = readings.channel[points]
+            unit = 1.0 / np.sqrt(shares(potential))[channel]
+            both = unit[:, None] * unit
+            every = [both * tensor_covariance(potential, channel, apart, x) for x in lengths]
+        _, *slopes = one.value_and_gradient(readings.latitude, readings.longitude)
+        square = 0.5 * float(np.nansum(np.square(slopes)) / len(readings.level))
+        feature = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / FEATURE_M)
+        load = readings.load if potential is None else readings.load.sum(axis=2, keepdims=True)
+        count = len(rows.first)
         return cls(
-            each, int(np.searchsorted(first, old)), first, rows, cumulated(of_states),
-            potential, field_map, around, models, distance, distance, 1.0, slope, doubt,
+            readings, old, rows, field_map, around, models,
+            np.stack([rows.covariance(one) for one in every]),
+            np.stack([rows.mean(one) for one in load]),
+            rows.mean(readings.noise) / rows.sizes, np.zeros((count, count)),
+            rows.covariance(feature) * square / 12.0, *_of_states(readings, rows),
         )  # fmt: skip
+
+    def without(self, rows: Booleans) -> "Seen":
+        """Return it with some rows (m,) of no weight."""
+        noise = self.readings.noise.copy()
+        noise[self.rows.order[np.repeat(rows, self.rows.sizes)]] *= 1e12
+        readings = self.readings._replace(noise=noise)
+        return replace(self, readings=readings, white=self.rows.mean(noise) / self.rows.sizes)
+
+    @property
+    def old_rows(self) -> int:
+        """How many rows are of earlier batches."""
+        return int(np.searchsorted(self.rows.first, self.old))
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
@@ -116,87 +141,63 @@ class Seen:
         if self.around is None:
             return self
         likely = np.argsort(-weight, kind="stable")[:PLACES]
-        share, rows = weight[likely] / weight[likely].sum(), self.rows
+        share, readings, rows = weight[likely] / weight[likely].sum(), self.readings, self.rows
         places = (
-            rows.latitude - centres[likely, :1] * rows.radian[:, 0],
-            rows.longitude - centres[likely, 1:] * rows.radian[:, 1],
+            readings.latitude - centres[likely, :1] * readings.radian[:, 0],
+            readings.longitude - centres[likely, 1:] * readings.radian[:, 1],
         )
 
         def mean_square(sigma: FieldMap) -> Array:
             return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
 
-        own = np.ones(len(rows.level))
+        own = np.ones(len(readings.level))
         if not isinstance(self.around.field.sigma, float):
             own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
-        count = len(rows.load) // 2
+        count = len(readings.load) // 2
         load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
-        doubt = np.sqrt(mean_square(self.around.doubt))
-        placed = replace(self, rows=rows._replace(load=load), doubt=doubt)
+        doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
+        at = readings.latitude[rows.points], readings.longitude[rows.points]
+        apart = displacements(*at)
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        known = np.outer(doubt, doubt) * np.exp(-distance / DOUBT_M)
+        known[np.diag_indices(len(known))] += 1e-3 * doubt**2
+        placed = replace(
+            self,
+            readings=readings._replace(load=load),
+            load=np.stack([rows.mean(one) for one in load]),
+            known=rows.covariance(known),
+        )
         usual = self.around.field.correlation_length
         if self.around.field.error_ellipses is None or usual is None:
             return placed
-        ellipses = self.around.field.error_ellipse_at(*places)
-        known = share[:, None] * np.isfinite(ellipses[..., 0])
-        mean = np.einsum("ct,ctk->tk", known, np.nan_to_num(ellipses))
-        mean /= np.maximum(known.sum(axis=0), 1e-12)[:, None]
+        ellipses = self.around.field.error_ellipse_at(*(one[:, rows.points] for one in places))
+        there = share[:, None] * np.isfinite(ellipses[..., 0])
+        mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
+        mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        relative, alike = joint(displacements(rows.latitude, rows.longitude), mean)
-        return replace(placed, relative=usual * relative, alike=alike)
+        relative, alike = joint(apart, mean)
+        lengths = self.models.lengths / usual
+        every = [rows.covariance(alike * np.exp(-relative / length)) for length in lengths]
+        return replace(placed, correlation=np.stack(every))
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
-        found = residuals_at(self.each, self.field_map.grid, centres)
-        if len(self.first) == len(found):
-            return found
-        sizes = np.diff(np.r_[self.first, len(found)])
-        return np.asarray(np.add.reduceat(found, self.first, axis=0) / sizes[:, None])
+        return self.rows.mean(residuals_at(self.readings, self.field_map.grid, centres))
 
     def covariance(self, m: int, cell: float) -> Array:
         """Return (m, m) R of a model in cells of a size (m)."""
-        rows, models = self.rows, self.models
-        load = rows.load[models.shape[m]]
-        blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
-        of_map = models.sigma[m] ** 2 * self.alike * np.exp(-self.relative / models.length[m])
-        if self.potential is None:
-            of_map = of_map * (load @ load.T)
-        else:
-            of_map = self._of_one_potential(m) * np.outer(load.sum(axis=1), load.sum(axis=1))
-        R = of_map + self._states(m) + blur
-        R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
-        R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
-        return R
-
-    def _states(self, m: int) -> Array:
-        """Return (m, m) covariance that the instrument's states put into the rows."""
-        first = self.rows.load.shape[2]
-        reading = self.rows.reading[:, BATCH_STATES + first :]
-        variance, (gone, joined) = self.models.initial[m, first:] ** 2, self.since
-        R = np.zeros((len(reading), len(reading)))
-        for s in np.flatnonzero(reading.any(axis=0) & ((variance > 0.0) | joined.any(axis=0))):
-            at = variance[s] * np.exp(-2.0 * gone[:, s]) + joined[:, s]
-            one = np.outer(reading[:, s], reading[:, s])
-            if gone[:, s].any() or joined[:, s].any():
-                apart = np.abs(gone[:, None, s] - gone[:, s])
-                order = np.arange(len(at))
-                one *= np.exp(-apart) * at[np.minimum(order[:, None], order)]
-            else:
-                one *= variance[s]
-            R += one
-        return R
-
-    def _of_one_potential(self, m: int) -> Array:
-        """Return (m, m) covariance of the errors of maps that come from one wrong potential, in
-        units of each one's own."""
-        rows, names = self.rows, self.potential
-        assert names is not None
-        apart = displacements(rows.latitude, rows.longitude)
-        unit = 1.0 / np.sqrt(shares(names))[rows.channel]
-        length, sigma = float(self.models.length[m]), float(self.models.sigma[m])
-        every = tensor_covariance(names, rows.channel, apart, length)
-        return np.asarray(sigma**2 * unit[:, None] * unit * every)
+        models, shape = self.models, int(self.models.shape[m])
+        load = self.load[shape]
+        R = models.sigma[m] ** 2 * (load @ load.T)
+        R *= self.correlation[shape % len(models.lengths)]
+        R += self.known + self.walked + cell**2 * self.blur
+        own = models.initial[m, -len(self.states) :] if len(self.states) else np.zeros(0)
+        R += np.tensordot(own**2, self.states, 1)
+        R[np.diag_indices(len(R))] += self.white * models.noise[m]
+        return np.asarray(R)
 
     def parts(self, centres: Array, cell: float, which: Integers) -> Array:
         """Return (M, B, C) what each block of new rows adds, given those before it, to the log
@@ -204,16 +205,37 @@ class Seen:
         residual = self.residuals(centres)
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
-        first = np.unique(np.arange(BLOCKS) * (len(residual) - self.old) // BLOCKS)
+        old = self.old_rows
+        first = np.unique(np.arange(BLOCKS) * (len(residual) - old) // BLOCKS)
         parts = np.empty((len(which), len(first), len(centres)))
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
             term = np.linalg.inv(factor) @ residual
             term *= -0.5 * term
             term -= np.log(np.diag(factor))[:, None]
-            parts[k] = np.add.reduceat(term[self.old :], first, axis=0)
+            parts[k] = np.add.reduceat(term[old:], first, axis=0)
         parts[:, :, ~known] = -1e6
         return parts
+
+
+def _of_states(readings: Rows, rows: Averages) -> tuple[Array, Array]:
+    """Return `Seen.states` and `Seen.walked`: a state that is left with a share of what it was,
+    and that something joins, from reading to reading."""
+    own = slice(readings.load.shape[2], None)
+    keep, fresh = readings.keep[:, own], readings.fresh[:, own]
+    gone = -np.cumsum(np.log(np.maximum(keep, 1e-300)), axis=0)
+    joined = np.zeros_like(fresh)
+    for t in range(len(joined)) if fresh.any() else ():
+        joined[t] = keep[t] ** 2 * joined[t - 1] + fresh[t]
+    middle = rows.order[rows.first + rows.sizes // 2]
+    gone, joined = gone[middle].T, joined[middle].T
+    effect = rows.mean(readings.reading[:, BATCH_STATES:][:, own]).T
+    alike = (
+        effect[:, :, None] * effect[:, None] * np.exp(-np.abs(gone[:, :, None] - gone[:, None]))
+    )
+    earlier = np.minimum(*np.indices(2 * [len(middle)]))
+    walked = (alike * joined[:, earlier]).sum(axis=0)
+    return alike * np.exp(-2.0 * gone)[:, earlier], walked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
