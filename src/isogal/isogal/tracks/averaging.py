@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.corridor import along_track
 from isogal.matching.pmht.rows import Rows
@@ -74,7 +75,10 @@ class Averages:
         """Choose them for readings where `node` (m) is the distance between two of the map. The
         first `old` are not averaged with later ones."""
         count, channels = len(rows.level), int(rows.channel.max()) + 1
-        way = rows.travelled[1:]
+        way = horizontal_difference(
+            rows.latitude[:-1], rows.longitude[:-1], rows.latitude[1:], rows.longitude[1:]
+        )
+        way = np.hypot(way[..., 0], way[..., 1])
         step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
         resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
         size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)

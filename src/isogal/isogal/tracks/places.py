@@ -23,7 +23,7 @@ from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import ContinuedMap
-from isogal.tracks.models import usual_sigma
+from isogal.tracks.models import SHAPES, usual_sigma
 
 REACH = 3.3
 """Half-width of the grid in prior 1-sigmas."""
@@ -47,6 +47,8 @@ GRADIENT_SHARE = 0.9
 """Of the variance of errors that go with the gradient."""
 DOUBT_M = 4000.0
 """Correlation length of what a continued map is wrong by."""
+NUGGET = 0.01
+"""Share of a smooth error's variance that is not correlated: keeps its covariance regular."""
 PLACES = 400
 """Likeliest shifts over which a map's variance is averaged."""
 
@@ -65,10 +67,12 @@ class Seen:
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
     models: Models
+    apart: Array
+    """(p, p, 2) m from point to point of the rows."""
     correlation: Array
-    """(L, m, m) of the map's errors for each of the models' lengths."""
+    """(K, m, m) of the map's errors for each of the models' lengths, and as many smoother ones."""
     load: Array
-    """(K, m, U) as `Rows.load`, of rows."""
+    """(K, m, U) as `Rows.load`, of rows, for each of the models' shapes."""
     white: Array
     """(m,) variance of the noise."""
     known: Array
@@ -94,28 +98,30 @@ class Seen:
         """Look at readings, the first `old` of which an earlier batch has used; `potential`:
         components of the tensor, where the errors of their maps come from one potential."""
         if around is not None:
-            twice = {name: np.concatenate([getattr(readings, name)] * 2) for name in OF_LENGTHS}
-            readings = readings._replace(**twice)
+            each = {name: [getattr(readings, name)] * SHAPES for name in OF_LENGTHS}
+            readings = readings._replace(**{k: np.concatenate(v) for k, v in each.items()})
         one = channels_of(field_map)[0]
         node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
         rows = Averages.of(readings, node, old)
-        points, lengths = rows.points, models.lengths
+        points = rows.points
         apart = displacements(readings.latitude[points], readings.longitude[points])
-        if potential is None:
-            distance = np.hypot(apart[..., 0], apart[..., 1])
-            every = [np.exp(-distance / length) for length in lengths]
-        else:
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        every = correlations(distance, models.lengths)
+        if potential is not None:
             channel = readings.channel[points]
             unit = 1.0 / np.sqrt(shares(potential))[channel]
             both = unit[:, None] * unit
-            every = [both * tensor_covariance(potential, channel, apart, x) for x in lengths]
+            every = [
+                both * tensor_covariance(potential, channel, apart, length)
+                for length in models.lengths
+            ]
         _, *slopes = one.value_and_gradient(readings.latitude, readings.longitude)
         square = 0.5 * float(np.nansum(np.square(slopes)) / len(readings.level))
-        feature = np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / FEATURE_M)
+        feature = np.exp(-distance / FEATURE_M)
         load = readings.load if potential is None else readings.load.sum(axis=2, keepdims=True)
         count = len(rows.first)
         return cls(
-            readings, old, rows, field_map, around, models,
+            readings, old, rows, field_map, around, models, apart,
             np.stack([rows.covariance(one) for one in every]),
             np.stack([rows.mean(one) for one in load]),
             rows.mean(readings.noise) / rows.sizes, np.zeros((count, count)),
@@ -136,8 +142,8 @@ class Seen:
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
-        shifts (C, 2): as the map says or even, and for the second half of the lengths as those of
-        a map whose values are displaced, which go with its gradient."""
+        shifts (C, 2): as the map says or even, and as those of a map whose values are displaced,
+        which go with its gradient."""
         if self.around is None:
             return self
         likely = np.argsort(-weight, kind="stable")[:PLACES]
@@ -156,11 +162,10 @@ class Seen:
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
-        count = len(readings.load) // 2
-        load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
+        count = len(self.models.lengths)
+        load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
-        at = readings.latitude[rows.points], readings.longitude[rows.points]
-        apart = displacements(*at)
+        apart = self.apart
         distance = np.hypot(apart[..., 0], apart[..., 1])
         known = np.outer(doubt, doubt) * np.exp(-distance / DOUBT_M)
         known[np.diag_indices(len(known))] += 1e-3 * doubt**2
@@ -179,9 +184,8 @@ class Seen:
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
         relative, alike = joint(apart, mean)
-        lengths = self.models.lengths / usual
-        every = [rows.covariance(alike * np.exp(-relative / length)) for length in lengths]
-        return replace(placed, correlation=np.stack(every))
+        every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
+        return replace(placed, correlation=np.stack([rows.covariance(one) for one in every]))
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
@@ -192,9 +196,10 @@ class Seen:
         models, shape = self.models, int(self.models.shape[m])
         load = self.load[shape]
         R = models.sigma[m] ** 2 * (load @ load.T)
-        R *= self.correlation[shape % len(models.lengths)]
+        count = len(models.lengths)
+        R *= self.correlation[shape // (2 * count) * count + shape % count]
         R += self.known + self.walked + cell**2 * self.blur
-        own = models.initial[m, -len(self.states) :] if len(self.states) else np.zeros(0)
+        own = models.initial[m, models.initial.shape[1] - len(self.states) :]
         R += np.tensordot(own**2, self.states, 1)
         R[np.diag_indices(len(R))] += self.white * models.noise[m]
         return np.asarray(R)
@@ -236,6 +241,18 @@ def _of_states(readings: Rows, rows: Averages) -> tuple[Array, Array]:
     earlier = np.minimum(*np.indices(2 * [len(middle)]))
     walked = (alike * joined[:, earlier]).sum(axis=0)
     return alike * np.exp(-2.0 * gone)[:, earlier], walked
+
+
+def correlations(distance: Array, lengths: Array) -> list[Array]:
+    """Return (p, p) of errors at distances (p, p) in m, for each of lengths (L,) in m first
+    exponentials, then smoother ones with the same integral: Matern 3/2 (Rasmussen & Williams 2006,
+    eq. 4.17) but for a share that is of one place alone."""
+    smooth = []
+    for length in lengths:
+        alike = (1.0 - NUGGET) * (1.0 + 2.0 * distance / length) * np.exp(-2.0 * distance / length)
+        alike[np.diag_indices(len(alike))] += NUGGET
+        smooth.append(alike)
+    return [np.exp(-distance / length) for length in lengths] + smooth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
