@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
@@ -47,7 +48,7 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     if field_map.longitude.size * field_map.step[1] > 2.0 * math.pi - 1e-6:
         columns = 0  # goes round the Earth
 
-    def padded(values: Array) -> Array:
+    def padded(values: NDArray[Any]) -> Array:
         pad = ((rows, rows), (columns, columns))
         return np.pad(np.asarray(values, dtype=np.float64), pad, constant_values=np.nan)
 

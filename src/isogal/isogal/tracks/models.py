@@ -89,8 +89,8 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
     models = table_of(rows, assumed, states)
     if one is None:
         return models
-    literal = told.length and exact
-    return _of_shapes(models, own or assumed.sigma is None, not literal)
+    # a length that is told is that of an exponential
+    return _of_shapes(models, own or assumed.sigma is None, not told.length)
 
 
 def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]:
