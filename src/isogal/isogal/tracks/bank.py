@@ -28,7 +28,6 @@ from isogal.matching.pmht.search import at_cells, parts_of, some
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
-from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
 from isogal.tracks.jackknife import excess
@@ -77,27 +76,13 @@ class TrackMatcher:
     context: int = 0
     takes_channels: bool = True
 
-    @classmethod
-    def of_fields(
-        cls,
-        matchers: Sequence[MatcherSettings],
-        names: Sequence[str],
-        *,
-        rigid: bool,
-        checked: bool,
-    ) -> "TrackMatcher":
-        """Build it from matcher sections; raises InputError on a bad option."""
-        return cls(tuple(Told.of(one) for one in matchers), tuple(names), rigid, checked)
-
     def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
         """Match one batch; see `interfaces.Matcher`."""
         memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        each = [
-            (one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)
-        ]
-        found = [(one.field, seen) for one, seen in each if seen is not None]
+        each = (Beside(0, batch, field_map), *batch.beside)
+        found = [(one.field, seen) for one in each if (seen := self._seen(one, memory))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
             reason = too_few(batch, min(count, FEWEST_READINGS - 1), FEWEST_READINGS)
@@ -200,10 +185,6 @@ def widened(fix: Fix, more: Array) -> Fix:
     )
     information = Information(vector, symmetric(matrix))
     return replace(fix, covariance=fix.covariance + more, information=information)
-
-
-def _alone(batch: Batch, field_map: AnyMap) -> Beside:
-    return Beside(0, batch, field_map)
 
 
 def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
