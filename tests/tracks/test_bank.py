@@ -18,11 +18,11 @@ from isogal.matching.pmht.search import residuals_at
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.continued_map import continued
+from isogal.tracks.evidence import Seen, correlations
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, Told, track_models
-from isogal.tracks.places import Seen, correlations
 
 DISTURBANCE = field_of("disturbance")
 

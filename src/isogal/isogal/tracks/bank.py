@@ -30,9 +30,10 @@ from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
+from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
 from isogal.tracks.models import Told, track_models
-from isogal.tracks.places import Seen, Shifts, shifts_of
+from isogal.tracks.places import Shifts, shifts_of
 
 FEWEST_READINGS = 3
 CONFIDENCE = 0.9

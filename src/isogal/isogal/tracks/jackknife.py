@@ -14,7 +14,8 @@ from itertools import combinations
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.tracks.places import BLOCKS, Shifts
+from isogal.tracks.evidence import BLOCKS
+from isogal.tracks.places import Shifts
 
 FEWEST = 16
 """Rows; with fewer the blocks are too small to say anything."""
