@@ -17,6 +17,7 @@ from isogal.matching.pmht.rows import States, rows_of
 from isogal.matching.pmht.search import residuals_at
 from isogal.scenario import Matcher
 from isogal.seeds import generator
+from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen, correlations
 from isogal.tracks.fields import TrackField
@@ -209,6 +210,15 @@ def test_the_covariance_of_means_is_that_of_their_readings_averaged():
         seen.correlation, correlations(distance, seen.models.lengths), strict=True
     ):
         np.testing.assert_allclose(found, mean @ each @ mean.T, rtol=1e-9)
+
+
+def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=12)
+    rows = seen_of(batch).readings
+    rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
+    found = Averages.of(rows, 300.0)
+    np.testing.assert_array_equal(found.first, np.arange(12))
+    np.testing.assert_array_equal(found.points, np.arange(12))
 
 
 @pytest.mark.parametrize("count", [400, 1500])

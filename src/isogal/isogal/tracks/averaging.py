@@ -83,9 +83,11 @@ class Averages:
         resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
         size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
         block = (np.arange(count) - old) // (size * channels)
-        order = np.lexsort((rows.channel, block)) if size > 1 else np.arange(count)
-        new = np.diff(block[order], prepend=block[0] - 1) != 0
-        new |= np.diff(rows.channel[order], prepend=-1) != 0
+        order, new = np.arange(count), np.ones(count, bool)
+        if size > 1:
+            order = np.lexsort((rows.channel, block))
+            new = np.diff(block[order], prepend=block[0] - 1) != 0
+            new |= np.diff(rows.channel[order], prepend=-1) != 0
         first = np.flatnonzero(new)
         row = np.cumsum(new) - 1
         every = math.ceil(size / max(1, MOST_POINTS // len(first)))
