@@ -14,14 +14,16 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.matching.pmht.rows import States, rows_of
+from isogal.matching.pmht.search import residuals_at
 from isogal.scenario import Matcher
 from isogal.seeds import generator
+from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
+from isogal.tracks.evidence import Seen, correlations
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, Told, track_models
-from isogal.tracks.places import Seen
 
 DISTURBANCE = field_of("disturbance")
 
@@ -31,11 +33,8 @@ def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
     states = States.of(batch, field_map)
     models = track_models(Told.of(Matcher(**said)), batch, field_map, states)
     rows, _ = rows_of(batch, field_map, states, models.lengths, None)
-    twice = {
-        name: np.concatenate([getattr(rows, name)] * 2) for name in ("load", "step", "joined")
-    }
     around = continued(field_map, 5000.0)
-    return Seen.of(rows._replace(**twice), around.field, around, models, old=old)
+    return Seen.of(rows, around.field, around, models, old=old)
 
 
 def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
@@ -67,7 +66,7 @@ def test_what_is_told_narrows_the_models():
     told = models(map_sigma=3e-5, map_correlation_length=2e3, bias_sigma=0.0)
     best = int(np.argmax(told.log_prior))
     assert (told.sigma[best], told.length[best]) == (3e-5, 2e3)
-    assert told.shape.max() < len(told.lengths)  # even everywhere
+    assert not (told.shape // len(told.lengths) % 2).any()  # even everywhere
     keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
     literal = models(**keys, options={"trust": 1.0})
     assert len(literal.sigma) == 1
@@ -87,7 +86,7 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     )
     assert np.isfinite(longer.field.values).all()
     doubt = np.asarray(longer.doubt.sigma)
-    assert doubt.max() <= longer.spread
+    assert doubt.max() <= np.nanstd(values) * (1.0 + 1e-12)
     assert doubt[0, 0] > 0.0
     rows = (longer.field.values.shape[0] - values.shape[0]) // 2
     columns = (longer.field.values.shape[1] - values.shape[1]) // 2
@@ -117,12 +116,12 @@ def test_rows_are_apart_by_the_lengths_of_the_maps_error_in_their_direction():
     shifts, weight = np.array([[0.0, 0.0], [300.0, -200.0]]), np.array([0.7, 0.3])
     for azimuth, length in ((0.5 * np.pi, 6e3), (0.0, 1e3)):
         seen = seen_of(batch, _kriged(azimuth)).placed(shifts, weight)
-        expected = seen.distance * 2e3 / length
-        np.testing.assert_allclose(seen.relative, expected, rtol=2e-3, atol=1e-6)
-        np.testing.assert_allclose(seen.alike, 1.0)
+        distance = np.hypot(*np.moveaxis(seen.apart, -1, 0)) * 2e3 / length
+        expected = correlations(distance, seen.models.lengths)
+        np.testing.assert_allclose(seen.correlation, expected, rtol=2e-2)
         assert set(seen.models.lengths) == {1e3, 2e3, 4e3}
-    plain = seen_of(batch).placed(shifts, weight)
-    assert plain.relative is plain.distance
+    plain = seen_of(batch)
+    assert plain.placed(shifts, weight).correlation is plain.correlation
 
 
 def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
@@ -135,7 +134,7 @@ def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
     seen = seen_of(batch, field_map).placed(shift, np.ones(1))
     east = metres_per_radian(batch.latitude)[1]
     own = field_map.sigma_at(batch.latitude, batch.longitude - 5000.0 / east)
-    np.testing.assert_allclose(seen.rows.load[0, :, 0] * uneven.mean(), own, rtol=1e-6)
+    np.testing.assert_allclose(seen.load[0, :, 0] * uneven.mean(), own, rtol=1e-6)
 
 
 def _match(run, **told):
@@ -200,6 +199,28 @@ def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
     assert np.isclose(shifts.places.sum(), 1.0, atol=0.05)
 
 
+def test_the_covariance_of_means_is_that_of_their_readings_averaged():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=400, velocity=(0.0, 5.0))
+    seen = seen_of(batch)
+    mean = np.zeros((len(seen.white), 400))
+    mean[np.repeat(np.arange(len(mean)), seen.rows.sizes), np.arange(400)] = 1.0
+    mean /= seen.rows.sizes[:, None]
+    distance = np.hypot(*np.moveaxis(seen.apart, -1, 0))
+    for found, each in zip(
+        seen.correlation, correlations(distance, seen.models.lengths), strict=True
+    ):
+        np.testing.assert_allclose(found, mean @ each @ mean.T, rtol=1e-9)
+
+
+def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=12)
+    rows = seen_of(batch).readings
+    rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
+    found = Averages.of(rows, 300.0)
+    np.testing.assert_array_equal(found.first, np.arange(12))
+    np.testing.assert_array_equal(found.points, np.arange(12))
+
+
 @pytest.mark.parametrize("count", [400, 1500])
 def test_rows_are_means_of_neighbouring_readings(count):
     batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=count, velocity=(0.0, 0.1))
@@ -207,19 +228,14 @@ def test_rows_are_means_of_neighbouring_readings(count):
     north = 50.0 * np.where(step % 20 < 10, step % 20, 20 - step % 20)
     batch = replace(batch, latitude=ORIGIN[0] + north / metres_per_radian(ORIGIN[0])[0])
     seen = seen_of(batch)
-    assert len(seen.rows.level) <= 220
-    sizes = np.diff(np.r_[seen.first, count])
-    np.testing.assert_allclose(
-        seen.rows.level, np.add.reduceat(seen.each.level, seen.first) / sizes
-    )
-    np.testing.assert_allclose(
-        seen.rows.noise * sizes**2, np.add.reduceat(seen.each.noise, seen.first)
-    )
+    sizes, first = seen.rows.sizes, seen.rows.first
+    assert len(sizes) <= 220
+    np.testing.assert_allclose(seen.white * sizes**2, np.add.reduceat(seen.readings.noise, first))
     centre = np.array([[100.0, -50.0]])
-    one = np.add.reduceat(
-        replace(seen, first=np.arange(count)).residuals(centre), seen.first, axis=0
+    each = residuals_at(seen.readings, seen.field_map.grid, centre)
+    np.testing.assert_allclose(
+        seen.residuals(centre), np.add.reduceat(each, first) / sizes[:, None]
     )
-    np.testing.assert_allclose(seen.residuals(centre), one / sizes[:, None])
     seen = seen.placed(centre, np.ones(1))
     for m in range(0, len(seen.models.sigma), 29):
         assert np.linalg.eigvalsh(seen.covariance(m, 10.0))[0] > 0.0
@@ -244,17 +260,17 @@ def test_readings_of_earlier_batches_count_as_given(scans):
     centres = np.array([[0.0, 0.0], [400.0, -300.0]])
     old = scans // 4
     given = seen_of(batch, old=old).placed(centres, np.ones(2))
-    assert given.first[given.old] == old
+    rows = given.old_rows
+    assert given.rows.first[rows] == old
     which = np.arange(0, len(given.models.sigma), 31)
     every = replace(given, old=0).parts(centres, 50.0, which).sum(axis=1)
-    rows = given.rows
     for k, m in enumerate(which):
-        factor = np.linalg.cholesky(given.covariance(int(m), 50.0)[: given.old, : given.old])
-        white = np.linalg.solve(factor, given.residuals(centres)[: given.old])
+        factor = np.linalg.cholesky(given.covariance(int(m), 50.0)[:rows, :rows])
+        white = np.linalg.solve(factor, given.residuals(centres)[:rows])
         before = -0.5 * (white**2).sum(axis=0) - np.log(np.diag(factor)).sum()
         found = given.parts(centres, 50.0, which)[k].sum(axis=0)
         np.testing.assert_allclose(found, every[k] - before, rtol=1e-7)
-    assert len(rows.level) > given.old
+    assert len(given.white) > rows
 
 
 def test_two_fields_of_a_drifting_track_say_more_than_one():

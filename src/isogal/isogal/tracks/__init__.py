@@ -17,6 +17,7 @@ Matching
 - `informative`: does a fix say anything as a position?
 - `bank`: how does a batch become a fix?
 - `models`: which errors of map and readings are possible?
+- `evidence`: what do the readings of one field say of places?
 - `places`: where may a track be?
 - `jackknife`: how far does a fix move without half of its readings?
 - `continued_map`: what has a map beyond its edge and in its gaps?

@@ -8,21 +8,23 @@ have s / sqrt(n).
 Rows of the matcher are means of neighbouring readings in the same way."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.corridor import along_track
 from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import OF_LENGTHS
 from isogal.tracks.track import Track
 
 MOST_ROWS, ENOUGH_ROWS, RESOLUTION_NODES = 220, 90, 2.0
 """Of more readings neighbouring ones are averaged; with more than enough also those closer
 together than so many nodes of the map: how errors hold together over less than it can resolve is
 known least, and says least about the place."""
+MOST_POINTS = 440
+"""Readings that stand for the rows: time grows with the square."""
 
 
 def averaged(track: Track, spacing: float) -> Track:
@@ -55,78 +57,60 @@ def averaged(track: Track, spacing: float) -> Track:
     )
 
 
-def grouped(rows: Rows, node: float, old: int = 0) -> tuple[Rows, Integers]:
-    """Return readings such that those that are to be averaged are neighbours, and with which of
-    them each row begins; `node` (m) is the distance between two of the map. The first `old`
-    readings are not averaged with later ones."""
-    count, channels = len(rows.level), int(rows.channel.max()) + 1
-    way = rows.travelled[1:]
-    step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
-    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
-    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
-    if size == 1:
-        return rows, np.arange(count)
-    block = (np.arange(count) - old) // (size * channels)
-    order = np.lexsort((rows.channel, block))
-    reach, since = np.cumsum(rows.travelled)[order], cumulated(rows)
-    rows = Rows._make(
-        np.ascontiguousarray(column[:, order] if name in OF_LENGTHS else column[order])
-        for name, column in zip(Rows._fields, rows, strict=True)
-    )._replace(travelled=np.maximum(np.diff(reach, prepend=0.0), 0.0))
-    steps = _stepped(*(one[order] for one in since))
-    rows = rows._replace(keep=steps["keep"], fresh=steps["fresh"])
-    new = (np.diff(block[order], prepend=block[0] - 1) != 0) | (
-        np.diff(rows.channel, prepend=-1) != 0
-    )
-    return rows, np.flatnonzero(new)
+@dataclass(frozen=True, slots=True, eq=False)
+class Averages:
+    """Which readings are averaged: neighbours of one channel."""
 
+    order: Integers
+    """(n,) the readings of row 0, those of row 1, ..."""
+    first: Integers
+    """(m,) of them each row begins with."""
+    points: Integers
+    """(p,) readings that stand for the rows where each with each is compared, in this order."""
+    point: Integers
+    """(m,) of them each row begins with."""
 
-def averaged_rows(rows: Rows, first: Integers) -> Rows:
-    """Return means of neighbouring readings, those from each of `first` to the next."""
-    count = len(rows.level)
-    if len(first) == count:
-        return rows
-    sizes = np.diff(np.r_[first, count])
+    @classmethod
+    def of(cls, rows: Rows, node: float, old: int = 0) -> "Averages":
+        """Choose them for readings where `node` (m) is the distance between two of the map. The
+        first `old` are not averaged with later ones."""
+        count, channels = len(rows.level), int(rows.channel.max()) + 1
+        way = horizontal_difference(
+            rows.latitude[:-1], rows.longitude[:-1], rows.latitude[1:], rows.longitude[1:]
+        )
+        way = np.hypot(way[..., 0], way[..., 1])
+        step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
+        resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+        size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+        block = (np.arange(count) - old) // (size * channels)
+        order, new = np.arange(count), np.ones(count, bool)
+        if size > 1:
+            order = np.lexsort((rows.channel, block))
+            new = np.diff(block[order], prepend=block[0] - 1) != 0
+            new |= np.diff(rows.channel[order], prepend=-1) != 0
+        first = np.flatnonzero(new)
+        row = np.cumsum(new) - 1
+        every = math.ceil(size / max(1, MOST_POINTS // len(first)))
+        chosen = np.flatnonzero((np.arange(count) - first[row]) % every == 0)
+        return cls(
+            order, first, order[chosen], np.searchsorted(row[chosen], np.arange(row[-1] + 1))
+        )
 
-    def mean(column: Array) -> Array:
-        sums = np.add.reduceat(column, first, axis=0)
-        return np.ascontiguousarray(sums / sizes.reshape(-1, *[1] * (column.ndim - 1)))
+    @property
+    def sizes(self) -> Integers:
+        """(m,) how many readings each row is of."""
+        return np.diff(np.r_[self.first, len(self.order)])
 
-    middle = np.minimum(first + sizes // 2, count - 1)
-    steps = _stepped(*(one[middle] for one in cumulated(rows)))
-    return rows._replace(
-        **{name: mean(getattr(rows, name)) for name in _MEANS},
-        load=np.ascontiguousarray(np.stack([mean(one) for one in rows.load])),
-        noise=mean(rows.noise) / sizes,
-        travelled=np.diff(np.cumsum(rows.travelled)[middle], prepend=0.0),
-        keep=steps["keep"],
-        fresh=steps["fresh"],
-        step=np.ascontiguousarray(rows.step[:, first]),
-        joined=np.ascontiguousarray(rows.joined[:, first]),
-        channel=rows.channel[first],
-    )
+    def mean(self, values: Array) -> Array:
+        """Return (m, ...) means of what readings have (n, ...)."""
+        sums = np.add.reduceat(values[self.order], self.first, axis=0)
+        return np.asarray(sums / self.sizes.reshape(-1, *[1] * (values.ndim - 1)))
 
-
-_MEANS = (
-    *("latitude", "longitude", "radian", "level", "place", "reading", "rate"),
-    *("velocity", "nodes"),
-)
-
-
-def cumulated(rows: Rows) -> tuple[Array, Array]:
-    """Return (n, S) the negative log of what share of each state is left since before the first
-    reading, and (n, S) the variance that has joined it since."""
-    gone = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
-    joined = np.zeros_like(rows.fresh)
-    if rows.fresh.any():
-        last = np.zeros(joined.shape[1])
-        for t in range(len(joined)):
-            last = joined[t] = rows.keep[t] ** 2 * last + rows.fresh[t]
-    return gone, joined
-
-
-def _stepped(gone: Array, joined: Array) -> dict[str, Array]:
-    """Return `Rows.keep` and `Rows.fresh` from row to row; the inverse of `cumulated`."""
-    keep = np.exp(-np.maximum(np.diff(gone, axis=0, prepend=0.0), 0.0))
-    before = np.concatenate([np.zeros((1, joined.shape[1])), joined[:-1]])
-    return {"keep": keep, "fresh": np.maximum(joined - keep**2 * before, 0.0)}
+    def covariance(self, of_points: Array) -> Array:
+        """Return (m, m) the covariance of means by that of their points (p, p): a covariance of
+        means is one, a correlation function of their distances is not."""
+        if len(self.point) == len(self.points):
+            return of_points
+        sums = np.add.reduceat(np.add.reduceat(of_points, self.point, axis=0), self.point, axis=1)
+        count = np.diff(np.r_[self.point, len(self.points)])
+        return np.asarray(sums / np.outer(count, count))

@@ -24,16 +24,16 @@ from isogal.matching.information import (
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.publish import Told as ToldByBanks
 from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
-from isogal.matching.pmht.search import OF_LENGTHS, at_cells, some
+from isogal.matching.pmht.search import at_cells, parts_of, some
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
-from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
+from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
 from isogal.tracks.models import Told, track_models
-from isogal.tracks.places import Seen, Shifts, shifts_of
+from isogal.tracks.places import Shifts, shifts_of
 
 FEWEST_READINGS = 3
 CONFIDENCE = 0.9
@@ -77,27 +77,13 @@ class TrackMatcher:
     context: int = 0
     takes_channels: bool = True
 
-    @classmethod
-    def of_fields(
-        cls,
-        matchers: Sequence[MatcherSettings],
-        names: Sequence[str],
-        *,
-        rigid: bool,
-        checked: bool,
-    ) -> "TrackMatcher":
-        """Build it from matcher sections; raises InputError on a bad option."""
-        return cls(tuple(Told.of(one) for one in matchers), tuple(names), rigid, checked)
-
     def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
         """Match one batch; see `interfaces.Matcher`."""
         memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        each = [
-            (one, self._seen(one, memory)) for one in (_alone(batch, field_map), *batch.beside)
-        ]
-        found = [(one.field, seen) for one, seen in each if seen is not None]
+        each = (Beside(0, batch, field_map), *batch.beside)
+        found = [(one.field, seen) for one in each if (seen := self._seen(one, memory))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
             reason = too_few(batch, min(count, FEWEST_READINGS - 1), FEWEST_READINGS)
@@ -138,11 +124,8 @@ class TrackMatcher:
         rows, _ = rows_of(whole, field_map, states, models.lengths, None)
         if rows is None or len(rows.level) - old < FEWEST_READINGS:
             return None
-        if around is None:
-            return Seen.of(rows, field_map, None, models, batch.of_one_potential, old)
-        twice = {name: np.concatenate([getattr(rows, name)] * 2) for name in OF_LENGTHS}
-        rows = rows._replace(**twice)
-        return Seen.of(rows, around.field, around, models, old=old)
+        field_map = field_map if around is None else around.field
+        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
@@ -176,7 +159,7 @@ class TrackMatcher:
         given = {0: batch} | {b.field: b.batch for b in batch.beside}
         for k, field in enumerate(fields):
             one, seen = given[field], shifts.seen[k]
-            used = len(seen.each.level) - int(np.r_[seen.first, len(seen.each.level)][seen.old])
+            used = len(seen.readings.level) - seen.old
             off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
             of_field = dict(figures(shifts, k))
             of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
@@ -205,10 +188,6 @@ def widened(fix: Fix, more: Array) -> Fix:
     return replace(fix, covariance=fix.covariance + more, information=information)
 
 
-def _alone(batch: Batch, field_map: AnyMap) -> Beside:
-    return Beside(0, batch, field_map)
-
-
 def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
     log_priors = list(memory.log_prior)
     for k, field in enumerate(fields):
@@ -235,21 +214,18 @@ def where_possible(batch: Batch, field_map: FieldMap) -> Batch:
 def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[int]]:
     """Return the posterior without readings that do not fit the others at the likeliest shift, and
     how many of each field these are."""
-    seen, out = list(seen), [np.zeros(len(one.first), bool) for one in seen]
-    sizes = [np.diff(np.r_[one.first, len(one.each.level)]) for one in seen]
+    seen, out = list(seen), [np.zeros(len(one.white), bool) for one in seen]
     for _ in range(ROUNDS):
         shifts, found = shifts_of(seen, prior), False
         for k, one in enumerate(seen):
             bad = outliers(shifts, k) & ~out[k]
             if bad.any() and (bad | out[k]).sum() <= MOST_OUTLIERS * len(bad):
-                noise = np.where(bad, 1e12 * np.median(one.rows.noise), one.rows.noise)
-                seen[k] = replace(one, rows=one.rows._replace(noise=noise))
-                out[k], found = out[k] | bad, True
+                seen[k], out[k], found = one.without(bad), out[k] | bad, True
         if not found:
             break
     else:
         shifts = shifts_of(seen, prior)
-    return shifts, [int(size[left].sum()) for size, left in zip(sizes, out, strict=True)]
+    return shifts, [int(one.rows.sizes[left].sum()) for one, left in zip(seen, out, strict=True)]
 
 
 def outliers(shifts: Shifts, field: int) -> Booleans:
@@ -275,7 +251,7 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     map's unit."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
-    load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.rows.load])
+    load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.load])
     residual, R, likely = best(shifts, field)
     widest = 0.0
     if seen.around is not None:  # of several channels there is no constant
@@ -285,8 +261,7 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
     offset = float(precision.sum(axis=0) @ residual) / known
     left = residual - offset
-    count = len(models.lengths)
-    by_gradient = models.shape[which] >= count
+    by_gradient = models.shape[which] // len(models.lengths) % 2 == 1
     return {
         "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
@@ -310,11 +285,12 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     told = ToldByBanks.nothing()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
-        new, grid = some(seen.rows, seen.old, len(seen.rows.level)), seen.field_map.grid
+        new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid
         them = at_cells(seen.models, centres, which, cell, prior).informed(told.total, prior)
-        them = them.split(grid, new).observed(grid, new)
-        if not len(them):
-            return rigid(shifts, prior)
+        for part in parts_of(new):
+            them = them.split(grid, part).observed(grid, part)
+            if not len(them):
+                return rigid(shifts, prior)
         told = told.with_bank(field, them, prior)
     return informed_state(prior, told.total)
 

@@ -1,7 +1,6 @@
 """Recorded tracks in text files with the columns latitude, longitude (or x and y) and value, and
 optionally time, sigma, offset and line."""
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,29 +12,22 @@ from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.magnetics.diurnal import BaseStation
 from isogal.maps.corridor import Corridor, corridor_of
-from isogal.tracks.text_rows import (
-    DUMMIES,
-    MISSING,
-    PLACE_NAMES,
-    PLACE_RANGES,
-    TextRows,
-    iso_seconds,
-    read_rows,
-)
+from isogal.maps.gridding.reading import geographic
+from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
-_NAMES = {
-    **PLACE_NAMES,
-    "x": ("x", "easting", "east"),
-    "y": ("y", "northing", "north"),
-    "value": ("value",),
-    "sigma": ("sigma",),
-    "offset": ("offset",),
-    "line": ("line",),
+_COLUMNS = {
+    "time": TIME,
+    "latitude": LATITUDE,
+    "longitude": LONGITUDE,
+    "x": Column(("x", "easting", "east")),
+    "y": Column(("y", "northing", "north")),
+    "value": Column(("value",), gaps=True),
+    "sigma": Column(("sigma",), least=math.ulp(0.0), gaps=True),
+    "offset": Column(("offset",), gaps=True),
+    "line": Column(("line",)),
 }
-"""Names of columns, in any case."""
-_MAY_BE_MISSING = ("value", "sigma", "offset")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,39 +148,44 @@ def read_csv_tracks(
     """
     where = str(path)
     rows = read_rows(path, ", ".join(REQUIRED))
-    aliases = [one.strip().casefold() for one in ([column] if isinstance(column, str) else column)]
-    index = _locate(rows.names, where, aliases)
+    aliases = tuple(
+        one.strip().casefold() for one in ([column] if isinstance(column, str) else column)
+    )
+    known = dict(_COLUMNS)
+    if aliases != ("value",):
+        known["value"] = known["value"]._replace(names=aliases)
+        for beside in ("sigma", "offset"):
+            names = tuple(f"{one}_{beside}" for one in aliases)
+            known[beside] = known[beside]._replace(names=names)
+    index = rows.find(known)
+    projected = "latitude" not in index and "x" in index and "y" in index
+    for name in ("value",) if projected else REQUIRED:
+        if name not in index:
+            raise rows.lacks(aliases[0] if name == "value" else name)
     if not rows.cells:
         raise InputError(f"{where}: has no readings")
     columns = {
-        name: np.array(
-            [
-                _number(row[i], name, n, where)
-                for row, n in zip(rows.cells, rows.number, strict=True)
-            ]
-        )
-        for name, i in index.items()
-        if name != "line"
+        name: rows.numbers(i, name, known[name]) for name, i in index.items() if name != "line"
     }
-    if "latitude" not in columns:
-        columns |= _geographic(columns.pop("x"), columns.pop("y"), crs, where)
-        columns["projected"] = columns["value"]
-    for name in set(columns) - {*REQUIRED, "time", "sigma", "offset", "projected"}:
-        del columns[name]
-    names = rows.line
+    if projected:
+        columns |= geographic(columns["x"], columns["y"], crs, where)
+        if not np.isfinite(columns["latitude"]).all():
+            raise InputError(f"{where}: x and y are not places in {crs}")
+    lines = rows.line
     if "line" in index:
-        names = [row[index["line"]].strip() for row in rows.cells]
-    if names is None:
-        return [_track(columns, rows, np.arange(len(rows.cells)), None, where)]
+        lines = [row[index["line"]].strip() for row in rows.cells]
+    if lines is None:
+        return [_track(columns, rows, np.arange(len(rows.cells)), None, projected)]
     return [
-        _track(columns, rows, np.flatnonzero(np.array(names) == one), one, where)
-        for one in dict.fromkeys(names)
+        _track(columns, rows, np.flatnonzero(np.array(lines) == one), one, projected)
+        for one in dict.fromkeys(lines)
     ]
 
 
 def _track(
-    columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, where: str
+    columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, projected: bool
 ) -> CsvTrack:
+    where = rows.where
     own = {name: column[which] for name, column in columns.items()}
     timed = "time" in own
     if not timed:
@@ -208,81 +205,5 @@ def _track(
         offset=own.get("offset"),
         line=line,
         timed=timed,
-        projected="projected" in own,
+        projected=projected,
     )
-
-
-def _locate(header: list[str], where: str, readings: list[str]) -> dict[str, int]:
-    index: dict[str, int] = {}
-    names = dict(_NAMES)
-    if readings != ["value"]:
-        names["value"] = tuple(readings)
-        for beside in ("sigma", "offset"):
-            names[beside] = tuple(f"{one}_{beside}" for one in readings)
-    for name, aliases in names.items():
-        found = [alias for alias in aliases if alias in header]
-        if found and header.count(found[0]) > 1:
-            raise InputError(f"{where}: has {header.count(found[0])} columns '{found[0]}'")
-        if found:
-            index[name] = header.index(found[0])
-    if "latitude" not in index and "x" in index and "y" in index:
-        required: tuple[str, ...] = ("value",)
-    else:
-        required = REQUIRED
-    for name in required:
-        if name not in index:
-            wanted = readings[0] if name == "value" else name
-            others = [h for h in header if h and h not in REQUIRED]
-            close = [h for h in others if wanted.startswith(h)] + difflib.get_close_matches(
-                wanted, others, n=1, cutoff=0.6
-            )
-            hint = f" (is it '{close[0]}'?)" if close else ""
-            raise InputError(
-                f"{where}: has no column '{wanted}'{hint}; it has"
-                f" {', '.join(h or '(no name)' for h in header)}"
-            )
-    return index
-
-
-def _geographic(x: Array, y: Array, crs: str | None, where: str) -> dict[str, Array]:
-    """Return latitude and longitude (deg) of columns x and y."""
-    import pyproj
-
-    if crs is None:
-        raise InputError(f"{where}: has columns x and y; say their system (--crs EPSG:N)")
-    try:
-        turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"--crs {crs}: is no coordinate system that is known") from None
-    longitude, latitude = (np.asarray(one) for one in turn.transform(x, y))
-    if not (np.isfinite(longitude) & np.isfinite(latitude)).all():
-        raise InputError(f"{where}: x and y are not places in {crs}")
-    return {"latitude": latitude, "longitude": longitude}
-
-
-def _number(cell: str, name: str, line: int, where: str) -> float:
-    text = cell.strip()
-    missing = text.casefold() in MISSING
-    if missing and name in _MAY_BE_MISSING:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        if name == "time" and (stamp := iso_seconds(text)) is not None:
-            return stamp
-        shown = f"'{text[:40]}'" if text else "empty"
-        raise InputError(f"{where}: {name} in line {line} is {shown}, not a number") from None
-    if name in _MAY_BE_MISSING and value in DUMMIES:
-        return math.nan
-    if not np.isfinite(value):
-        raise InputError(
-            f"{where}: {name} in line {line} is {text}, not a finite number (leave the line out)"
-        )
-    low, high = PLACE_RANGES.get(name, (-np.inf, np.inf))
-    if not low <= value <= high:
-        raise InputError(
-            f"{where}: {name} in line {line} is {text} deg, must be {low:g} to {high:g}"
-        )
-    if name == "sigma" and value <= 0.0:
-        raise InputError(f"{where}: sigma in line {line} is {text}, must be > 0")
-    return value

@@ -14,6 +14,7 @@ from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import build_batch, without_map_edge
+from isogal.tracks.models import Told
 from isogal.tracks.track import Track
 
 
@@ -94,7 +95,7 @@ def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matc
     """Return the matcher that the settings name; `pmht` matches all fields together."""
     settings, names = [one.settings for one in fields], [one.name for one in fields]
     if all(one.name == "pmht" for one in settings):
-        return TrackMatcher.of_fields(settings, names, rigid=rigid, checked=checked)
+        return TrackMatcher(tuple(map(Told.of, settings)), tuple(names), rigid, checked)
     if len(fields) > 1:
         return matcher_of_fields(settings, names, 0)
     return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

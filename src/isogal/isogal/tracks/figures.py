@@ -100,13 +100,7 @@ def _magnify(
     reach = 3.0 * sigma
     inset.set_xlim(x - math.degrees(reach / east), x + math.degrees(reach / east))
     inset.set_ylim(y - math.degrees(reach / north), y + math.degrees(reach / north))
-    inset.set_xticks([])
-    inset.set_yticks([])
-    inset.grid(False)
-    inset.text(
-        0.5, 0.02, f"last fix, {2.0 * reach:.0f} m wide", transform=inset.transAxes, ha="center",
-        fontsize=5,
-    )  # fmt: skip
+    style.bare(inset, f"last fix, {2.0 * reach:.0f} m wide", fontsize=5)
 
 
 def _free_corner(
@@ -189,31 +183,19 @@ def _background(
 
 def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
     """Draw a fix and its 2-sigma ellipse."""
-    values, vectors = np.linalg.eigh(match.fix.covariance)
-    angle = np.linspace(0.0, 2.0 * math.pi, 121)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    edge = 2.0 * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    edge = style.ellipse(match.fix.covariance, 2.0)
     north, east = metres_per_radian(match.fix.latitude)
-    latitude = np.degrees(match.fix.latitude + edge[:, 0] / north)
-    longitude = np.degrees(float(_near(np.array(match.fix.longitude), middle)) + edge[:, 1] / east)
-    panel.plot(longitude, latitude, color="white", linewidth=2.6)
-    panel.plot(
-        longitude,
-        latitude,
-        color="black",
-        linewidth=1.0,
-        label=r"fix with its $2\sigma$ ellipse" if first else "_",
+    longitude = float(_near(np.array(match.fix.longitude), middle))
+    x, y = (
+        np.degrees(longitude + edge[:, 1] / east),
+        np.degrees(match.fix.latitude + edge[:, 0] / north),
     )
+    label = r"fix with its $2\sigma$ ellipse" if first else "_"
+    panel.plot(x, y, color="white", linewidth=2.6)
+    panel.plot(x, y, color="black", linewidth=1.0, label=label)
+    dot: dict[str, Any] = {"color": style.SKY, "markeredgecolor": "black", "markeredgewidth": 0.6}
     panel.plot(
-        *(
-            np.degrees(_near(np.array(match.fix.longitude), middle)),
-            math.degrees(match.fix.latitude),
-            "o",
-        ),
-        color=style.SKY,
-        markeredgecolor="black",
-        markeredgewidth=0.6,
-        markersize=4.0,
+        math.degrees(longitude), math.degrees(match.fix.latitude), "o", **dot, markersize=4.0
     )
 
 

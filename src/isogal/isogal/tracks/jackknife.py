@@ -14,7 +14,8 @@ from itertools import combinations
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.tracks.places import BLOCKS, Shifts
+from isogal.tracks.evidence import BLOCKS
+from isogal.tracks.places import Shifts
 
 FEWEST = 16
 """Rows; with fewer the blocks are too small to say anything."""
@@ -28,7 +29,7 @@ def excess(shifts: Shifts) -> Array:
     mean, covariance = shifts.moments
     scatter = np.zeros((2, 2))
     for field, seen in enumerate(shifts.seen):
-        if len(seen.first) - seen.old >= FEWEST:
+        if len(seen.white) - seen.old_rows >= FEWEST:
             apart = _fixes(shifts, field) - mean
             scatter += apart.T @ apart / len(apart)
     factor = np.linalg.cholesky(covariance)

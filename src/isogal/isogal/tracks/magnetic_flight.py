@@ -14,31 +14,21 @@ from isogal.magnetics.diurnal import BaseStation
 from isogal.magnetics.readings import Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
 from isogal.tracks.csv_file import CsvTrack
-from isogal.tracks.text_rows import (
-    DUMMIES,
-    MISSING,
-    PLACE_NAMES,
-    PLACE_RANGES,
-    TextRows,
-    iso_seconds,
-    read_rows,
-)
+from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
-_NAMES = {
-    **PLACE_NAMES,
-    "height": ("height", "altitude", "alt"),
-    "scalar": ("scalar", "total_field", "total"),
-    "vector_x": ("vector_x", "flux_x", "bx"),
-    "vector_y": ("vector_y", "flux_y", "by"),
-    "vector_z": ("vector_z", "flux_z", "bz"),
-    "reference": ("reference",),
+_COLUMNS = {
+    "time": TIME,
+    "latitude": LATITUDE,
+    "longitude": LONGITUDE,
+    "height": Column(("height", "altitude", "alt"), -12e3, 1e5, " m"),
+    "scalar": Column(("scalar", "total_field", "total"), gaps=True),
+    "vector_x": Column(("vector_x", "flux_x", "bx"), gaps=True),
+    "vector_y": Column(("vector_y", "flux_y", "by"), gaps=True),
+    "vector_z": Column(("vector_z", "flux_z", "bz"), gaps=True),
+    "reference": Column(("reference",), gaps=True),
 }
-"""Names of columns, in any case."""
 _CURRENT = "current_"
-_REQUIRED = ("time", "scalar", *_VECTOR)
-_WITH_GAPS = ("scalar", *_VECTOR, "reference")
-_RANGES = PLACE_RANGES | {"height": (-12e3, 1e5)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,17 +118,16 @@ def read_magnetic_flight(path: str | Path) -> MagneticFlight:
         The file cannot be read, lacks a column, or a cell is not what it should be; or the
         readings are refused by `Readings`.
     """
-    where = str(path)
-    rows = read_rows(path, ", ".join(_REQUIRED))
-    index = _locate(rows.names, _REQUIRED, where)
-    columns = {name: _column(rows, i, name, where) for name, i in index.items()}
+    required = ("time", "scalar", *_VECTOR)
+    rows = read_rows(path, ", ".join(required))
+    columns = rows.read(_COLUMNS, required)
     currents = {
-        name.removeprefix(_CURRENT): _column(rows, i, name, where)
+        name.removeprefix(_CURRENT): rows.numbers(i, name, Column((name,), gaps=True))
         for i, name in enumerate(rows.names)
         if name.startswith(_CURRENT)
     }
     vector = np.stack([columns[name] for name in _VECTOR], axis=-1)
-    readings = Readings(columns["time"], columns["scalar"], vector, where, currents)
+    readings = Readings(columns["time"], columns["scalar"], vector, str(path), currents)
     placed = {
         name: np.radians(columns[name]) if name in columns else None
         for name in ("latitude", "longitude")
@@ -157,12 +146,10 @@ def read_base_station(path: str | Path) -> BaseStation:
     InputError
         As `read_magnetic_flight`, or the readings are refused by `BaseStation`.
     """
-    where = str(path)
-    rows = read_rows(path, "time, scalar")
-    index = _locate(rows.names, ("time", "scalar"), where)
-    time, value = (_column(rows, index[name], name, where) for name in ("time", "scalar"))
-    known = np.isfinite(value)
-    return BaseStation(time[known], value[known], where)
+    known = {name: _COLUMNS[name] for name in ("time", "scalar")}
+    time, value = read_rows(path, "time, scalar").read(known, tuple(known)).values()
+    there = np.isfinite(value)
+    return BaseStation(time[there], value[there], str(path))
 
 
 def without_diurnal(flight: MagneticFlight, station: BaseStation | None) -> MagneticFlight:
@@ -199,45 +186,3 @@ def write_compensated(
         cells = ["" if math.isnan(one) else f"{one:.3f}" for one in fields]
         lines.append(f"{time:.4f},{latitude:.8f},{longitude:.8f},{','.join(cells)}")
     write_atomic(path, "\n".join(lines) + "\n")
-
-
-def _locate(names: list[str], required: tuple[str, ...], where: str) -> dict[str, int]:
-    index = {
-        name: names.index(found[0])
-        for name, aliases in _NAMES.items()
-        if (found := [alias for alias in aliases if alias in names])
-    }
-    missing = [name for name in required if name not in index]
-    if missing:
-        allowed = " or ".join(f"'{alias}'" for alias in _NAMES[missing[0]])
-        raise InputError(
-            f"{where}: has no column {allowed}; it has"
-            f" {', '.join(name or '(no name)' for name in names)}"
-        )
-    return index
-
-
-def _column(rows: TextRows, index: int, name: str, where: str) -> Array:
-    numbered = zip(rows.cells, rows.number, strict=True)
-    return np.array([_number(row[index], name, number, where) for row, number in numbered])
-
-
-def _number(cell: str, name: str, line: int, where: str) -> float:
-    text = cell.strip()
-    gaps = name in _WITH_GAPS or name.startswith(_CURRENT)
-    if gaps and text.casefold() in MISSING:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        if name == "time" and (stamp := iso_seconds(text)) is not None:
-            return stamp
-        raise InputError(
-            f"{where}: {name} in line {line} is {text[:40]!r}, not a number"
-        ) from None
-    if gaps and value in DUMMIES:
-        return math.nan
-    low, high = _RANGES.get(name, (-math.inf, math.inf))
-    if not (math.isfinite(value) and low <= value <= high):
-        raise InputError(f"{where}: {name} in line {line} is {text}, which cannot be")
-    return value

@@ -9,15 +9,16 @@ measurements is most wrong where the field varies most between them. So, unless 
 place, as if the values were displaced by `reach`."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements
 from isogal.tracks.track import Track
 
 SMOOTHING = (1000.0, 2000.0, 4000.0)
@@ -92,136 +93,103 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
     InputError
         None of the tracks has three readings on the map.
     """
-    residuals = [_residuals(track, field_map) for track in references]
-    residuals = [one for one in residuals if one.value.size >= 3]
-    if not residuals:
+    lines = [_Line.of(track, field_map) for track in references]
+    lines = [one for one in lines if one.value.size >= 3]
+    if not lines:
         raise InputError("no reference track lies on the map")
-    least = math.log(_least_length(residuals, field_map))
-    spread = math.sqrt(float(np.mean(np.concatenate([one.value for one in residuals]) ** 2)))
-    if not isinstance(field_map.sigma, float):
-        own = [np.asarray(field_map.sigma_at(one.latitude, one.longitude)) for one in residuals]
-        start = np.log([2000.0, 0.2 * spread])
-        x, value = _maximise(
-            lambda p: _log_likelihood(residuals, own, max(p[0], least), p[1]), start
-        )
-        found = MapError(math.exp(max(x[0], least)), math.exp(x[1]), log_likelihood=value)
-        return _completed(found, residuals, own, bool(x[0] <= least))
-    best: tuple[MapError, list[Array], bool] | None = None
-    for smoothing in SMOOTHING:
-        shape = replace(field_map, sigma=rms_gradient(field_map, smoothing))
-        rough = [np.asarray(shape.sigma_at(one.latitude, one.longitude)) for one in residuals]
-        typical = math.sqrt(float(np.nanmean(np.concatenate(rough) ** 2)))
-        start = np.log([2000.0, 0.1 * spread, 0.3 * spread, spread / typical])
-
-        def log_likelihood_of(p: Array, rough: list[Array] = rough) -> float:
-            sigma = [np.hypot(math.exp(p[2]), math.exp(p[3]) * one) for one in rough]
-            return _log_likelihood(residuals, sigma, max(p[0], least), p[1])
-
-        x, value = _maximise(log_likelihood_of, start)
-        if best is None or value > best[0].log_likelihood:
-            length, sensor, floor, reach = (math.exp(p) for p in (max(x[0], least), *x[1:]))
-            sigma = [np.hypot(floor, reach * one) for one in rough]
-            found = MapError(length, sensor, floor, reach, smoothing, value)
-            best = found, sigma, bool(x[0] <= least)
-    assert best is not None  # SMOOTHING is not empty
-    return _completed(best[0], residuals, *best[1:])
+    least = math.log(_least_length(lines, field_map))
+    spread = math.sqrt(float(np.mean(np.concatenate([one.value for one in lines]) ** 2)))
+    own = not isinstance(field_map.sigma, float)
+    fits = []
+    for smoothing in (0.0,) if own else SMOOTHING:
+        shape = field_map
+        if not own:
+            shape = replace(field_map, sigma=rms_gradient(field_map, smoothing))
+        at_lines = [np.asarray(shape.sigma_at(one.latitude, one.longitude)) for one in lines]
+        start = [2000.0, 0.2 * spread]
+        if not own:
+            start = [2000.0, 0.1 * spread, 0.3 * spread, spread / _rms(at_lines)]
+        fits.append(_fit(lines, at_lines, np.log(start), least, smoothing))
+    return max(fits, key=lambda fit: fit.log_likelihood)
 
 
-def _least_length(residuals: "list[_Residuals]", field_map: FieldMap) -> float:
+def _fit(
+    lines: "Sequence[_Line]", shape: Sequence[Array], start: Array, least: float, smoothing: float
+) -> MapError:
+    """Return the likeliest error by the logs of length (at least `least`), sensor's noise and, if
+    `start` has them, floor and reach, by a simplex search (Nelder & Mead 1965, Comput. J.
+    7:308-313)."""
+    from scipy.optimize import minimize
+
+    def sigma_of(p: Array) -> Sequence[Array]:
+        if len(p) == 2:
+            return shape
+        return [np.hypot(math.exp(p[2]), math.exp(p[3]) * one) for one in shape]
+
+    def cost(p: Array) -> float:
+        return -_likelihood(lines, sigma_of(p), max(p[0], least), p[1])[0]
+
+    options = {"xatol": 0.02, "fatol": 0.05, "maxiter": 400}
+    x = minimize(cost, start, method="Nelder-Mead", options=options).x
+    sigma, length = sigma_of(x), max(x[0], least)
+    value, offset, offset_sigma = _likelihood(lines, sigma, length, x[1])
+    floor, reach = (0.0, 0.0) if len(x) == 2 else np.exp(x[2:]).tolist()
+    return MapError(
+        math.exp(length), math.exp(x[1]), floor, reach, smoothing, value, _rms(sigma), offset,
+        offset_sigma, bool(x[0] <= least),
+    )  # fmt: skip
+
+
+def _likelihood(
+    lines: "Sequence[_Line]", sigma: Sequence[Array], log_length: float, log_sensor: float
+) -> tuple[float, float, float]:
+    """Return the log-likelihood with the offset that makes it largest, one datum for all lines,
+    that offset, and its 1-sigma."""
+    from scipy.linalg import cholesky, solve_triangular
+
+    total, known, product = 0.0, 0.0, 0.0
+    for one, own in zip(lines, sigma, strict=True):
+        R = np.exp(-one.distance / math.exp(log_length)) * own[:, None] * own
+        # a millionth of the variance keeps R regular where two readings have the same place
+        R[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
+        factor = cholesky(R, lower=True, overwrite_a=True, check_finite=False)
+        both = np.column_stack([one.value, np.ones(own.size)])
+        value, ones = solve_triangular(factor, both, lower=True, check_finite=False).T
+        total -= 0.5 * float(value @ value) + float(np.log(np.diag(factor)).sum())
+        known += float(ones @ ones)
+        product += float(ones @ value)
+    return total + 0.5 * product**2 / known, product / known, 1.0 / math.sqrt(known)
+
+
+def _rms(each: Sequence[Array]) -> float:
+    return math.sqrt(float(np.nanmean(np.concatenate(each) ** 2)))
+
+
+def _least_length(lines: "Sequence[_Line]", field_map: FieldMap) -> float:
     """Return the shortest correlation length (m) that readings and map can show: the spacing of
     the readings, or of the nodes where that is larger."""
-    steps = np.concatenate([np.diag(one.distance, 1) for one in residuals])
+    steps = np.concatenate([np.diag(one.distance, 1) for one in lines])
     nodes = field_map.cell_size_m(float(np.mean(field_map.latitude)))
     return max(float(np.median(steps)), math.sqrt(math.prod(nodes)))
 
 
-def _completed(
-    found: MapError, residuals: "list[_Residuals]", sigma: list[Array], at_bound: bool
-) -> MapError:
-    """Return an error with the datum's offset and the typical sigma."""
-    length, sensor = math.log(found.correlation_length), math.log(found.sensor_sigma)
-    sums = np.array(
-        [_level(one, own, length, sensor) for one, own in zip(residuals, sigma, strict=True)]
-    ).sum(axis=0)
-    return replace(
-        found,
-        typical_sigma=math.sqrt(float(np.nanmean(np.concatenate(sigma) ** 2))),
-        offset=float(sums[1] / sums[0]),
-        offset_sigma=float(1.0 / math.sqrt(sums[0])),
-        at_bound=at_bound,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Residuals:
-    """Residuals of one track; (N,) each."""
+class _Line(NamedTuple):
+    """Residuals of one track."""
 
     latitude: Array
-    """rad."""
+    """(N,) rad."""
     longitude: Array
-    """rad."""
+    """(N,) rad."""
     value: Array
-    """Map's unit."""
+    """(N,) map's unit."""
     distance: Array
     """(N, N) m."""
 
-
-def _residuals(track: Track, field_map: FieldMap) -> _Residuals:
-    value = track.value - track.offset - field_map.value(track.latitude, track.longitude)
-    keep = np.isfinite(value) & np.isfinite(field_map.sigma_at(track.latitude, track.longitude))
-    latitude, longitude = track.latitude[keep], track.longitude[keep]
-    apart = horizontal_difference(latitude[:, None], longitude[:, None], latitude, longitude)
-    distance = np.hypot(apart[..., 0], apart[..., 1])
-    return _Residuals(latitude, longitude, value[keep], 0.5 * (distance + distance.T))
-
-
-def _whitened(
-    one: "_Residuals", own: Array, log_length: float, log_sensor: float
-) -> tuple[Array, Array, float]:
-    """Return L⁻¹ r, L⁻¹ 1 and half the log determinant of R = L L'."""
-    from scipy.linalg import cholesky, solve_triangular
-
-    covariance = np.exp(-one.distance / math.exp(log_length))
-    covariance *= own[:, None]
-    covariance *= own
-    # a millionth of the variance keeps R regular where two readings have the same place
-    covariance[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
-    factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
-    both = np.column_stack([one.value, np.ones(own.size)])
-    white = solve_triangular(factor, both, lower=True, check_finite=False)
-    return white[:, 0], white[:, 1], float(np.log(np.diag(factor)).sum())
-
-
-def _level(
-    one: "_Residuals", own: Array, log_length: float, log_sensor: float
-) -> tuple[float, float]:
-    """Return 1' R⁻¹ 1 and 1' R⁻¹ r."""
-    value, ones, _ = _whitened(one, own, log_length, log_sensor)
-    return float(ones @ ones), float(ones @ value)
-
-
-def _log_likelihood(
-    residuals: list[_Residuals], sigma: list[Array], log_length: float, log_sensor: float
-) -> float:
-    """Return the log-likelihood with the offset that makes it largest: one datum for all."""
-    total, own_sum, product = 0.0, 0.0, 0.0
-    for one, own in zip(residuals, sigma, strict=True):
-        value, ones, half = _whitened(one, own, log_length, log_sensor)
-        total -= 0.5 * float(value @ value) + half
-        own_sum += float(ones @ ones)
-        product += float(ones @ value)
-    return total + 0.5 * product**2 / own_sum
-
-
-def _maximise(function: Callable[[Array], float], start: Array) -> tuple[Array, float]:
-    """Return where a function is largest and its value there, by a simplex search (Nelder & Mead
-    1965, Comput. J. 7:308-313)."""
-    from scipy.optimize import minimize
-
-    found = minimize(
-        lambda p: -function(p),
-        start,
-        method="Nelder-Mead",
-        options={"xatol": 0.02, "fatol": 0.05, "maxiter": 400},
-    )
-    return found.x, -float(found.fun)
+    @classmethod
+    def of(cls, track: Track, field_map: FieldMap) -> "_Line":
+        where = track.latitude, track.longitude
+        value = track.value - track.offset - field_map.value(*where)
+        keep = np.isfinite(value) & np.isfinite(field_map.sigma_at(*where))
+        latitude, longitude = (one[keep] for one in where)
+        apart = displacements(latitude, longitude)
+        return cls(latitude, longitude, value[keep], np.hypot(apart[..., 0], apart[..., 1]))

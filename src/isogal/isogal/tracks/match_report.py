@@ -2,11 +2,12 @@
 the fixes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Matcher
@@ -78,85 +79,78 @@ def _fixes(matches: Sequence[Match]) -> Table:
     rows = []
     for match in matches:
         fix = match.fix
-        row = [f"{fix.time:.10g}"]
+        place, axes = ["–", "–"], ("–", "–")
         if fix.published:
-            axes = np.sqrt(np.linalg.eigvalsh(fix.covariance))
-            row += [
-                f"{math.degrees(fix.latitude):.5f}",
-                f"{math.degrees(fix.longitude):.5f}",
-                number(axes[1]),
-                number(axes[0]),
-                "",
-            ]
-        else:
-            row += ["–", "–", "–", "–", str(fix.reason)]
+            place = [f"{math.degrees(one):.5f}" for one in (fix.latitude, fix.longitude)]
+            axes = _half_axes(fix.covariance)
         latitude, longitude = np.degrees(match.position)
-        axes = np.sqrt(np.linalg.eigvalsh(match.covariance[:2, :2]))
-        row[-1:-1] = [f"{latitude:.5f}, {longitude:.5f}", f"{number(axes[1])} × {number(axes[0])}"]
-        rows.append(row)
-    header = (
-        "time (s)",
-        "latitude (deg)",
-        "longitude (deg)",
-        "long half-axis, 1σ (m)",
-        "short half-axis, 1σ (m)",
-        "with the prior (deg)",
-        "its half-axes, 1σ (m)",
-        "no fix because",
-    )
-    return Table("Fixes, from the measurements alone, and positions with the prior", header, rows)
+        rows.append(
+            {
+                "time (s)": f"{fix.time:.10g}",
+                "latitude (deg)": place[0],
+                "longitude (deg)": place[1],
+                "long half-axis, 1σ (m)": axes[0],
+                "short half-axis, 1σ (m)": axes[1],
+                "with the prior (deg)": f"{latitude:.5f}, {longitude:.5f}",
+                "its half-axes, 1σ (m)": " × ".join(_half_axes(match.covariance[:2, :2])),
+                "no fix because": "" if fix.published else str(fix.reason),
+            }
+        )
+    return _table("Fixes, from the measurements alone, and positions with the prior", rows)
+
+
+def _half_axes(covariance: Array) -> tuple[str, str]:
+    """Return the longer and the shorter one of a covariance (2, 2)."""
+    short, long = np.sqrt(np.linalg.eigvalsh(covariance))
+    return number(long), number(short)
+
+
+def _table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
+    return Table(title, tuple(rows[0]), [tuple(row.values()) for row in rows])
+
+
+def _unit(field_map: ScalarMap) -> tuple[str, float]:
+    """Return the unit that a map's values are told in, and how many inside it has."""
+    unit = field_map.file_unit or field_map.unit
+    return ("mGal", 1e-5) if unit == "m/s²" else (unit, field_map.file_factor)
 
 
 def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
     """Return what was estimated of the noise; nothing where it was not."""
-    unit, factor = field_map.file_unit or field_map.unit, field_map.file_factor
-    if unit == "m/s²":
-        unit, factor = "mGal", 1e-5
+    unit, factor = _unit(field_map)
     rows = []
     for match in matches:
         numbers = match.fix.diagnostics
-        level = [
-            number(numbers[key] / factor) for key in ("offset", "offset_sigma") if key in numbers
-        ]
         if match.shifts is None or "map_sigma" not in numbers:
             continue
+        offset, its_sigma = (number(numbers[key] / factor) for key in ("offset", "offset_sigma"))
         rows.append(
-            [
-                f"{match.fix.time:.10g}",
-                number(numbers["map_sigma"] / factor),
-                number(numbers["map_correlation_length"]),
-                " ± ".join(level),
-                f"{numbers['readings']:.0f}",
-                f"{numbers['readings_left_out']:.0f}",
-                f"{numbers['misfit']:.2f}",
-                f"{numbers['probability']:.3f} of {numbers['places']:.0f}",
-            ]
+            {
+                "time (s)": f"{match.fix.time:.10g}",
+                f"map error, 1σ ({unit})": number(numbers["map_sigma"] / factor),
+                "its correlation length (m)": number(numbers["map_correlation_length"]),
+                f"readings above the map ({unit})": f"{offset} ± {its_sigma}",
+                "readings used": f"{numbers['readings']:.0f}",
+                "left out": f"{numbers['readings_left_out']:.0f}",
+                "misfit": f"{numbers['misfit']:.2f}",
+                "probability of the place, places": (
+                    f"{numbers['probability']:.3f} of {numbers['places']:.0f}"
+                ),
+            }
         )
-    header = (
-        "time (s)",
-        f"map error, 1σ ({unit})",
-        "its correlation length (m)",
-        f"readings above the map ({unit})",
-        "readings used",
-        "left out",
-        "misfit",
-        "probability of the place, places",
-    )
-    return [Table("Estimated with the fixes", header, rows)] if rows else []
+    return [_table("Estimated with the fixes", rows)] if rows else []
 
 
 def _assumptions(
     track: Track, field_map: ScalarMap, settings: Matcher, uncertainty: Uncertainty
 ) -> Table:
-    unit = field_map.file_unit or field_map.unit
-    factor = field_map.file_factor
-    if unit == "m/s²":
-        unit, factor = "mGal", 1e-5
+    unit, factor = _unit(field_map)
 
     def in_unit(value: float) -> str:
         return f"{number(value / factor)} {unit}"
 
     own = np.asarray(field_map.sigma)
+    by_itself = in_unit(float(np.nanmedian(own))) if np.isfinite(own).any() else "–"
     map_sigma = "estimated" if settings.map_sigma == "auto" else in_unit(float(settings.map_sigma))
     rows = [
         ("matcher", settings.name),
@@ -164,10 +158,7 @@ def _assumptions(
         ("track's velocity, 1σ", f"{number(uncertainty.velocity)} m/s"),
         ("readings, 1σ (median)", in_unit(float(np.median(track.sigma)))),
         ("map error, 1σ, at least", map_sigma),
-        (
-            "map error, 1σ, by the map itself (median)",
-            in_unit(float(np.nanmedian(own))) if np.isfinite(own).any() else "–",
-        ),
+        ("map error, 1σ, by the map itself (median)", by_itself),
         ("map error, correlation length", f"{number(settings.map_correlation_length)} m"),
         ("unknown constant, 1σ", in_unit(settings.bias_sigma)),
     ]

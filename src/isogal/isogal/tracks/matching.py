@@ -23,6 +23,7 @@ that resolves it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -226,15 +227,9 @@ def _matched(
 
 def _is_rigid(field: TrackField, uncertainty: Uncertainty) -> bool:
     """Whether the velocity error bends no batch of a track by much."""
-    ends = batch_ends(len(field.track), field.settings)
-    return _bend(field.track, ends, uncertainty) < RIGID
-
-
-def _bend(track: Track, ends: Sequence[int], uncertainty: Uncertainty) -> float:
-    """Return by how much the velocity error may bend the longest batch, m."""
-    starts = [0, *ends[:-1]]
-    longest = max(track.time[e - 1] - track.time[s] for s, e in zip(starts, ends, strict=True))
-    return float(uncertainty.velocity * longest)
+    ends, time = batch_ends(len(field.track), field.settings), field.track.time
+    longest = max(time[end - 1] - time[first] for first, end in pairwise([0, *ends]))
+    return bool(uncertainty.velocity * longest < RIGID)
 
 
 def _judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:

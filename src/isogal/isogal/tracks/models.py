@@ -2,9 +2,10 @@
 before any reading: the bank's models (`isogal.matching.pmht.models`) with wider priors, since a
 track is often all that one has.
 
-The map's error holds together over a length, is even (or as the map says place by place) or goes
-with the map's gradient as that of values that are displaced does, and the readings have an unknown
-constant or none; sigma is on a logarithmic grid, and all combinations count
+The map's error holds together over a length, as a random walk that is drawn back or smoother, is
+even (or as the map says place by place) or goes with the map's gradient as that of values that are
+displaced does, and the readings have an unknown constant or none; sigma is on a logarithmic grid,
+and all combinations count
 (docs/mathematics.md, section 10.2)."""
 
 import math
@@ -29,6 +30,9 @@ SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
 OWN, OWN_LOG_SIGMA = (0.2, 4.0, 9), 0.5
 """Grid of the factor on a sigma that the map has of its own, and 1-sigma of its logarithm."""
+SHAPES = 4
+"""Of the map's error for each length, so that `Models.shape` counts four times as many: even along
+the track, with its gradient; smoother and even, smoother with its gradient."""
 MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 """Factors on the variance of readings of several channels, in which an alignment or offset that
 nobody has told of is no constant, and their probability."""
@@ -53,8 +57,7 @@ class Told:
 
 
 def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) -> Models:
-    """Return the models of a field; of one map twice as many lengths as it has, the second half
-    of them of errors that go with its gradient (`places.Seen.placed`)."""
+    """Return the models of a field; of one map with four shapes for each length (`SHAPES`)."""
     assumed = told.settings.assumed(batch, field_map)
     one = field_map if isinstance(field_map, FieldMap) else None
     own = one is not None and not isinstance(one.sigma, float)
@@ -86,7 +89,8 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
     models = table_of(rows, assumed, states)
     if one is None:
         return models
-    return _both_shapes(models, own or assumed.sigma is None)
+    # a length that is told is that of an exponential
+    return _of_shapes(models, own or assumed.sigma is None, not told.length)
 
 
 def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]:
@@ -101,14 +105,15 @@ def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]
     return length * np.array(TOLD_LENGTHS), -0.5 * (np.log(TOLD_LENGTHS) / loose) ** 2
 
 
-def _both_shapes(models: Models, by_gradient: bool) -> Models:
-    twice = Models._make(np.concatenate([column, column]) for column in models)
-    count = len(models.sigma)
-    second = np.arange(2 * count) >= count
-    shape = twice.shape + second * len(models.lengths)
-    kept = ~second | (by_gradient & (twice.sigma > 0.0))
-    part = Models._make(column[kept] for column in twice._replace(shape=shape))
-    return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
+def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
+    count, wrong = len(models.lengths), models.sigma > 0.0
+    parts = [models]
+    for kind in range(1, SHAPES):
+        if (by_gradient or not kind % 2) and (smooth or kind < 2):
+            part = Models._make(column[wrong] for column in models)
+            parts.append(part._replace(shape=part.shape + kind * count))
+    whole = Models._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return whole._replace(log_prior=whole.log_prior - np.logaddexp.reduce(whole.log_prior))
 
 
 def usual_sigma(field_map: FieldMap) -> float:

@@ -2,9 +2,7 @@
 instrument (docs/mathematics.md, section 10.2).
 
 The first grid covers the prior; cells that are not impossible are divided by three until they are
-smaller than the posterior. With R = L L' the covariance of a model's residuals r, reading t adds
--(w_t² / 2 + log L_tt), w = L⁻¹ r, to the evidence, given those before it; so that the evidence of
-a part of the track is known, too."""
+smaller than the posterior."""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.error_ellipses import joint
-from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import residuals_at
-from isogal.tracks.averaging import averaged_rows, cumulated, grouped
-from isogal.tracks.continued_map import ContinuedMap
-from isogal.tracks.models import usual_sigma
+from isogal.tracks.evidence import Seen
 
 REACH = 3.3
 """Half-width of the grid in prior 1-sigmas."""
@@ -31,8 +20,6 @@ LARGEST_CELL_M, PRIOR_SHARE = 300.0, 0.12
 """First cells: at most so large, and this share of the prior's 1-sigma."""
 FINE_ENOUGH, LEVELS = 0.5, 6
 """Cells over the least 1-sigma of the posterior, and grids at most."""
-FEATURE_M = 2000.0
-"""Over which what a map shows within a cell holds together."""
 DEPTH, KEPT = 30.0, 900
 """Log density below the best at which a cell is given up, and cells that are divided at most."""
 LOOKED_AT, MODELS, MODEL_DEPTH = 300, 30, 9.0
@@ -41,179 +28,6 @@ likely they may be."""
 PLACE_DEPTH, PLACE_GAP_M = 8.0, 150.0
 """Log density below the best at which a cell belongs to no place, and m by which places are
 apart."""
-BLOCKS = 8
-"""Of a track, as the jackknife leaves them out."""
-GRADIENT_SHARE = 0.9
-"""Of the variance of errors that go with the gradient."""
-DOUBT_M = 4000.0
-"""Correlation length of what a continued map is wrong by."""
-PLACES = 400
-"""Likeliest shifts over which a map's variance is averaged."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """Readings of one field, and the models that are possible."""
-
-    each: Rows
-    """n readings, those of earlier batches first."""
-    old: int
-    """How many rows are of these."""
-    first: Integers
-    """(m,) of them each row begins with, which is the mean of neighbouring readings."""
-    rows: Rows
-    """The m rows."""
-    since: tuple[Array, Array]
-    """(m, S) of the instrument's states, see `averaging.cumulated`."""
-    potential: tuple[str, ...] | None
-    """Components of the tensor, where the errors of their maps come from one potential."""
-    field_map: AnyMap
-    around: ContinuedMap | None
-    """That map, continued; None = of several channels, which is not."""
-    models: Models
-    distance: Array
-    """(m, m) m."""
-    relative: Array
-    """(m, m) m, the same by which the map's errors hold together: where the map has lengths of its
-    own, times its usual one over them."""
-    alike: Array | float
-    """(m, m) factor of the errors' correlation, below 1 where lengths differ."""
-    slope: float
-    """RMS derivative of the map along the track, unit per m, of one component."""
-    doubt: Array
-    """(m,) 1-sigma of the continuation where a row may be."""
-
-    @classmethod
-    def of(
-        cls,
-        each: Rows,
-        field_map: AnyMap,
-        around: ContinuedMap | None,
-        models: Models,
-        potential: tuple[str, ...] | None = None,
-        old: int = 0,
-    ) -> "Seen":
-        """Look at readings, the first `old` of which an earlier batch has used."""
-        one = channels_of(field_map)[0]
-        node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
-        each, first = grouped(each, node, old)
-        rows = averaged_rows(each, first)
-        apart = displacements(rows.latitude, rows.longitude)
-        distance = np.hypot(apart[..., 0], apart[..., 1])
-        _, *slopes = one.value_and_gradient(rows.latitude, rows.longitude)
-        slope = math.sqrt(0.5 * float(np.nansum(np.square(slopes)) / len(rows.level)))
-        doubt, errors = np.zeros(len(rows.level)), rows.load.shape[2]
-        of_states = rows._replace(keep=rows.keep[:, errors:], fresh=rows.fresh[:, errors:])
-        return cls(
-            each, int(np.searchsorted(first, old)), first, rows, cumulated(of_states),
-            potential, field_map, around, models, distance, distance, 1.0, slope, doubt,
-        )  # fmt: skip
-
-    def placed(self, centres: Array, weight: Array) -> "Seen":
-        """Return it with the map's errors as they are where the track probably is, by weighted
-        shifts (C, 2): as the map says or even, and for the second half of the lengths as those of
-        a map whose values are displaced, which go with its gradient."""
-        if self.around is None:
-            return self
-        likely = np.argsort(-weight, kind="stable")[:PLACES]
-        share, rows = weight[likely] / weight[likely].sum(), self.rows
-        places = (
-            rows.latitude - centres[likely, :1] * rows.radian[:, 0],
-            rows.longitude - centres[likely, 1:] * rows.radian[:, 1],
-        )
-
-        def mean_square(sigma: FieldMap) -> Array:
-            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
-
-        own = np.ones(len(rows.level))
-        if not isinstance(self.around.field.sigma, float):
-            own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
-        rough = mean_square(self.around.rough)
-        rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
-        mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
-        count = len(rows.load) // 2
-        load = np.sqrt(np.repeat(np.stack([own, mixed]), count, axis=0))[:, :, None]
-        doubt = np.sqrt(mean_square(self.around.doubt))
-        placed = replace(self, rows=rows._replace(load=load), doubt=doubt)
-        usual = self.around.field.correlation_length
-        if self.around.field.error_ellipses is None or usual is None:
-            return placed
-        ellipses = self.around.field.error_ellipse_at(*places)
-        known = share[:, None] * np.isfinite(ellipses[..., 0])
-        mean = np.einsum("ct,ctk->tk", known, np.nan_to_num(ellipses))
-        mean /= np.maximum(known.sum(axis=0), 1e-12)[:, None]
-        mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        relative, alike = joint(displacements(rows.latitude, rows.longitude), mean)
-        return replace(placed, relative=usual * relative, alike=alike)
-
-    def residuals(self, centres: Array) -> Array:
-        """Return (m, C) at shifts (C, 2); NaN off the map."""
-        found = residuals_at(self.each, self.field_map.grid, centres)
-        if len(self.first) == len(found):
-            return found
-        sizes = np.diff(np.r_[self.first, len(found)])
-        return np.asarray(np.add.reduceat(found, self.first, axis=0) / sizes[:, None])
-
-    def covariance(self, m: int, cell: float) -> Array:
-        """Return (m, m) R of a model in cells of a size (m)."""
-        rows, models = self.rows, self.models
-        load = rows.load[models.shape[m]]
-        blur = (self.slope * cell) ** 2 / 12.0 * np.exp(-self.distance / FEATURE_M)
-        of_map = models.sigma[m] ** 2 * self.alike * np.exp(-self.relative / models.length[m])
-        if self.potential is None:
-            of_map = of_map * (load @ load.T)
-        else:
-            of_map = self._of_one_potential(m) * np.outer(load.sum(axis=1), load.sum(axis=1))
-        R = of_map + self._states(m) + blur
-        R += np.outer(self.doubt, self.doubt) * np.exp(-self.distance / DOUBT_M)
-        R[np.diag_indices(len(R))] += rows.noise * models.noise[m] + 1e-3 * self.doubt**2
-        return R
-
-    def _states(self, m: int) -> Array:
-        """Return (m, m) covariance that the instrument's states put into the rows."""
-        first = self.rows.load.shape[2]
-        reading = self.rows.reading[:, BATCH_STATES + first :]
-        variance, (gone, joined) = self.models.initial[m, first:] ** 2, self.since
-        R = np.zeros((len(reading), len(reading)))
-        for s in np.flatnonzero(reading.any(axis=0) & ((variance > 0.0) | joined.any(axis=0))):
-            at = variance[s] * np.exp(-2.0 * gone[:, s]) + joined[:, s]
-            one = np.outer(reading[:, s], reading[:, s])
-            if gone[:, s].any() or joined[:, s].any():
-                apart = np.abs(gone[:, None, s] - gone[:, s])
-                order = np.arange(len(at))
-                one *= np.exp(-apart) * at[np.minimum(order[:, None], order)]
-            else:
-                one *= variance[s]
-            R += one
-        return R
-
-    def _of_one_potential(self, m: int) -> Array:
-        """Return (m, m) covariance of the errors of maps that come from one wrong potential, in
-        units of each one's own."""
-        rows, names = self.rows, self.potential
-        assert names is not None
-        apart = displacements(rows.latitude, rows.longitude)
-        unit = 1.0 / np.sqrt(shares(names))[rows.channel]
-        length, sigma = float(self.models.length[m]), float(self.models.sigma[m])
-        every = tensor_covariance(names, rows.channel, apart, length)
-        return np.asarray(sigma**2 * unit[:, None] * unit * every)
-
-    def parts(self, centres: Array, cell: float, which: Integers) -> Array:
-        """Return (M, B, C) what each block of new rows adds, given those before it, to the log
-        evidence of some models at cells (C, 2); of a cell off the map, nearly -inf."""
-        residual = self.residuals(centres)
-        known = np.isfinite(residual).all(axis=0)
-        residual = np.where(known, residual, 0.0)
-        first = np.unique(np.arange(BLOCKS) * (len(residual) - self.old) // BLOCKS)
-        parts = np.empty((len(which), len(first), len(centres)))
-        for k, m in enumerate(which):
-            factor = np.linalg.cholesky(self.covariance(m, cell))
-            term = np.linalg.inv(factor) @ residual
-            term *= -0.5 * term
-            term -= np.log(np.diag(factor))[:, None]
-            parts[k] = np.add.reduceat(term[self.old :], first, axis=0)
-        parts[:, :, ~known] = -1e6
-        return parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)

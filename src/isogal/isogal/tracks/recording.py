@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -185,53 +185,39 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
-    """Yield (topic, type, decoded message) of a bag as far as it can be read; of topics with other
-    types than those of positions and readings only the topic."""
+    """Yield (topic, type, decoded message) of a bag, in the order they were written, as far as it
+    can be read; of topics with other types than those of positions and readings only the topic."""
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
     from mcap_ros2.decoder import DecoderFactory
 
     for file in _files(path):
-        empty = True
+        schemas: dict[int, Schema | None] = {0: None}
+        channels: dict[int, Channel] = {}
+        factory, empty = DecoderFactory(), True
         try:
             with file.open("rb") as stream:
-                decoders: dict[int, Any] = {}
-                factory = DecoderFactory()
-                for schema, channel, message in _records(stream):
-                    empty = False
-                    kind = schema.name if schema and schema.name in _TYPES else ""
-                    if not kind:
-                        yield channel.topic, "", None
-                        continue
-                    if channel.id not in decoders:
-                        decoders[channel.id] = factory.decoder_for(
-                            channel.message_encoding, schema
-                        )
-                    yield channel.topic, kind, decoders[channel.id](message.data)
+                records = StreamReader(stream, emit_chunks=True).records
+                for item in (one for record in records for one in unpacked(record)):
+                    if isinstance(item, Schema):
+                        schemas[item.id] = item
+                    elif isinstance(item, Channel):
+                        channels[item.id] = item
+                    elif isinstance(item, Message):
+                        empty, channel = False, channels[item.channel_id]
+                        schema = schemas[channel.schema_id]
+                        if schema is None or schema.name not in _TYPES:
+                            yield channel.topic, "", None
+                            continue
+                        decode: Any = factory.decoder_for(channel.message_encoding, schema)
+                        yield channel.topic, schema.name, decode(item.data)
         except Exception as error:
             if not is_damage(error):
                 raise
             if empty:
-                raise InputError(
-                    f"{file}: cannot be read as MCAP ({type(error).__name__})"
-                ) from None
+                kind = type(error).__name__
+                raise InputError(f"{file}: cannot be read as MCAP ({kind})") from None
             # a recording that was cut short, by a power failure for example, ends here
-
-
-def _records(stream: BinaryIO) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield (schema, channel, message) in the order they were written."""
-    from mcap.records import Channel, Message, Schema
-    from mcap.stream_reader import StreamReader
-
-    schemas: dict[int, Schema | None] = {0: None}
-    channels: dict[int, Channel] = {}
-    for record in StreamReader(stream, emit_chunks=True).records:
-        for item in unpacked(record):
-            if isinstance(item, Schema):
-                schemas[item.id] = item
-            elif isinstance(item, Channel):
-                channels[item.id] = item
-            elif isinstance(item, Message):
-                channel = channels[item.channel_id]
-                yield schemas[channel.schema_id], channel, item
 
 
 def _files(path: Path) -> list[Path]:

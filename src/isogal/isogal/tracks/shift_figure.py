@@ -101,23 +101,11 @@ def _inset(panel: "Axes", shifts: Shifts, mean: Array, covariance: Array) -> Non
     inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
     inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
     inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)
-    inset.set_xticks([])
-    inset.set_yticks([])
-    inset.grid(False)
-    inset.text(
-        *(0.5, 0.03, f"{2e3 * half:.0f} m wide"),
-        transform=inset.transAxes,
-        ha="center",
-        fontsize=6,
-        bbox=style.LABEL_BOX,
-    )
+    style.bare(inset, f"{2e3 * half:.0f} m wide", fontsize=6, bbox=style.LABEL_BOX)
     panel.indicate_inset_zoom(inset, edgecolor="white")
 
 
 def _ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
     """Return east and north (km) of the 2-sigma ellipse."""
-    values, vectors = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * math.pi, 121)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    edge = mean + 2.0 * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    edge = mean + style.ellipse(covariance, 2.0)
     return edge[:, 1] / 1e3, edge[:, 0] / 1e3

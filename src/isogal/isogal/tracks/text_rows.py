@@ -1,27 +1,44 @@
 """Rows of a text file with named columns: CSV, tables separated by blanks, Geosoft XYZ."""
 
 import csv
+import difflib
+import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from isogal.arrays import Array
 from isogal.errors import InputError
 
-MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
+_MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
 """Cells without a reading, in lower case."""
-DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
+_DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
 """Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
-PLACE_NAMES = {
-    "time": ("time", "datetime", "utc", "timestamp"),
-    "latitude": ("latitude", "lat"),
-    "longitude": ("longitude", "lon", "long", "lng"),
-}
-"""Names of columns that say when and where, in lower case."""
-PLACE_RANGES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
-"""deg."""
 _LINE = re.compile(r"^\s*(?:line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 """A row that begins a survey line in a Geosoft XYZ file."""
+
+
+class Column(NamedTuple):
+    """What a column of a file may be called, and hold."""
+
+    names: tuple[str, ...]
+    """In lower case."""
+    least: float = -math.inf
+    most: float = math.inf
+    unit: str = ""
+    """Of the limits."""
+    gaps: bool = False
+    """Whether readings may be missing."""
+
+
+TIME = Column(("time", "datetime", "utc", "timestamp"))
+LATITUDE = Column(("latitude", "lat"), -90.0, 90.0, " deg")
+LONGITUDE = Column(("longitude", "lon", "long", "lng"), -180.0, 360.0, " deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +52,67 @@ class TextRows:
     """Of each row in the file, from 1."""
     line: list[str] | None
     """Survey line of each row by the rows that begin one; None = there are none."""
+    where: str
+    """File, for messages."""
+
+    def find(self, columns: Mapping[str, Column]) -> dict[str, int]:
+        """Return which column is which, of those that there are; raises InputError where two are
+        called alike."""
+        index = {}
+        for name, column in columns.items():
+            found = [alias for alias in column.names if alias in self.names]
+            if not found:
+                continue
+            if self.names.count(found[0]) > 1:
+                raise InputError(
+                    f"{self.where}: has {self.names.count(found[0])} columns '{found[0]}'"
+                )
+            index[name] = self.names.index(found[0])
+        return index
+
+    def read(self, columns: Mapping[str, Column], required: Sequence[str]) -> dict[str, Array]:
+        """Return the numbers (N,) of those columns that there are; raises InputError where one is
+        missing that is required."""
+        index = self.find(columns)
+        for name in required:
+            if name not in index:
+                raise self.lacks(name)
+        return {name: self.numbers(i, name, columns[name]) for name, i in index.items()}
+
+    def lacks(self, wanted: str) -> InputError:
+        """Return the error of a file without a column; it names the one that may be meant."""
+        others = [name for name in self.names if name and name not in ("latitude", "longitude")]
+        close = [name for name in others if wanted.startswith(name)]
+        close += difflib.get_close_matches(wanted, others, n=1, cutoff=0.6)
+        hint = f" (is it '{close[0]}'?)" if close else ""
+        named = ", ".join(name or "(no name)" for name in self.names)
+        return InputError(f"{self.where}: has no column '{wanted}'{hint}; it has {named}")
+
+    def numbers(self, index: int, name: str, column: Column) -> Array:
+        """Return (N,) the numbers of a column, NaN = missing; of ``time`` dates and times, too.
+        Raises InputError for a cell that is none, or out of range."""
+        numbered = zip(self.cells, self.number, strict=True)
+        return np.array([self._number(row[index].strip(), name, column, n) for row, n in numbered])
+
+    def _number(self, text: str, name: str, column: Column, line: int) -> float:
+        if column.gaps and text.casefold() in _MISSING:
+            return math.nan
+        cell = f"{self.where}: {name} in line {line} is"
+        try:
+            value = float(text)
+        except ValueError:
+            if name == "time" and (stamp := iso_seconds(text)) is not None:
+                return stamp
+            shown = f"'{text[:40]}'" if text else "empty"
+            raise InputError(f"{cell} {shown}, not a number") from None
+        if column.gaps and value in _DUMMIES:
+            return math.nan
+        if not math.isfinite(value):
+            raise InputError(f"{cell} {text}, not a finite number (leave the line out)")
+        if not column.least <= value <= column.most:
+            limits = f"{column.least:g} to {column.most:g}" if column.most < math.inf else "> 0"
+            raise InputError(f"{cell} {text}{column.unit}, must be {limits}")
+        return value
 
 
 def read_rows(path: str | Path, needed: str) -> TextRows:
@@ -80,7 +158,7 @@ def read_rows(path: str | Path, needed: str) -> TextRows:
                 f"{where}: line {number} has {len(found_cells)} cells, the header {len(names)}"
             )
     own = [line for _, _, line in rows] if lines else None
-    return TextRows(names, cells[1:], [number for number, _, _ in rows], own)
+    return TextRows(names, cells[1:], [number for number, _, _ in rows], own, where)
 
 
 def _text(path: str | Path, where: str) -> str:

@@ -183,10 +183,7 @@ def _ellipse(
     """Draw the 3-sigma ellipse of a north-east covariance (m²)."""
     if not (np.isfinite(centre).all() and np.isfinite(covariance).all()):
         return
-    values, vectors = np.linalg.eigh(covariance)
-    if values[0] < 0.0:
+    if np.linalg.eigvalsh(covariance)[0] < 0.0:
         return
-    angle = np.linspace(0.0, 2.0 * math.pi, 90)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    edge = centre + 3.0 * (circle * np.sqrt(values)) @ vectors.T
+    edge = centre + style.ellipse(covariance, 3.0)
     panel.plot(edge[:, 1] / 1e3, edge[:, 0] / 1e3, **line.options(), label=label)

@@ -201,6 +201,22 @@ def field_scale(field_map: "ScalarMap") -> FieldScale:
     return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s² ($10^{{-5}}$ m/s²)")
 
 
+def ellipse(covariance: Array, sigmas: float) -> Array:
+    """Return (121, 2) points of the ellipse of a covariance (2, 2), about 0."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * math.pi, 121)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(sigmas * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def bare(inset: "Axes", text: str, **options: Any) -> None:
+    """Take ticks and grid off an inset, and write below what it shows."""
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.grid(False)
+    inset.text(0.5, 0.03, text, transform=inset.transAxes, ha="center", **options)
+
+
 def logarithmic(axis: "Axes") -> None:
     """Give a panel a logarithmic value axis with plain numbers and a fine grid.
 

@@ -63,7 +63,7 @@ def read_survey(
     else:
         columns, said = _text(read_table(path), variable, str(path))
     if columns.get("latitude") is None:
-        columns |= _geographic(columns, crs, str(path))
+        columns |= geographic(columns["x"], columns["y"], crs, str(path))
     return survey_of(
         columns,
         unit=unit or said.get("unit"),
@@ -168,8 +168,8 @@ def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
         raise InputError(f"{where}: cannot be read as NetCDF: {reason}") from None
 
 
-def _geographic(columns: Columns, crs: str | None, where: str) -> Columns:
-    """Return latitude and longitude (deg) of columns x and y."""
+def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:
+    """Return latitude and longitude (deg) of columns x and y; NaN where they are no places."""
     import pyproj
 
     if crs is None:
@@ -178,7 +178,7 @@ def _geographic(columns: Columns, crs: str | None, where: str) -> Columns:
         turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
     except pyproj.exceptions.CRSError:
         raise InputError(f"--crs {crs}: is no coordinate system that is known") from None
-    longitude, latitude = turn.transform(columns["x"], columns["y"])
+    longitude, latitude = turn.transform(x, y)
     finite = np.isfinite(longitude) & np.isfinite(latitude)
     return {
         "latitude": np.where(finite, latitude, np.nan),

@@ -1,0 +1,239 @@
+"""What the readings of one field say of places, by every model of map and instrument
+(docs/mathematics.md, section 10.2).
+
+Rows are means of neighbouring readings. With R = L L' the covariance of a model's residuals r, row
+t adds -(w_t² / 2 + log L_tt), w = L⁻¹ r, to the evidence, given those before it; so that the
+evidence of a part of the track is known, too."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.error_ellipses import joint
+from isogal.maps.field_map import FieldMap
+from isogal.maps.tensor_error import displacements, shares, tensor_covariance
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
+from isogal.tracks.averaging import Averages
+from isogal.tracks.continued_map import ContinuedMap
+from isogal.tracks.models import SHAPES, usual_sigma
+
+BLOCKS = 8
+"""Of a track, as the jackknife leaves them out."""
+GRADIENT_SHARE = 0.9
+"""Of the variance of errors that go with the gradient."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together."""
+DOUBT_M = 4000.0
+"""Correlation length of what a continued map is wrong by."""
+NUGGET = 0.01
+"""Share of a smooth error's variance that is not correlated: keeps its covariance regular."""
+PLACES = 400
+"""Likeliest shifts over which a map's variance is averaged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Readings of one field, and the models that are possible."""
+
+    readings: Rows
+    """n of them, those of earlier batches first."""
+    old: int
+    """How many are of these."""
+    rows: Averages
+    """Of which m rows are means."""
+    field_map: AnyMap
+    around: ContinuedMap | None
+    """That map, continued; None = of several channels, which is not."""
+    models: Models
+    apart: Array
+    """(p, p, 2) m from point to point of the rows."""
+    correlation: Array
+    """(K, m, m) of the map's errors for each of the models' lengths, and as many smoother ones."""
+    load: Array
+    """(K, m, U) as `Rows.load`, of rows, for each of the models' shapes."""
+    white: Array
+    """(m,) variance of the noise."""
+    known: Array
+    """(m, m) covariance of what a continued map is wrong by where a row may be."""
+    blur: Array
+    """(m, m) covariance of what the map shows within a cell, for one of 1 m."""
+    states: Array
+    """(S, m, m) covariance that each of the instrument's states puts into rows, per unit of its
+    variance at the start."""
+    walked: Array
+    """(m, m) the same of what has joined them since."""
+
+    @classmethod
+    def of(
+        cls,
+        readings: Rows,
+        field_map: AnyMap,
+        around: ContinuedMap | None,
+        models: Models,
+        potential: tuple[str, ...] | None = None,
+        old: int = 0,
+    ) -> "Seen":
+        """Look at readings, the first `old` of which an earlier batch has used; `potential`:
+        components of the tensor, where the errors of their maps come from one potential."""
+        if around is not None:
+            each = {name: [getattr(readings, name)] * SHAPES for name in OF_LENGTHS}
+            readings = readings._replace(**{k: np.concatenate(v) for k, v in each.items()})
+        one = channels_of(field_map)[0]
+        node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
+        rows = Averages.of(readings, node, old)
+        points = rows.points
+        apart = displacements(readings.latitude[points], readings.longitude[points])
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        every = correlations(distance, models.lengths)
+        if potential is not None:
+            channel = readings.channel[points]
+            unit = 1.0 / np.sqrt(shares(potential))[channel]
+            both = unit[:, None] * unit
+            every = [
+                both * tensor_covariance(potential, channel, apart, length)
+                for length in models.lengths
+            ]
+        _, *slopes = one.value_and_gradient(readings.latitude, readings.longitude)
+        square = 0.5 * float(np.nansum(np.square(slopes)) / len(readings.level))
+        feature = np.exp(-distance / FEATURE_M)
+        load = readings.load if potential is None else readings.load.sum(axis=2, keepdims=True)
+        count = len(rows.first)
+        return cls(
+            readings, old, rows, field_map, around, models, apart,
+            np.stack([rows.covariance(one) for one in every]),
+            np.stack([rows.mean(one) for one in load]),
+            rows.mean(readings.noise) / rows.sizes, np.zeros((count, count)),
+            rows.covariance(feature) * square / 12.0, *_of_states(readings, rows),
+        )  # fmt: skip
+
+    def without(self, rows: Booleans) -> "Seen":
+        """Return it with some rows (m,) of no weight."""
+        noise = self.readings.noise.copy()
+        noise[self.rows.order[np.repeat(rows, self.rows.sizes)]] *= 1e12
+        readings = self.readings._replace(noise=noise)
+        return replace(self, readings=readings, white=self.rows.mean(noise) / self.rows.sizes)
+
+    @property
+    def old_rows(self) -> int:
+        """How many rows are of earlier batches."""
+        return int(np.searchsorted(self.rows.first, self.old))
+
+    def placed(self, centres: Array, weight: Array) -> "Seen":
+        """Return it with the map's errors as they are where the track probably is, by weighted
+        shifts (C, 2): as the map says or even, and as those of a map whose values are displaced,
+        which go with its gradient."""
+        if self.around is None:
+            return self
+        likely = np.argsort(-weight, kind="stable")[:PLACES]
+        share, readings, rows = weight[likely] / weight[likely].sum(), self.readings, self.rows
+        places = (
+            readings.latitude - centres[likely, :1] * readings.radian[:, 0],
+            readings.longitude - centres[likely, 1:] * readings.radian[:, 1],
+        )
+
+        def mean_square(sigma: FieldMap) -> Array:
+            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
+
+        own = np.ones(len(readings.level))
+        if not isinstance(self.around.field.sigma, float):
+            own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
+        rough = mean_square(self.around.rough)
+        rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
+        mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
+        count = len(self.models.lengths)
+        load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
+        doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
+        apart = self.apart
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        known = np.outer(doubt, doubt) * np.exp(-distance / DOUBT_M)
+        known[np.diag_indices(len(known))] += 1e-3 * doubt**2
+        placed = replace(
+            self,
+            readings=readings._replace(load=load),
+            load=np.stack([rows.mean(one) for one in load]),
+            known=rows.covariance(known),
+        )
+        usual = self.around.field.correlation_length
+        if self.around.field.error_ellipses is None or usual is None:
+            return placed
+        ellipses = self.around.field.error_ellipse_at(*(one[:, rows.points] for one in places))
+        there = share[:, None] * np.isfinite(ellipses[..., 0])
+        mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
+        mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
+        mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
+        relative, alike = joint(apart, mean)
+        every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
+        return replace(placed, correlation=np.stack([rows.covariance(one) for one in every]))
+
+    def residuals(self, centres: Array) -> Array:
+        """Return (m, C) at shifts (C, 2); NaN off the map."""
+        return self.rows.mean(residuals_at(self.readings, self.field_map.grid, centres))
+
+    def covariance(self, m: int, cell: float) -> Array:
+        """Return (m, m) R of a model in cells of a size (m)."""
+        models, shape = self.models, int(self.models.shape[m])
+        load = self.load[shape]
+        R = models.sigma[m] ** 2 * (load @ load.T)
+        count = len(models.lengths)
+        R *= self.correlation[shape // (2 * count) * count + shape % count]
+        R += self.known + self.walked + cell**2 * self.blur
+        own = models.initial[m, models.initial.shape[1] - len(self.states) :]
+        R += np.tensordot(own**2, self.states, 1)
+        R[np.diag_indices(len(R))] += self.white * models.noise[m]
+        return np.asarray(R)
+
+    def parts(self, centres: Array, cell: float, which: Integers) -> Array:
+        """Return (M, B, C) what each block of new rows adds, given those before it, to the log
+        evidence of some models at cells (C, 2); of a cell off the map, nearly -inf."""
+        residual = self.residuals(centres)
+        known = np.isfinite(residual).all(axis=0)
+        residual = np.where(known, residual, 0.0)
+        old = self.old_rows
+        first = np.unique(np.arange(BLOCKS) * (len(residual) - old) // BLOCKS)
+        parts = np.empty((len(which), len(first), len(centres)))
+        for k, m in enumerate(which):
+            factor = np.linalg.cholesky(self.covariance(m, cell))
+            term = np.linalg.inv(factor) @ residual
+            term *= -0.5 * term
+            term -= np.log(np.diag(factor))[:, None]
+            parts[k] = np.add.reduceat(term[old:], first, axis=0)
+        parts[:, :, ~known] = -1e6
+        return parts
+
+
+def _of_states(readings: Rows, rows: Averages) -> tuple[Array, Array]:
+    """Return `Seen.states` and `Seen.walked`: a state that is left with a share of what it was,
+    and that something joins, from reading to reading."""
+    own = slice(readings.load.shape[2], None)
+    keep, fresh = readings.keep[:, own], readings.fresh[:, own]
+    gone = -np.cumsum(np.log(np.maximum(keep, 1e-300)), axis=0)
+    joined = np.zeros_like(fresh)
+    for t in range(len(joined)) if fresh.any() else ():
+        joined[t] = keep[t] ** 2 * joined[t - 1] + fresh[t]
+    middle = rows.order[rows.first + rows.sizes // 2]
+    gone, joined = gone[middle].T, joined[middle].T
+    effect = rows.mean(readings.reading[:, BATCH_STATES:][:, own]).T
+    alike = (
+        effect[:, :, None] * effect[:, None] * np.exp(-np.abs(gone[:, :, None] - gone[:, None]))
+    )
+    earlier = np.minimum(*np.indices(2 * [len(middle)]))
+    walked = (alike * joined[:, earlier]).sum(axis=0)
+    return alike * np.exp(-2.0 * gone)[:, earlier], walked
+
+
+def correlations(distance: Array, lengths: Array) -> list[Array]:
+    """Return (p, p) of errors at distances (p, p) in m, for each of lengths (L,) in m first
+    exponentials, then smoother ones with the same integral: Matern 3/2 (Rasmussen & Williams 2006,
+    eq. 4.17) but for a share that is of one place alone."""
+    smooth = []
+    for length in lengths:
+        alike = (1.0 - NUGGET) * (1.0 + 2.0 * distance / length) * np.exp(-2.0 * distance / length)
+        alike[np.diag_indices(len(alike))] += NUGGET
+        smooth.append(alike)
+    return [np.exp(-distance / length) for length in lengths] + smooth
