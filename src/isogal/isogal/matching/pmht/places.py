@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht import mixture_kernels
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
