@@ -13,8 +13,8 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
+from isogal.matching.pmht.cells import residuals_at
 from isogal.matching.pmht.rows import States, rows_of
-from isogal.matching.pmht.search import residuals_at
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import Averages

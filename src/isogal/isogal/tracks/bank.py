@@ -22,9 +22,17 @@ from isogal.matching.information import (
     positive_part,
 )
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
+from isogal.matching.pmht.cells import at_cells
 from isogal.matching.pmht.publish import Told as ToldByBanks
-from isogal.matching.pmht.rows import BIAS, UNKNOWN, States, navigator_states, rows_of
-from isogal.matching.pmht.search import at_cells, parts_of, some
+from isogal.matching.pmht.rows import (
+    BIAS,
+    UNKNOWN,
+    States,
+    navigator_states,
+    parts_of,
+    rows_of,
+    some,
+)
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric

@@ -16,9 +16,9 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements, shares, tensor_covariance
+from isogal.matching.pmht.cells import residuals_at
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Rows
-from isogal.matching.pmht.search import OF_LENGTHS, residuals_at
+from isogal.matching.pmht.rows import OF_LENGTHS, Rows
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import ContinuedMap
 from isogal.tracks.models import SHAPES, usual_sigma

@@ -10,12 +10,13 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import LOST_COVARIANCE
+from isogal.matching.pmht.cells import SURE, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
-from isogal.matching.pmht.search import SURE, Ranked, Search, Seen, unaided
+from isogal.matching.pmht.search import Search, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""

@@ -30,8 +30,7 @@ from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
-from isogal.matching.pmht.rows import Rows, States, navigator_states, rows_of
-from isogal.matching.pmht.search import parts_of
+from isogal.matching.pmht.rows import Rows, States, navigator_states, parts_of, rows_of
 from isogal.matching.pmht.settings import Settings
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings

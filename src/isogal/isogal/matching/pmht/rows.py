@@ -11,6 +11,7 @@ first-order Gauss-Markov processes, random walks or not at all: `keep` and `fres
 docs/mathematics.md, section 5.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -39,6 +40,13 @@ UNKNOWN = ("bias", "drift", "delay")
 """States of every instrument that is one number: what readings are off by (map's unit), by how
 much that changes per s, and by how many s readings are later than told."""
 BIAS, DRIFT, DELAY = range(3)
+
+
+OF_LENGTHS = ("load", "step", "joined")
+"""Columns of rows that have another axis in front."""
+CHUNK = 15
+"""Readings that hypotheses take in one update: with twice as many the first fix takes twice as
+long, 0.2 s where the map is rough."""
 
 
 class Rows(NamedTuple):
@@ -81,6 +89,24 @@ class Rows(NamedTuple):
     """(n, Q, 3) points (rad beside the row's place) and weights that a reading is a mean over."""
     channel: Integers
     """(n,)."""
+
+
+def some(rows: Rows, first: int, last: int) -> Rows:
+    """Return rows from a first one to before a last one."""
+    part = slice(first, last)
+    return Rows._make(
+        np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
+        for name, column in zip(Rows._fields, rows, strict=True)
+    )
+
+
+def parts_of(rows: Rows) -> list[Rows]:
+    """Return rows in parts of at most so many as hypotheses take in one update: the first of them
+    leave few places where there were many."""
+    count = len(rows.level)
+    number = -(-count // CHUNK)
+    ends = [count * k // number for k in range(number + 1)]
+    return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,265 @@
+"""Cells of a grid over the places where a navigator may be, ranked by one evidence with common
+covariances, so that thousands are one matrix product (docs/mathematics.md, section 9.1)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.interpolation import Grid, look_up
+from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows, some
+
+COARSE_M = 1000.0
+"""Cells of the first grid, half of `FEATURE_M`; those of the second are a third."""
+CELL_SIGMA = 1.2
+"""Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
+PLACES = 600
+"""Cells, and then hypotheses, that are followed up, at most."""
+SURE = 0.99
+"""Probability of what is taken as certain: that the place is in the first grid and among the cells
+that are followed up, and that a navigator that is told so has diverged."""
+GROUPS = 120
+"""Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
+With a third of them a map of 3 mGal is told apart 2 minutes later."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """Cells over the prior of an error's place, and how probable they are."""
+
+    seen: "Seen"
+    centres: Array
+    """(C, 2) m, north and east."""
+    size: float
+    """m."""
+    spread: Array
+    """(2, 2) covariance of the place before any reading."""
+    log_density: Array
+    """(C, M) log probabilities of cells with a model, before and by the readings."""
+
+    @classmethod
+    def of(cls, seen: "Seen", spread: Array) -> "Ranked":
+        """Return cells all over a prior N(0, spread)."""
+        sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
+        reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
+        size, count = COARSE_M, math.ceil(reach / COARSE_M)
+        centres = _square(size * np.arange(-count, count + 1.0))
+        centres = centres[np.hypot(*centres.T) < reach + size]
+        return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
+
+    def finer(self) -> "Ranked | None":
+        """Return the best cells, each divided by nine; None where they may not hold the place."""
+        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), PLACES)
+        if best is None:
+            return None
+        size = self.size / 3.0
+        centres = (self.centres[best][:, None] + _square(np.arange(-1.0, 2.0) * size)).reshape(
+            -1, 2
+        )
+        density = self.seen.log_density(centres, self.spread, size)
+        return Ranked(self.seen, centres, size, self.spread, density)
+
+    def hypotheses(self, wide: Array) -> Hypotheses | None:
+        """Return those of the best cells and models about an error of covariance `wide` (7, 7);
+        None where they may not hold the place."""
+        states = BATCH_STATES + self.seen.models.initial.shape[1]
+        best = _covering(self.log_density.ravel(), round(PLACES * at_same_time(states)))
+        if best is None:
+            return None
+        which, model = np.divmod(best, self.log_density.shape[1])
+        return at_cells(self.seen.models, self.centres[which], model, self.size, wide)
+
+    def share(self, place: Array, reach: float) -> float:
+        """Return the probability of cells within a reach (m) of a place (2,)."""
+        near = np.hypot(*(self.centres - place).T) < reach
+        log = self.log_density
+        return float(np.exp(log[near] - np.logaddexp.reduce(log, axis=None)).sum())
+
+
+def at_cells(
+    models: Models, centres: Array, which: Integers, cell: float, wide: Array
+) -> Hypotheses:
+    """Return those at cells (K, 2), each with a model (K,); their weights are those of the
+    prior."""
+    base, n = Hypotheses.before(models, wide), BATCH_STATES
+    gain = np.linalg.solve(wide[:2, :2], wide[:2]).T  # errors that go with a place
+    inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
+    covariance = base.covariance[which]
+    covariance[:, :n, :n] = inner
+    mean = np.zeros((len(which), covariance.shape[1]))
+    mean[:, :n] = centres @ gain.T
+    weight = _density(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
+    return Hypotheses(models, which, weight, mean, covariance)
+
+
+def _density(centres: Array, covariance: Array) -> Array:
+    """Return (C,) the log density of N(0, covariance)."""
+    square = np.einsum("ci,ij,cj->c", centres, np.linalg.inv(covariance), centres)
+    return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
+
+
+def _covering(log: Array, most: int) -> Integers | None:
+    """Return the best of (C,), without what is negligible; None where these may not hold what is
+    looked for."""
+    best = np.argsort(-log)[:most]
+    best = best[log[best] > log[best[0]] - NEGLIGIBLE]
+    lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
+    return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
+
+
+def _square(axis: Array) -> Array:
+    """Return (K², 2) all pairs of values of an axis."""
+    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Readings, averaged in groups, and what cells are ranked by."""
+
+    rows: Rows
+    grid: Grid
+    other: Array
+    """(n, n) covariance of what is not the map's error, of no cell."""
+    blur: Array
+    """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
+    shape: Array
+    """(n, n) correlation of the map's error."""
+    models: Models
+
+    @classmethod
+    def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
+        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
+        size = -(-len(rows.level) // GROUPS)
+        # those of a channel one after the other, the last of them in whole groups
+        each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
+        which = np.concatenate([one[len(one) % size :] for one in each])
+
+        def mean(a: Array) -> Array:
+            return np.asarray(a[which].reshape(-1, size, *a.shape[1:]).mean(axis=1))
+
+        grouped = some(rows, 0, 1)._replace(
+            latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
+            level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
+            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
+        )  # fmt: skip
+        apart = horizontal_difference(
+            grouped.latitude[:, None], grouped.longitude[:, None],
+            grouped.latitude, grouped.longitude,
+        )  # fmt: skip
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        one = channels_of(field_map)[0]
+        _, *slopes = one.value_and_gradient(grouped.latitude, grouped.longitude)
+        square = 0.5 * float(np.nanmean(np.square(slopes).sum(axis=0)))
+        slope = np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
+        other = np.diag(mean(rows.noise) / size)
+        covariance, gone = map(mean, _states(rows, since, models.initial[0]))
+        order = mean(np.arange(float(len(rows.level))))
+        for effect, unit in (
+            (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
+        ):  # fmt: skip
+            other += unit * in_common(effect, covariance, gone, order)
+        load = grouped.load[models.shape[0]]
+        shape = np.exp(-distance / models.length[0]) * (load @ load.T)
+        return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
+
+    def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
+        """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
+        place are, each with a model, before and by the readings; of a prior N(0, spread)."""
+        log = self.log_evidence(residuals_at(self.rows, self.grid, centres), cell)
+        return log + _density(centres, spread)[:, None] + 2.0 * math.log(cell)
+
+    def log_evidence(self, residual: Array, cell: float) -> Array:
+        """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
+        prior; -inf off the map.
+
+        All models have one correlation length: with D the covariance of what is not the map's
+        error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
+        D, and the residuals are turned once for all sigmas."""
+        models = self.models
+        factor = np.linalg.inv(np.linalg.cholesky(self.other + cell**2 * self.blur))
+        values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
+        turned = ((vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)) ** 2
+        variance = 1.0 + np.outer(models.sigma**2, np.maximum(values, 0.0))
+        log = -0.5 * (1.0 / variance).astype(np.float32) @ turned
+        constant = models.log_prior - 0.5 * np.log(variance).sum(axis=1)
+        log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
+        log[~np.isfinite(log)] = -np.inf
+        return np.asarray(log)
+
+
+def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
+    """Return (n, n) the covariance that states put into rows.
+
+    Parameters
+    ----------
+    effect : (n, S) array
+        What the states put into each row.
+    covariance : (n, S, S) array
+        Of the states, as they are at each row.
+    gone : (n, S) array
+        Negative log of the share of each state's first value that is left.
+    order : (n,) array
+        Grows with time: what joins the states at a row, later ones have too.
+    """
+    left = np.exp(-np.abs(gone[:, None] - gone))
+    across = (np.einsum("ti,tij->tj", effect, covariance)[:, None] * left * effect).sum(axis=2)
+    return np.asarray(np.where(order[:, None] <= order, across, across.T))
+
+
+def _states(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
+    """Return `covariance` and `gone` of `in_common` of all states of rows but the map's errors,
+    by what is unknown of x at each of them (n, 7, 7) and 1-sigmas before the first one of the
+    others."""
+    n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
+    covariance = np.zeros((len(since), n + len(initial), n + len(initial)))
+    covariance[:, :n, :n] = since
+    gone, now = np.zeros(covariance.shape[:2]), initial**2
+    gone[:, n:] = -np.cumsum(np.log(np.maximum(rows.keep, 1e-300)), axis=0)
+    diagonal = np.arange(first, n + len(initial))
+    for t in range(len(since)):
+        now = now * rows.keep[t] ** 2 + rows.fresh[t]
+        covariance[t, diagonal, diagonal] = now[first - n :]
+    return covariance, gone
+
+
+def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
+    """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
+    place, reading = (np.ascontiguousarray(a[..., :2]) for a in (rows.place, rows.reading))
+    return np.asarray(
+        _residuals(
+            grid, rows.latitude, rows.longitude, rows.radian, rows.level, place, reading,
+            rows.channel, np.ascontiguousarray(centres),
+        )
+    )  # fmt: skip
+
+
+@kernel(error_model="numpy")
+def _residuals(  # type: ignore[no-untyped-def]
+    grid, latitude, longitude, radian, level, place, reading, channel, centres
+):
+    """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
+    be, and less what these put into them."""
+    count, rows = centres.shape[0], latitude.shape[0]
+    out = np.empty((rows, count))
+    lat, lon = np.empty(count), np.empty(count)
+    row, column = np.empty(count, np.int64), np.empty(count, np.int64)
+    for t in range(rows):
+        for c in range(count):
+            n, e = centres[c, 0], centres[c, 1]
+            lat[c] = latitude[t] - (place[t, 0, 0] * n + place[t, 0, 1] * e) * radian[t, 0]
+            lon[c] = longitude[t] - (place[t, 1, 0] * n + place[t, 1, 1] * e) * radian[t, 1]
+        there = out[t]
+        look_up(grid, lat, lon, channel[t], row, column, there)
+        for c in range(count):
+            n, e = centres[c, 0], centres[c, 1]
+            there[c] = level[t] - reading[t, 0] * n - reading[t, 1] * e - there[c]
+    return out
