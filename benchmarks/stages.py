@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 from isogal.matching import joint_batches
-from isogal.matching.pmht import diverged, kernels, matcher
+from isogal.matching.pmht import diverged, matcher, mixture_kernels
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.montecarlo import engine
 from isogal.scenario import load_scenario
 
 _loop = engine._ClosedLoop
 STAGES: tuple[tuple[str, Any, str], ...] = (
-    ("hypotheses carried along", Hypotheses, "propagated"),
+    ("hypotheses carried along", Hypotheses, "carried"),
     ("rows", matcher, "rows_of"),
-    ("split: looks at the map", kernels, "curvature"),
+    ("split: looks at the map", mixture_kernels, "curvature"),
     ("split: rest", Hypotheses, "split"),
     ("readings taken", Hypotheses, "observed"),
     ("merged", Hypotheses, "reduced"),
