@@ -18,7 +18,6 @@
     information            from a posterior back to what the measurements alone said
     local_plane            north and east metres about a place
     quasi_random           Sobol points, uniform and normal
-    chi_square             survival function of the chi-square distribution
 
 Matchers:
 

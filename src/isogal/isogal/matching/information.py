@@ -89,14 +89,6 @@ def shares(information: Information, prior: Array, backward: Array) -> tuple[Inf
     return tuple(Information(*one) for one in zip(vector, matrix, strict=True))
 
 
-def posterior_of(fix: Fix, batch: Batch) -> tuple[Array, Array]:
-    """Return mean (4,) and covariance (4, 4) of xi by the batch's prior and its published fix."""
-    if fix.information is not None:
-        return informed(batch.prior, fix.information)
-    told = position_information(batch, fix.latitude, fix.longitude, fix.covariance)
-    return informed(batch.prior, told)
-
-
 def position_information(
     batch: Batch, latitude: float, longitude: float, covariance: Array
 ) -> Information:

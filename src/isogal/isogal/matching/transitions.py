@@ -13,7 +13,6 @@ from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity_at
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.interfaces import Batch
 from isogal.matrices import inverse, square_root, symmetric
 
 
@@ -145,19 +144,6 @@ def _chain(latitude, velocity, times, end):  # type: ignore[no-untyped-def]
             for b in range(n):
                 result[i, a, b] = following[a, b]
     return result
-
-
-def unconditioned(batch: Batch, by_xi: Array, by_nuisance: Array) -> Array:
-    """Undo `condition`: turn a dependence (..., 4) on xi and (..., M) on the drift into one on the
-    seven states, (..., 7).
-
-    Attitude = A xi + R d (`Batch.attitude`, which the batch must have), so d = R⁻¹ (attitude - A
-    xi).
-    """
-    assert batch.attitude is not None
-    attitude_by_xi, root = batch.attitude
-    by_attitude = by_nuisance @ np.linalg.pinv(root, rcond=1e-9)
-    return np.concatenate([by_xi - by_attitude @ attitude_by_xi, by_attitude], axis=-1)
 
 
 def condition(backward: Array, prior: Array, apart: Array | None = None) -> tuple[Array, Array]:
