@@ -8,14 +8,12 @@ Bayesian inference", where such terms have negative variances). A position fix w
 cannot say it: there, those directions tell nothing (docs/mathematics.md, section 7).
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
-from isogal.matching.interfaces import Batch, Fix, Information
+from isogal.matching.interfaces import Batch, Information
 from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
 
 UNINFORMED_RATIO = 1.0 - 1e-4
@@ -43,19 +41,6 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     if not np.isfinite(told[1][0, 0]):
         raise np.linalg.LinAlgError("Matrix is not positive definite")
     return Information(*told)
-
-
-def replaced(fix: Fix, mean: Array, covariance: Array, prior: Array) -> Fix:
-    """Return a fix that says something else: what turns a navigator N(0, prior) into N(mean,
-    covariance), (n,) and (n, n), n = 7, at the batch end alone. Its place is as it was."""
-    return replace(
-        fix,
-        covariance=measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])[1],
-        information=likelihood_information(mean, covariance, prior),
-        scan_position=None,  # of scans that the navigator saw elsewhere
-        scan_covariance=None,
-        scan_information=None,
-    )
 
 
 def shares(information: Information, prior: Array, backward: Array) -> tuple[Information, ...]:
