@@ -27,7 +27,7 @@ SURE = 0.99
 that are followed up, and that a navigator that is told so has diverged."""
 GROUPS = 120
 """Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
-With a third of them a map of 3 mGal is told apart 2 minutes later."""
+With a third of them a place on a map of 3 mGal is found a minute later."""
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together."""
 
