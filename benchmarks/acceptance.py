@@ -69,7 +69,7 @@ def version() -> str:
     return found.hexdigest()[:12]
 
 
-class Told:
+class Counting:
     """A matcher, and how many times it has told a navigator that it has diverged."""
 
     def __init__(self, matcher: Matcher) -> None:
@@ -93,7 +93,7 @@ def simulated(scenario: Scenario, runs: range) -> tuple[Runs, Cost]:
         engine.simulate(scenario, runs[:1], maps)
         _warm.add(key)
     with patch.object(engine, "clock", SimpleNamespace(perf_counter=time.thread_time)):
-        start, matcher = time.process_time(), Told(build_run_matcher(scenario))
+        start, matcher = time.process_time(), Counting(build_run_matcher(scenario))
         record = engine.simulate(scenario, runs, maps, matcher)
         return record, Cost(time.process_time() - start, _peak(), matcher.resets)
 

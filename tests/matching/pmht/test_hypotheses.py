@@ -243,7 +243,7 @@ def test_places_under_other_models():
     spread = spread_over(bank, which)
     assert len(spread) == 3 * len(which.sigma)
     same(spread.moments(), bank.moments())
-    np.testing.assert_allclose(spread._of_models(spread.which, spread.log_weight),
+    np.testing.assert_allclose(spread._of_models,
                                which.log_prior + bank.log_evidence)  # fmt: skip
     np.testing.assert_allclose(spread.covariance[0, 7:, 7:], np.diag(which.initial[0] ** 2))
 

@@ -189,13 +189,14 @@ def readings_of(
     used = np.ones(len(scans), dtype=np.bool_)
     if batchwise:
         used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
-    slow = slow_states(scenario.gravimeter, trajectory, scans)
-    slow = slow._replace(of_channel=common[:, None] * slow.of_channel)
-    if scenario.gravimeter.delay_sigma > 0.0 and len(of_map) == 1:
-        moved = (sensitivity[:, 0, :2] * trajectory.velocity[scans, :2]).sum(axis=1)
-        slow = slow.with_delay(scenario.gravimeter.delay_sigma, np.nan_to_num(moved))
     if field.name == "gradient":
         slow = gradiometer_states(scenario.gradiometer, trajectory, scans, turn)
+    else:
+        slow = slow_states(scenario.gravimeter, trajectory, scans)
+        slow = slow._replace(of_channel=common[:, None] * slow.of_channel)
+        if scenario.gravimeter.delay_sigma > 0.0 and len(of_map) == 1:
+            moved = (sensitivity[:, 0, :2] * trajectory.velocity[scans, :2]).sum(axis=1)
+            slow = slow.with_delay(scenario.gravimeter.delay_sigma, np.nan_to_num(moved))
     slope = height_slope(scenario, trajectory, scans)
     # an array of its own, of one layout: the recursion is compiled once
     share = np.full(len(scans), 1.0 if map_share is None else map_share)

@@ -107,11 +107,10 @@ class Hypotheses:
         so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
         top, of_place = self.log_weight.max(), rows.place[-1]
-        leading = self._leading(self.which, self.log_weight)
         while True:  # `most` ends it on a map as rough as that
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
             place, spread = whole.places(of_place)
-            asked = whole.log_weight > np.minimum(top - NEGLIGIBLE, leading[whole.which])
+            asked = whole.log_weight > np.minimum(top - NEGLIGIBLE, self._leading[whole.which])
             mixture_kernels.curvature(
                 grid, rows, self.models, whole.which, asked, int(whole.log_weight.argmax()),
                 whole.mean, place, spread, CURVED, REACH, worst, axes,
@@ -204,50 +203,49 @@ class Hypotheses:
         them = self
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
-        log_weight = them.log_weight - np.logaddexp.reduce(them.log_weight)
-        log_weight = np.maximum(log_weight, LEAST)
+        log_weight = np.maximum(them.normalised().log_weight, LEAST)
         order = np.lexsort((-log_weight, them.which))
-        which, log_weight = them.which[order], log_weight[order]
-        total = them._of_models(which, log_weight)
-        light = total[which] < -LIGHT
-        first = np.r_[True, which[1:] != which[:-1]]
-        leading = self._leading(which, log_weight)[which]
-        light &= np.isinf(leading)
+        them = replace(them, log_weight=log_weight).part(order)
+        leading = them._leading[them.which]
+        light = (them._of_models[them.which] < -LIGHT) & np.isinf(leading)
+        first = np.r_[True, them.which[1:] != them.which[:-1]]
         least = np.where(light, -LIGHT, np.minimum(leading, -NEGLIGIBLE))
-        kept = first | (log_weight > least)
-        them = replace(them, log_weight=np.zeros(len(them))).part(order[kept])
-        log_weight = log_weight[kept]
-        if len(them) > len(np.unique(them.which)):
-            mean, covariance = them.mean.copy(), them.covariance.copy()
-            stay = mixture_kernels.merged(
-                them.which, log_weight, mean, covariance, *them.places(of_place)
-            )
-            them = replace(them, mean=mean, covariance=covariance).part(stay)
-            log_weight = log_weight[stay]
-        total = them._of_models(them.which, log_weight)
+        them = them.part(first | (them.log_weight > least)).merged(of_place)
+        total = them._of_models
         lift = np.maximum(total.max() - FLOOR - total, 0.0)
-        log_weight = log_weight + lift[them.which]
-        return replace(them, log_weight=log_weight - np.logaddexp.reduce(log_weight))
+        return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
 
-    def _of_models(self, which: Integers, log_weight: Array) -> Array:
-        """Return (M,) the log weights of models."""
+    def merged(self, of_place: Array) -> "Hypotheses":
+        """Merge places of one model that are within one 1-sigma of each other (`places`); of
+        hypotheses in the order of their models, and within one by falling weight."""
+        if len(np.unique(self.which)) == len(self):
+            return self
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        weight = self.log_weight.copy()
+        stay = mixture_kernels.merged(self.which, weight, mean, covariance, *self.places(of_place))
+        return replace(self, log_weight=weight, mean=mean, covariance=covariance).part(stay)
+
+    @cached_property
+    def _of_models(self) -> Array:
+        """(M,) the log weights of models."""
         total = np.full(len(self.models.sigma), -np.inf)
-        top = log_weight.max()
-        sums = np.bincount(which, np.exp(log_weight - top), len(total))
+        top = self.log_weight.max()
+        sums = np.bincount(self.which, np.exp(self.log_weight - top), len(total))
         there = sums > 0.0
         total[there] = np.log(sums[there]) + top
         return total
 
-    def _leading(self, which: Integers, log_weight: Array) -> Array:
-        """Return (M,) the log weight from which places of a model count although it is improbable:
-        those of the likeliest model of each family, so that what becomes probable later has not
-        lost its place; inf of other models."""
-        total, family = self._of_models(which, log_weight), self.models.family
+    @cached_property
+    def _leading(self) -> Array:
+        """(M,) the log weight from which places of a model count although it is improbable: those
+        of the likeliest model of each family, so that what becomes probable later has not lost its
+        place; inf of other models."""
+        total, family = self._of_models, self.models.family
         best = np.full(len(FAMILIES), -np.inf)
         np.maximum.at(best, family, total)
         leads = (total == best[family]) & np.isfinite(total)
         top = np.full(len(total), -np.inf)
-        np.maximum.at(top, which, log_weight)
+        np.maximum.at(top, self.which, self.log_weight)
         return np.where(leads, top - LIGHT, np.inf)
 
     def moved(self, by: Array) -> "Hypotheses":

@@ -6,7 +6,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht import mixture_kernels
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 
@@ -20,11 +19,7 @@ def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
     stay as they are."""
     kept = np.argsort(-them.log_weight)[:most]
     kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
-    them = them.part(kept[np.argsort(them.which[kept], kind="stable")])
-    mean, covariance = them.mean.copy(), them.covariance.copy()
-    weight = them.log_weight.copy()
-    stay = mixture_kernels.merged(them.which, weight, mean, covariance, *them.places(of_place))
-    return replace(them, log_weight=weight, mean=mean, covariance=covariance).part(stay)
+    return them.part(kept[np.argsort(them.which[kept], kind="stable")]).merged(of_place)
 
 
 def resolved(them: Hypotheses) -> bool:
