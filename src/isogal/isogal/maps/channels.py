@@ -1,7 +1,7 @@
 """Several maps on one grid, for sensors that measure several quantities at once, such as the
 gravity gradient tensor."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import overload
@@ -123,15 +123,19 @@ def channels_of(field_map: RouteMap) -> tuple[ScalarMap, ...]:
 
 
 def by_channel(
-    field_map: FieldMap | ChannelMap, channel: Integers, name: str, *arguments: Array
+    field_map: FieldMap | ChannelMap,
+    channel: Integers,
+    of: Callable[[FieldMap, Array, Array], Array],
+    latitude: Array,
+    longitude: Array,
 ) -> Array:
-    """Return ``getattr(map of the channel, name)(*arguments)`` (T,) row by row, for channel (T,)
-    and arguments (T,)."""
+    """Return (T,) what ``of(map of the channel, latitude, longitude)`` says row by row, for channel
+    (T,) and points (T,), rad."""
     maps = channels_of(field_map)
     if len(maps) == 1:
-        return np.asarray(getattr(maps[0], name)(*arguments), dtype=np.float64)
+        return np.asarray(of(maps[0], latitude, longitude), dtype=np.float64)
     result = np.empty(len(channel))
     for index, one in enumerate(maps):
         rows = channel == index
-        result[rows] = getattr(one, name)(*(argument[rows] for argument in arguments))
+        result[rows] = of(one, latitude[rows], longitude[rows])
     return result

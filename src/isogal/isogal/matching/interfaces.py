@@ -19,11 +19,11 @@ from isogal.inertial.error_state import batch_covariance
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 
-LOST_SIGMA = (15e3, 0.5, 1e-4)
-"""1-sigma that a lost navigator's north and east position (m), velocity (m/s) and tilt (rad) get
-on top of its own covariance. A wrong latitude turns the navigation frame wrongly: 10 km let tilt
-grow by 7e-8 rad/s, and velocity with it."""
-LOST_COVARIANCE = batch_covariance(*LOST_SIGMA, 0.0)
+LOST_SIGMA = (15e3, 0.5, 1e-4, 1e-3)
+"""1-sigma that a lost navigator's north and east position (m), velocity (m/s), tilt and heading
+(rad) get on top of its own covariance. A wrong latitude turns the navigation frame wrongly: 10 km
+let tilt grow by 7e-8 rad/s, and velocity with it; 1e-3 rad of heading do the same."""
+LOST_COVARIANCE = batch_covariance(*LOST_SIGMA)
 """(7, 7) its square, as added to the covariance of a batch's states
 (`isogal.inertial.error_state`)."""
 

@@ -129,7 +129,9 @@ class TrackMatcher:
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
-        rows, _ = rows_of(whole, field_map, states, models.lengths, None)
+        rows, _ = rows_of(
+            whole, field_map, states, (models.lengths, np.zeros(len(models.lengths))), None
+        )
         if rows is None or len(rows.level) - old < FEWEST_READINGS:
             return None
         field_map = field_map if around is None else around.field

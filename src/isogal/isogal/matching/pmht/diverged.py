@@ -21,7 +21,7 @@ from isogal.matching.pmht.search import Search, unaided
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""
 SAYS = math.log(SURE / (1.0 - SURE))
-"""Log odds at which it is told so."""
+"""Log odds at which the bank is given up for what a search has found."""
 
 
 def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -92,12 +92,12 @@ def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
 
 def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:
     """Return the memory, with hypotheses at the place that has been found where that is certain,
-    and whether the navigator is to be told that it has diverged."""
+    and whether it is."""
     diverged, lead = memory.diverged, memory.fields[first]
-    search, found, known = diverged.search, diverged.found, lead.bank is not None
+    search, found = diverged.search, diverged.found
     if search is None or found is None or not resolved(found):
         return memory, False
-    if known and search.log_odds < SAYS:
+    if lead.bank is not None and search.log_odds < SAYS:
         return memory, False
     # those that a search began with may not have held the place: have all cells it there?
     _, there = _ranked(diverged, lead, field_map, found.moments()[0])
@@ -110,7 +110,7 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
         for index, one in memory.fields.items()
     }
     diverged = Diverged.before(memory.covariance, diverged.past[-1].time)
-    return replace(memory, fields=fields, diverged=diverged), known
+    return replace(memory, fields=fields, diverged=diverged), True
 
 
 def probability(log_odds: float) -> float:

@@ -33,7 +33,7 @@ SPLIT = (
 variance of 1; theirs loses 4.5 % of it at each split."""
 MOST, USUAL_STATES = 4000, 11
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
-NEGLIGIBLE = 12.0
+NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT = 5.0
 """Models less probable by this log have one place only."""
@@ -44,7 +44,7 @@ LEAST = -600.0
 FLOOR = 15.0
 """No model falls further below the best than this log: what was wrong for hours may become
 right."""
-CREDIBLE = 0.1
+CREDIBLE = 0.03
 """A fault has to be this probable to be published: a wide model of a few percent would widen what
 is published for ever."""
 
@@ -106,11 +106,11 @@ class Hypotheses:
         """Split those over which the map is not nearly linear, along the worst axis, into at most
         so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
-        top, of_place = self.log_weight.max(), rows.place[-1]
+        of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
             place, spread = whole.places(of_place)
-            asked = whole.log_weight > np.minimum(top - NEGLIGIBLE, self._leading[whole.which])
+            asked = whole.log_weight > least[whole.which]
             mixture_kernels.curvature(
                 grid, rows, self.models, whole.which, asked, int(whole.log_weight.argmax()),
                 whole.mean, place, spread, CURVED, REACH, worst, axes,
@@ -206,11 +206,8 @@ class Hypotheses:
         log_weight = np.maximum(them.normalised().log_weight, LEAST)
         order = np.lexsort((-log_weight, them.which))
         them = replace(them, log_weight=log_weight).part(order)
-        leading = them._leading[them.which]
-        light = (them._of_models[them.which] < -LIGHT) & np.isinf(leading)
         first = np.r_[True, them.which[1:] != them.which[:-1]]
-        least = np.where(light, -LIGHT, np.minimum(leading, -NEGLIGIBLE))
-        them = them.part(first | (them.log_weight > least)).merged(of_place)
+        them = them.part(first | (them.log_weight > them._least[them.which])).merged(of_place)
         total = them._of_models
         lift = np.maximum(total.max() - FLOOR - total, 0.0)
         return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
@@ -236,17 +233,19 @@ class Hypotheses:
         return total
 
     @cached_property
-    def _leading(self) -> Array:
-        """(M,) the log weight from which places of a model count although it is improbable: those
-        of the likeliest model of each family, so that what becomes probable later has not lost its
-        place; inf of other models."""
+    def _least(self) -> Array:
+        """(M,) the log weight from which a place counts. An improbable model has its best place
+        only, and that is not split; but the likeliest one of each family has several, so that what
+        becomes probable later has not lost its place."""
         total, family = self._of_models, self.models.family
-        best = np.full(len(FAMILIES), -np.inf)
-        np.maximum.at(best, family, total)
-        leads = (total == best[family]) & np.isfinite(total)
-        top = np.full(len(total), -np.inf)
-        np.maximum.at(top, self.which, self.log_weight)
-        return np.where(leads, top - LIGHT, np.inf)
+        whole = np.logaddexp.reduce(self.log_weight)
+        likeliest = np.full(len(FAMILIES), -np.inf)
+        np.maximum.at(likeliest, family, total)
+        leads = (total == likeliest[family]) & np.isfinite(total)
+        best = np.full(len(total), -np.inf)
+        np.maximum.at(best, self.which, self.log_weight)
+        least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
+        return np.where(leads, np.minimum(least, best - NEGLIGIBLE), least)
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""

@@ -24,6 +24,7 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
+from isogal.matching.pmht.cells import SURE
 from isogal.matching.pmht.diverged import decided, pursued
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
@@ -37,6 +38,9 @@ from isogal.scenario import Matcher as MatcherSettings
 
 WIDE_M = 500.0
 """1-sigma of a prior from which the place is searched for."""
+ELSEWHERE = -2.0 * math.log(1.0 - SURE)
+"""Squared distance, in 1-sigmas of the navigator, from its own place to one that is found, from
+which on the navigator is told that it has diverged: outside of where it is sure to be."""
 SAME_ESTIMATE = 0.25
 """Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
 the one that was made, up to which the fix counts as taken: half a 1-sigma."""
@@ -100,15 +104,20 @@ class Pmht:
         lead = memory.fields[self.lead]
         diverged = memory.diverged.with_last(rows=rows[0], evidence=evidence)
         diverged = pursued(diverged, lead, field_map)
-        memory, reset = decided(replace(memory, diverged=diverged), self.lead, field_map)
+        memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
-        if reset or lead.bank is None:
-            prior = prior + LOST_COVARIANCE if reset else prior
+        reset, widened = False, None
+        if found and lead.bank is not None:
+            mean, covariance = bank.moments()
+            reset = bool(mean[:2] @ np.linalg.solve(prior[:2, :2], mean[:2]) > ELSEWHERE)
+            widened = covariance + np.outer(mean, mean)  # else the fix were beyond its gate
+            prior = prior + widened + (LOST_COVARIANCE if reset else 0.0)
+        if found:
             told = Told.nothing().with_bank(self.lead, bank, prior)
         fix, memory = published(each, memory, prior, told, self.names, self.settings[self.lead])
-        return replace(fix, reset=reset), memory
+        return replace(fix, reset=reset, widened=widened), memory
 
     def _readings(
         self, each: Sequence[Beside], memory: Memory, prior: Array
@@ -127,7 +136,7 @@ class Pmht:
                     states, models, None if lost else Hypotheses.before(models, prior)
                 )
             new, epoch = rows_of(
-                one.batch, one.field_map, field.states, field.models.lengths, field.epoch
+                one.batch, one.field_map, field.states, field.models.shapes, field.epoch
             )
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)

@@ -13,19 +13,19 @@ MOST_LOOKED_AT = 10
 
 
 @kernel(error_model="numpy")
-def _bend(grid, rows, north, east, step):  # type: ignore[no-untyped-def]
+def _bend(grid, rows, north, east, lag, step):  # type: ignore[no-untyped-def]
     """Return the root of the sum over rows of the squared largest second derivative of the map
-    (per m², in 1-sigma of the noise) around a place, by differences over a step (m)."""
+    (per m², in 1-sigma of the noise) around a place, by differences of gradients over a step
+    (m)."""
     total = 0.0
     for t in range(rows.level.shape[0]):
-        most = 0.0
-        for a, b in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)):
-            u, v = a * step, b * step
-            g0, _, _ = predicted(grid, rows, t, north, east, 0.0)
-            g1, _, _ = predicted(grid, rows, t, north + u, east + v, 0.0)
-            g2, _, _ = predicted(grid, rows, t, north - u, east - v, 0.0)
-            most = max(most, abs(g1 + g2 - 2.0 * g0) / (step * step))
-        total += most * most / rows.noise[t]
+        _, nn1, ne1 = predicted(grid, rows, t, north + step, east, lag)
+        _, nn0, ne0 = predicted(grid, rows, t, north - step, east, lag)
+        _, en1, ee1 = predicted(grid, rows, t, north, east + step, lag)
+        _, en0, ee0 = predicted(grid, rows, t, north, east - step, lag)
+        mean = 0.5 * ((nn1 - nn0) + (ee1 - ee0))
+        apart = math.hypot(0.5 * ((nn1 - nn0) - (ee1 - ee0)), 0.5 * ((ne1 - ne0) + (en1 - en0)))
+        total += ((abs(mean) + apart) / (2.0 * step)) ** 2 / rows.noise[t]
     return math.sqrt(total)
 
 
@@ -37,9 +37,9 @@ def curvature(  # type: ignore[no-untyped-def]
     they were taken at, and (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma
     along its axes, in 1-sigma of the noise and, where that is more, in units of their change.
 
-    Around the place of one of them, `best`, a look at the map says of most that they depart by
-    less than `enough`; these are not looked at one by one, and 0, as are those that are not
-    `asked` for.
+    Around the place of one of them, `best`, or of the first one of a low-pass filter, a look at
+    the map says of most that they depart by less than `enough`; these are not looked at one by
+    one, and 0, as are those that are not `asked` for.
 
     Parameters
     ----------
@@ -49,45 +49,58 @@ def curvature(  # type: ignore[no-untyped-def]
     """
     step = 0.5 * grid.latitude_step / rows.radian[0, 0]
     stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
-    bend = 2.0 * _bend(grid, rows, place[best, 0], place[best, 1], step)
+    along, departure, change = np.empty((2, 2)), np.empty(2), np.empty(2)
+    centre, lag, bend = -1, 0.0, 0.0
     for k in range(which.shape[0]):
         worst[k] = 0.0
         if not asked[k]:
             continue
+        m = which[k]
+        if centre < 0 or models.lag[m] != lag:
+            lag = models.lag[m]
+            centre = k if lag > 0.0 else best
+            bend = 2.0 * _bend(grid, rows, place[centre, 0], place[centre, 1], lag, step)
         spread = spreads[k, 0, 0] + spreads[k, 1, 1]
-        away = math.hypot(place[k, 0] - place[best, 0], place[k, 1] - place[best, 1])
+        away = math.hypot(place[k, 0] - place[centre, 0], place[k, 1] - place[centre, 1])
         near = away + reach * math.sqrt(spread) < step
         if near and 0.5 * reach * reach * spread * bend < enough:
             continue
-        m = which[k]
         a, b, d = spreads[k, 0, 0], spreads[k, 0, 1], spreads[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
         c, s = math.cos(angle), math.sin(angle)
         big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
         small = math.sqrt(max(a * s * s - 2.0 * b * c * s + d * c * c, 0.0))
+        along[0, 0], along[0, 1], along[1, 0], along[1, 1] = (
+            big * c,
+            big * s,
+            -small * s,
+            small * c,
+        )
         for axis in range(2):
-            u, v = (big * c, big * s) if axis == 0 else (-small * s, small * c)
-            departure = change = 0.0
-            for t in range(0, rows.level.shape[0], stride):
-                north = east = 0.0
-                for i in range(models.sizes[m]):
-                    state = models.used[m, i]
-                    north += rows.place[t, 0, state] * mean[k, state]
-                    east += rows.place[t, 1, state] * mean[k, state]
-                lag = models.lag[m]
-                g0, _, _ = predicted(grid, rows, t, north, east, lag)
-                g1, _, _ = predicted(grid, rows, t, north - reach * u, east - reach * v, lag)
-                g2, _, _ = predicted(grid, rows, t, north + reach * u, east + reach * v, lag)
-                f = math.exp(-rows.travelled[t] / models.length[m])
-                R = rows.noise[t] * models.noise[m]
-                load = rows.load[models.shape[m]]
-                for j in range(load.shape[1]):
-                    R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
-                departure += (0.5 * (g1 + g2) - g0) ** 2 / R
-                change += (0.5 * (g1 - g2)) ** 2 / R
-            value = math.sqrt(stride * departure) / max(math.sqrt(stride * change), 1.0)
+            departure[axis] = change[axis] = 0.0
+        for t in range(0, rows.level.shape[0], stride):
+            north = east = 0.0
+            for i in range(models.sizes[m]):
+                state = models.used[m, i]
+                north += rows.place[t, 0, state] * mean[k, state]
+                east += rows.place[t, 1, state] * mean[k, state]
+            f = math.exp(-rows.travelled[t] / models.length[m])
+            R = rows.noise[t] * models.noise[m]
+            load = rows.load[models.shape[m]]
+            for j in range(load.shape[1]):
+                R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
+            g0, _, _ = predicted(grid, rows, t, north, east, lag)
+            for axis in range(2):
+                u, v = reach * along[axis, 0], reach * along[axis, 1]
+                g1, _, _ = predicted(grid, rows, t, north - u, east - v, lag)
+                g2, _, _ = predicted(grid, rows, t, north + u, east + v, lag)
+                departure[axis] += (0.5 * (g1 + g2) - g0) ** 2 / R
+                change[axis] += (0.5 * (g1 - g2)) ** 2 / R
+        for axis in range(2):
+            value = math.sqrt(stride * departure[axis])
+            value /= max(math.sqrt(stride * change[axis]), 1.0)
             if value > worst[k]:
-                worst[k], axes[k, 0], axes[k, 1] = value, u, v
+                worst[k], axes[k, 0], axes[k, 1] = value, along[axis, 0], along[axis, 1]
 
 
 @kernel(error_model="numpy")

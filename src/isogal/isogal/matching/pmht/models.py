@@ -39,8 +39,13 @@ BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "wrong_map")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, WRONG_MAP = range(7)
+COARSE_SHARES, COARSE_LENGTH = (0.5, 1.0), 0.5
+"""1-sigma of what a map's grid leaves out, as shares of its roughness (over SE Australia, half as
+dense: 0.15 to 0.97 in 26 parts of the track, 0.55 in the mean), and its correlation length in
+steps of the grid (0.4 there): it is 0 at the nodes."""
+
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "coarse", "wrong_map")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, COARSE, WRONG_MAP = range(8)
 
 
 class Fault(NamedTuple):
@@ -75,10 +80,11 @@ FAULTS = (
     Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
     Fault(NAVIGATOR, 0.01, growth=10.0),
     Fault(NAVIGATOR, 0.01, growth=100.0),
-    Fault(LATE, 0.002, delay=LATE_S),
-    Fault(FILTERED, 0.002, lag=30.0, delay=9.0),
-    Fault(FILTERED, 0.002, lag=60.0, delay=18.0),
-    Fault(FILTERED, 0.002, lag=120.0, delay=36.0),
+    Fault(LATE, 0.01, delay=LATE_S),
+    Fault(FILTERED, 0.005, lag=30.0, delay=9.0),
+    Fault(FILTERED, 0.005, lag=60.0, delay=18.0),
+    Fault(FILTERED, 0.005, lag=120.0, delay=36.0),
+    Fault(COARSE, 0.05),
 )
 
 
@@ -90,7 +96,10 @@ class Models(NamedTuple):
     length: Array
     """(M,) m."""
     shape: Integers
-    """(M,) which of the lengths."""
+    """(M,) which of `shapes`."""
+    rough: Array
+    """(M,) roughness of the map where its error has this sigma, map's unit: it is in proportion to
+    that; 0 = it is the same everywhere."""
     noise: Array
     """(M,)."""
     lag: Array
@@ -112,8 +121,14 @@ class Models(NamedTuple):
 
     @property
     def lengths(self) -> Array:
-        """Correlation lengths, as `shape` counts them, m."""
+        """(L,) correlation lengths of the map's error, m."""
         return np.unique(self.length)
+
+    @property
+    def shapes(self) -> tuple[Array, Array]:
+        """(S,) correlation lengths of the map's error (m) and `rough`, as `shape` counts them."""
+        first = np.unique(self.shape, return_index=True)[1]
+        return self.length[first], self.rough[first]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +141,8 @@ class Assumed:
     """Standard deviation of the map."""
     rough: float
     """Its roughness."""
+    step: float = USUAL_LENGTH_M
+    """From one node of its grid to the next, m."""
     sigma: float | None = None
     """1-sigma of the map's error that is told; None = nothing is."""
     length: float = USUAL_LENGTH_M
@@ -157,6 +174,8 @@ def models_of(assumed: Assumed, states: States) -> Models:
         faults = tuple(f for f in faults if f.family != LATE)
     if assumed.filtered:
         faults = tuple(f for f in faults if not f.lag)
+    if told or not assumed.rough > 0.0:
+        faults = tuple(f for f in faults if f.family != COARSE)
     fine = (
         _told_errors(assumed, TOLD_STEPS, TOLD_LENGTHS)
         if told
@@ -170,6 +189,9 @@ def models_of(assumed: Assumed, states: States) -> Models:
     rows = []
     for fault in faults:
         errors = fine if fault.family == NONE else coarse
+        if fault.family == COARSE:
+            length = COARSE_LENGTH * assumed.step
+            errors = [(share * assumed.rough, length, 0.0) for share in COARSE_SHARES]
         total = np.logaddexp.reduce([e[2] for e in errors])
         rows += [
             (s, length, lp - total + math.log(fault.probability), fault)
@@ -246,11 +268,14 @@ def table_of(
     for k in range(count):
         own = np.r_[np.arange(BATCH_STATES), BATCH_STATES + np.flatnonzero(has[k])]
         used[k, : len(own)], sizes[k] = own, len(own)
-    lengths = np.unique(length)
+    family = np.array([f.family for f in fault])
+    rough = np.where(family == COARSE, assumed.rough, 0.0)
+    shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
     return Models(
         sigma,
         length,
-        np.searchsorted(lengths, length).astype(np.int64),
+        shape.reshape(-1).astype(np.int64),
+        rough,
         np.array([f.noise for f in fault]),
         np.array([f.lag for f in fault]),
         np.array([f.start for f in fault]),
@@ -258,7 +283,7 @@ def table_of(
         initial,
         used,
         sizes,
-        np.array([f.family for f in fault]),
+        family,
         log_prior - np.logaddexp.reduce(log_prior),
     )
 

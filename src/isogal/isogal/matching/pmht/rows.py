@@ -24,6 +24,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.field_map import FieldMap
+from isogal.maps.roughness import roughness_at
 from isogal.maps.tensor_error import shares
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
@@ -195,14 +196,18 @@ def navigator_states(batch: Batch) -> tuple[Array, Array]:
 
 
 def rows_of(
-    batch: Batch, field_map: AnyMap, states: States, lengths: Array, last: Epoch | None
+    batch: Batch,
+    field_map: AnyMap,
+    states: States,
+    shapes: tuple[Array, Array],
+    last: Epoch | None,
 ) -> tuple[Rows | None, Epoch | None]:
     """Return the new readings of a batch, None where there are none, and the last one's epoch.
 
     Parameters
     ----------
-    lengths : (L,) array
-        Correlation lengths of the map's error that models have, m.
+    shapes : (S,) arrays
+        See `Models.shapes`.
     last : Epoch, optional
         Of the last reading before; None = there was none.
     """
@@ -220,10 +225,10 @@ def rows_of(
     moved = velocity * elapsed[:, None]
     travelled = np.hypot(*moved.T)
     chain = Chain.of(batch, states.channels, states.order)
-    steps, step, joined = chained(chain, moved, first.steps, lengths, last is None)
+    steps, step, joined = chained(chain, moved, first.steps, shapes[0], last is None)
     if batch.filter_path is not None and states.channels == 2:
         memory = batch.filter_path.memory
-        step, joined = filtered_chain(memory, travelled, lengths, last is None)
+        step, joined = filtered_chain(memory, travelled, shapes[0], last is None)
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
@@ -235,7 +240,7 @@ def rows_of(
         batch.reading[which] - batch.offset[which],
         place,
         reading,
-        _loads(batch, which, field_map, states, channel, len(lengths)),
+        _loads(batch, which, field_map, states, channel, shapes[1]),
         _white(batch)[which] + rounding,
         travelled,
         keep,
@@ -312,19 +317,24 @@ def _loads(
     field_map: AnyMap,
     states: States,
     channel: Integers,
-    lengths: int,
+    rough: Array,
 ) -> Array:
     """Return `Rows.load`: u are in units of their own 1-sigmas, those of this scan's channels or
-    beams first."""
+    beams first; what a grid leaves out is in proportion to how rough the map is there."""
     maps = channels_of(field_map)
-    own = by_channel(field_map, channel, "sigma_at", batch.latitude[which], batch.longitude[which])
+    place = batch.latitude[which], batch.longitude[which]
+    own = by_channel(field_map, channel, FieldMap.sigma_at, *place)
     usual = np.array([stated_sigma(one) for one in maps])[channel]
     ratio = np.where(
         (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
     )
     if batch.of_one_potential is not None:
         ratio = ratio * np.sqrt(shares(batch.of_one_potential))[channel]
-    load = np.zeros((lengths, len(which), states.channels))
+    ratio = np.tile(ratio, (len(rough), 1))
+    for k in np.flatnonzero(rough > 0.0):
+        here = by_channel(field_map, channel, roughness_at, *place)
+        ratio[k] = np.where(np.isfinite(here), here / rough[k], 1.0)
+    load = np.zeros((len(rough), len(which), states.channels))
     load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
     return load
 

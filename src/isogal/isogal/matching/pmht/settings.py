@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.field_map import FieldMap
+from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.models import DRIFT_TIME, Assumed
 from isogal.matching.pmht.rows import stated_sigma
@@ -73,6 +73,7 @@ class Settings:
             noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
             scale=float(np.mean([one.scale for one in maps])),
             rough=float(np.mean([roughness(one) for one in maps])),
+            step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
             sigma=told,
             length=self.length,
             trust=self.options.trust,
@@ -82,15 +83,3 @@ class Settings:
             delay=batch.delay_sigma,
             filtered=batch.filter_path is not None,
         )
-
-
-def roughness(field_map: FieldMap) -> float:
-    """Return the RMS difference of a node from the mean of its neighbours on either side: what
-    the map would not show if it were half as dense, by at most 200 x 200 nodes."""
-    steps = [max(1, count // 200) for count in field_map.values.shape]
-    values = field_map.values
-    along = values[1:-1] - 0.5 * (values[2:] + values[:-2])
-    across = values[:, 1:-1] - 0.5 * (values[:, 2:] + values[:, :-2])
-    known = np.concatenate([part[:: steps[0], :: steps[1]].ravel() for part in (along, across)])
-    known = known[np.isfinite(known)]
-    return math.sqrt(float((known**2).mean())) if known.size else 0.0
