@@ -18,9 +18,6 @@ from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.map_error import rms_gradient
 
-_SMOOTHING = 2000.0
-"""m, over which the RMS gradient is averaged."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContinuedMap:
@@ -75,9 +72,9 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
         values=values[tuple(nearest)],
         **error,
     )
-    slope = math.sqrt(float(np.nanmean(rms_gradient(field_map, _SMOOTHING) ** 2)))
+    slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))
-    rough = rms_gradient(field, _SMOOTHING)
+    rough = rms_gradient(field)
     return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), field_map)
 
 
