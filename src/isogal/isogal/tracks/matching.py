@@ -30,16 +30,15 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.fusion.fix import apply_fix
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.failures import has_failed, match_or_decline
+from isogal.matching.failures import match_or_decline
 from isogal.matching.information import informed, position_information
-from isogal.matching.interfaces import Batch, Fix, Information, Matcher
+from isogal.matching.interfaces import Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import batch_ends, between_batches
 from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
-from isogal.tracks.informative import contradicts, wider_than, without_fix
+from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
 
@@ -203,23 +202,27 @@ def _matched(
             for one, jacobian in zip(fields, jacobians, strict=True)
         ]
         batch, near = joint_batch(fields, batches, edge=not by_bank)
-        before = memory
-        fix, memory = match_or_decline(matching, batch, near, memory)
-        known = _TrackError(batch, error, covariance)
-        fix, counted = _judged(fix, batch, prior)
-        apply_fix(counted, known)
+        fix, after = match_or_decline(matching, batch, near, memory)
+        fix, counted = judged(fix, batch, prior)
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
+            covariance = covariance + fix.widening[:4, :4]
+        if counted.published:
+            told = counted.information or position_information(
+                batch, counted.latitude, counted.longitude, counted.covariance
+            )
+            remaining, covariance = informed(covariance, told)
+            error = error + remaining
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        shown = by_bank and not has_failed(fix.reason)
-        shifts = memory.shifts if shown else None
-        rows = slice(previous, end)
-        matches.append(Match(fix, rows, known.error, known.covariance, *here, shifts))
-        told = counted if chained else fix
-        if told.published or end - unresolved >= _LONGEST * settings.batch_length:
+        shifts = after.shifts if by_bank and after is not memory else None
+        matches.append(Match(fix, slice(previous, end), error, covariance, *here, shifts))
+        if (
+            counted if chained else fix
+        ).published or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
-        elif by_bank and before is not None:  # these readings will be matched again
-            memory = replace(memory, log_prior=before.log_prior)
+        elif by_bank and memory is not None:  # these readings will be matched again
+            after = replace(after, log_prior=memory.log_prior)
+        memory = after
         if progress is not None:
             progress(len(matches), len(ends))
     return matches
@@ -230,48 +233,6 @@ def _is_rigid(field: TrackField, uncertainty: Uncertainty) -> bool:
     ends, time = batch_ends(len(field.track), field.settings), field.track.time
     longest = max(time[end - 1] - time[first] for first, end in pairwise([0, *ends]))
     return bool(uncertainty.velocity * longest < RIGID)
-
-
-def _judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
-    """Return a fix as it is published, and as it counts for the track's error: one that is wider
-    than the prior (4, 4) still tells something of it, one that contradicts it does not."""
-    if not fix.published:
-        return fix, fix
-    if reason := contradicts(fix, batch):
-        none = without_fix(fix, batch, reason)
-        return none, none
-    widening = 0.0 if fix.widening is None else fix.widening[:2, :2]
-    # of chained batches what is known now may be more or less than at the start
-    least, most = sorted((prior[:2, :2], batch.prior[:2, :2]), key=np.trace)
-    if wider_than(fix, least + widening) and (reason := wider_than(fix, most + widening)):
-        return without_fix(fix, batch, reason), fix
-    return fix, fix
-
-
-@dataclass(slots=True, eq=False)
-class _TrackError:
-    """What is known of the track's error at a batch's end (a `isogal.fusion.fix.FixTarget`)."""
-
-    batch: Batch
-    """Moved by `error`: what a fix says is about the error that remains."""
-    error: Array
-    """(4,) north, east m; m/s."""
-    covariance: Array
-    """(4, 4)."""
-
-    def assume_map_error(self, sigma: float, length: float) -> None:
-        """Nothing of a recorded track's error follows from the map's."""
-
-    def widen(self, covariance: Array) -> None:
-        self.covariance = self.covariance + covariance[:4, :4]
-
-    def update_information(self, vector: Array, matrix: Array) -> None:
-        remaining, self.covariance = informed(self.covariance, Information(vector, matrix))
-        self.error = self.error + remaining
-
-    def update_position(self, latitude: float, longitude: float, covariance: Array) -> None:
-        told = position_information(self.batch, latitude, longitude, covariance)
-        self.update_information(told.vector, told.matrix)
 
 
 def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:
