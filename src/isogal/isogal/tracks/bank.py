@@ -42,8 +42,8 @@ from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
 from isogal.tracks.models import Told, track_models
 from isogal.tracks.places import Shifts, shifts_of
+from isogal.tracks.track import FEWEST
 
-FEWEST_READINGS = 3
 CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
 covariance."""
@@ -56,6 +56,8 @@ often they are looked for."""
 MAP_REACH, LEAST_ON_MAP = 4.0, 0.05
 """Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
 must lie on the map for a reading to be used."""
+RIGID = 25.0
+"""m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 PAIRS, PAIR_DEPTH = 3000, 14.0
 """Cells with a model that become hypotheses, and log of how much less likely they may be."""
 
@@ -77,10 +79,6 @@ class TrackMatcher:
     told: tuple[Told, ...]
     """Of each field."""
     names: tuple[str, ...]
-    rigid: bool = True
-    """Whether batches are known but for a shift."""
-    checked: bool = True
-    """Whether the jackknife widens fixes."""
     name: str = "pmht"
     context: int = 0
     takes_channels: bool = True
@@ -94,7 +92,7 @@ class TrackMatcher:
         found = [(one.field, seen) for one in each if (seen := self._seen(one, memory))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
-            reason = too_few(batch, min(count, FEWEST_READINGS - 1), FEWEST_READINGS)
+            reason = too_few(batch, min(count, FEWEST - 1), FEWEST)
             return declined(batch, reason or "no readings on the map"), memory
         prior, _ = navigator_states(batch)
         fields = tuple(field for field, _ in found)
@@ -130,34 +128,33 @@ class TrackMatcher:
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
         rows, _ = rows_of(whole, field_map, states, models.lengths, None)
-        if rows is None or len(rows.level) - old < FEWEST_READINGS:
+        if rows is None or len(rows.level) - old < FEWEST:
             return None
         field_map = field_map if around is None else around.field
         return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
-        mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
-        n = 4
-        information = likelihood_information(mean[:n], covariance[:n, :n], prior[:n, :n])
+        bent = math.sqrt(prior[2, 2]) * (batch.time[-1] - batch.time[0])
+        mean, covariance = (rigid if bent < RIGID else posterior)(shifts, prior)
+        mean, covariance, prior = mean[:4], covariance[:4, :4], prior[:4, :4]
+        information = likelihood_information(mean, covariance, prior)
         if not information.matrix.any():
             reason = "the batch tells nothing that the navigator does not know"
             return declined(batch, reason, **numbers)
-        place, spread = measurement_only(mean[:n], covariance[:n, :n], prior[:n, :n])
+        place, spread = measurement_only(mean, covariance, prior)
+        more = excess(shifts)
+        if more.any():
+            information = widened(information, more)
         north, east = metres_per_radian(batch.end[0])
-        fix = Fix(
+        return Fix(
             time=float(batch.time[-1]),
             latitude=float(batch.end[0] - place[0] / north),
             longitude=float(batch.end[1] - place[1] / east),
-            covariance=spread,
+            covariance=spread + more,
             diagnostics=numbers,
             information=information,
         )
-        if not self.checked:
-            return fix
-        more = excess(shifts)
-        numbers["widened"] = math.sqrt(np.trace(more) / np.trace(shifts.moments[1]))
-        return widened(fix, more)
 
     def _figures(
         self, batch: Batch, fields: Sequence[int], shifts: Shifts, left: Sequence[int]
@@ -177,23 +174,15 @@ class TrackMatcher:
         return numbers | {"probability": float(each[0]), "places": float(len(each))}
 
 
-def widened(fix: Fix, more: Array) -> Fix:
-    """Return a fix with more covariance (2, 2) about the same place."""
-    if not more.any() or fix.information is None:
-        return fix
-    full = np.zeros((4, 4))
-    full[:2, :2] = more
-    # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions
-    # without information stay without
-    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
-    told = positive_part(fix.information, size)
-    spread = np.eye(4) + told.matrix @ full
-    matrix, vector = (
-        np.asarray(np.linalg.solve(spread, part), dtype=np.float64)
-        for part in (told.matrix, told.vector)
-    )
-    information = Information(vector, symmetric(matrix))
-    return replace(fix, covariance=fix.covariance + more, information=information)
+def widened(information: Information, more: Array) -> Information:
+    """Return information M, v with more covariance (2, 2) about the same place: (M⁻¹ + E)⁻¹ and
+    (M⁻¹ + E)⁻¹ M⁻¹ v, where M may be singular. Directions without information stay without."""
+    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information.matrix)), 1e-300))
+    told = positive_part(information, size)
+    spread = np.eye(4)
+    spread[:, :2] += told.matrix[:, :2] @ more
+    both = np.linalg.solve(spread, np.column_stack([told.matrix, told.vector]))
+    return Information(np.asarray(both[:, 4], np.float64), symmetric(both[:, :4]))
 
 
 def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
@@ -259,7 +248,7 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     map's unit."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
-    load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.load])
+    load = np.array([np.sqrt(np.mean(seen.load(k) ** 2)) for k in range(len(seen.readings.load))])
     residual, R, likely = best(shifts, field)
     widest = 0.0
     if seen.around is not None:  # of several channels there is no constant

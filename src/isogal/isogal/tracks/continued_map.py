@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.tracks.map_error import rms_gradient
 
 
@@ -31,8 +32,8 @@ class ContinuedMap:
     has values."""
     rough: FieldMap
     """The same with the RMS gradient (unit/m) in place of the map's own sigma."""
-    original: FieldMap
-    """Without the continuation."""
+    uneven: float
+    """Mean of what the map says of its error node by node, map's unit; 0 = it does not say it."""
 
 
 @lru_cache(maxsize=1)  # tracks are matched one after the other on the same map
@@ -75,7 +76,8 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))
     rough = rms_gradient(field)
-    return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), field_map)
+    uneven = 0.0 if isinstance(field_map.sigma, float) else stated_sigma(field_map)
+    return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), uneven)
 
 
 def _longer(axis: Array, step: float, count: int) -> Array:

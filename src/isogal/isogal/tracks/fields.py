@@ -91,11 +91,11 @@ def joint_batch(
     return (replace(batch, beside=tuple(each[1:])) if each[1:] else batch), each[0].field_map
 
 
-def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matcher:
+def matcher_of(fields: Sequence[TrackField]) -> Matcher:
     """Return the matcher that the settings name; `pmht` matches all fields together."""
     settings, names = [one.settings for one in fields], [one.name for one in fields]
     if all(one.name == "pmht" for one in settings):
-        return TrackMatcher(tuple(map(Told.of, settings)), tuple(names), rigid, checked)
+        return TrackMatcher(tuple(map(Told.of, settings)), tuple(names))
     if len(fields) > 1:
         return matcher_of_fields(settings, names, 0)
     return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

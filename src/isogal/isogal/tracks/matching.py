@@ -23,7 +23,6 @@ that resolves it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -44,8 +43,6 @@ from isogal.tracks.track import Track
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
-RIGID = 25.0
-"""m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 _LONGEST = 4
 """Batches that an unresolved one may grow to: its readings are matched again with the next."""
 _LEAST_VELOCITY = 1e-6
@@ -130,31 +127,11 @@ def match_track(
     *,
     chained: bool = False,
     matcher: Matcher | None = None,
-    checked: bool = True,
-    progress: Progress | None = None,
 ) -> list[Match]:
-    """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`).
-
-    Parameters
-    ----------
-    chained : bool
-        Whether each batch starts from what the earlier ones have told.
-    matcher : Matcher, optional
-        Instead of the one that the settings name.
-    checked : bool
-        Whether a jackknife widens the fixes of `pmht` (`isogal.tracks.jackknife`).
-    progress : callable, optional
-        Called after each batch with how many are done and how many there are.
-
-    Raises
-    ------
-    InputError
-        The matcher's options are wrong, or the track's reduction does not fit the quantity.
-    """
-    fields = (TrackField(field_map.quantity, track, field_map, settings),)
-    if matcher is None:
-        matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
-    return _matched(fields, uncertainty, matcher, chained, progress)
+    """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`); see
+    `match_fields`."""
+    field = TrackField(field_map.quantity, track, field_map, settings)
+    return match_fields([field], uncertainty, chained=chained, matcher=matcher)
 
 
 def match_fields(
@@ -162,26 +139,29 @@ def match_fields(
     uncertainty: Uncertainty,
     *,
     chained: bool = False,
-    checked: bool = True,
+    matcher: Matcher | None = None,
     progress: Progress | None = None,
 ) -> list[Match]:
-    """Match all batches of a track that has readings of several fields, or of several channels.
+    """Match all batches of a track that has readings of one or several fields, or of several
+    channels. The batches are those that the first field's settings say.
 
-    The batches are those that the first field's settings say. Other parameters and errors as for
-    `match_track`; InputError too where fields are not of one track (`fields.check_fields`).
+    Parameters
+    ----------
+    chained : bool
+        Whether each batch starts from what the earlier ones have told.
+    matcher : Matcher, optional
+        Instead of the one that the settings name.
+    progress : callable, optional
+        Called after each batch with how many are done and how many there are.
+
+    Raises
+    ------
+    InputError
+        The matcher's options are wrong, the track's reduction does not fit the quantity, or fields
+        are not of one track (`fields.check_fields`).
     """
     check_fields(fields)
-    matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
-    return _matched(fields, uncertainty, matcher, chained, progress)
-
-
-def _matched(
-    fields: Sequence[TrackField],
-    uncertainty: Uncertainty,
-    matching: Matcher,
-    chained: bool,
-    progress: Progress | None,
-) -> list[Match]:
+    matching = matcher or matcher_of(fields)
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
@@ -226,13 +206,6 @@ def _matched(
         if progress is not None:
             progress(len(matches), len(ends))
     return matches
-
-
-def _is_rigid(field: TrackField, uncertainty: Uncertainty) -> bool:
-    """Whether the velocity error bends no batch of a track by much."""
-    ends, time = batch_ends(len(field.track), field.settings), field.track.time
-    longest = max(time[end - 1] - time[first] for first, end in pairwise([0, *ends]))
-    return bool(uncertainty.velocity * longest < RIGID)
 
 
 def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:
