@@ -258,11 +258,9 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
     offset = float(precision.sum(axis=0) @ residual) / known
     left = residual - offset
-    by_gradient = models.shape[which] // len(models.lengths) % 2 == 1
     return {
         "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
-        "map_error_by_gradient": float(weight @ by_gradient),
         "offset": offset,
         "offset_sigma": 1.0 / math.sqrt(known),
         "misfit": float(left @ precision @ left) / len(left),

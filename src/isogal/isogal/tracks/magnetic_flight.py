@@ -96,18 +96,19 @@ class MagneticFlight:
         return np.arctan2(east, np.gradient(self.latitude))
 
 
-def read_magnetic_flight(path: str | Path) -> MagneticFlight:
-    """Read a flight: columns ``time`` (s or ISO 8601), ``scalar`` (nT), ``vector_x``,
-    ``vector_y``, ``vector_z`` (nT, body axes), and where there are any ``latitude``,
-    ``longitude`` (deg), ``height`` (m above the ellipsoid), ``current_NAME`` (A), ``reference``
-    (nT). Separators, comments and missing readings are those of
-    `isogal.tracks.csv_file.read_csv_tracks`.
+def read_magnetic_flight(path: str | Path, base: Path | None = None) -> MagneticFlight:
+    """Read a flight, less the daily variation by the file of a base station.
+
+    Its columns are ``time`` (s or ISO 8601), ``scalar`` (nT), ``vector_x``, ``vector_y``,
+    ``vector_z`` (nT, body axes), and where there are any ``latitude``, ``longitude`` (deg),
+    ``height`` (m above the ellipsoid), ``current_NAME`` (A), ``reference`` (nT). Separators,
+    comments and missing readings are those of `isogal.tracks.csv_file.read_csv_tracks`.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a column, or a cell is not what it should be; or the
-        readings are refused by `Readings`.
+        A file cannot be read, lacks a column, or a cell is not what it should be; or the readings
+        are refused by `Readings` or `BaseStation`.
     """
     rows = read_rows(path, ", ".join(_REQUIRED))
     columns = rows.read(_COLUMNS, _REQUIRED)
@@ -117,9 +118,11 @@ def read_magnetic_flight(path: str | Path) -> MagneticFlight:
         if name.startswith(_CURRENT)
     }
     vector = np.stack([columns[name] for name in _VECTOR], axis=-1)
-    readings = Readings(
-        columns["time"], columns["scalar"], vector, str(path), rows.read(currents, ())
-    )
+    time, total = columns["time"], columns["scalar"]
+    readings = Readings(time, total, vector, str(path), rows.read(currents, ()))
+    if base is not None:
+        variation = read_base_station(base).variation(time, readings.where)
+        readings = replace(readings, total=total - variation)
     latitude, longitude = (
         np.radians(columns[name]) if name in columns else None
         for name in ("latitude", "longitude")
@@ -142,15 +145,6 @@ def read_base_station(path: str | Path) -> BaseStation:
     time, value = read_rows(path, "time, scalar").read(known, tuple(known)).values()
     there = np.isfinite(value)
     return BaseStation(time[there], value[there], str(path))
-
-
-def without_diurnal(flight: MagneticFlight, station: BaseStation | None) -> MagneticFlight:
-    """Return a flight less the daily variation that a base station measured."""
-    if station is None:
-        return flight
-    variation = station.variation(flight.time, flight.readings.where)
-    total = flight.readings.total - variation
-    return replace(flight, readings=replace(flight.readings, total=total))
 
 
 def write_compensated(

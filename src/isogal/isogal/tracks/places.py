@@ -77,20 +77,17 @@ class Shifts:
     @property
     def places(self) -> Array:
         """Probability of each place apart from others (P,), the heaviest first."""
-        from scipy.ndimage import binary_dilation, label
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import KDTree
 
         log = self.log_density
-        high = log > log.max() - PLACE_DEPTH
-        around = max(1, round(PLACE_GAP_M / self.size / 2.0))
-        step = max(1, around // 3)  # a coarser picture does where cells are small
-        index = np.rint(self.centres[high] / self.size).astype(int) // step
-        around = max(1, around // step)
-        index += around + 1 - index.min(axis=0)
-        picture = np.zeros(index.max(axis=0) + around + 2, dtype=np.bool_)
-        picture[tuple(index.T)] = True
-        labels, _ = label(binary_dilation(picture, np.ones((3, 3)), around))
-        share = np.bincount(labels[tuple(index.T)], self.weight[high])[1:]
-        return np.asarray(np.sort(share)[::-1], dtype=np.float64)
+        high = np.flatnonzero(log > log.max() - PLACE_DEPTH)
+        reach = max(PLACE_GAP_M, 3.1 * self.size)
+        near = KDTree(self.centres[high]).query_pairs(reach, output_type="ndarray").T
+        touching = coo_array((np.ones(near.shape[1]), near), shape=2 * (len(high),))
+        _, place = connected_components(touching, directed=False)
+        return np.asarray(np.sort(np.bincount(place, self.weight[high]))[::-1])
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
