@@ -99,11 +99,16 @@ class TrackMatcher:
         shifts, left = without_outliers([seen for _, seen in found], prior[:2, :2])
         if not shifts.log_density.max() > OFF_MAP:
             return declined(batch, "none of the likely places is on the map"), memory
-        numbers = self._figures(batch, fields, shifts, left)
-        first = shifts.places
-        if first[0] < CONFIDENCE:
+        places = shifts.places
+        numbers = {"probability": float(places[0]), "places": float(len(places))}
+        given = {0: batch} | {one.field: one.batch for one in batch.beside}
+        for k, field in enumerate(fields):
+            prefix = f"{self.names[field]}." if field else ""
+            of_field = figures(shifts, k, given[field], left[k])
+            numbers |= {prefix + name: value for name, value in of_field.items()}
+        if places[0] < CONFIDENCE:
             reason = (
-                f"ambiguous: {len(first)} places fit, the best with probability {first[0]:.2f};"
+                f"ambiguous: {len(places)} places fit, the best with probability {places[0]:.2f};"
                 " longer batches or a narrower prior may tell them apart"
             )
             return declined(batch, reason, **numbers), replace(memory, shifts=shifts)
@@ -155,23 +160,6 @@ class TrackMatcher:
             diagnostics=numbers,
             information=information,
         )
-
-    def _figures(
-        self, batch: Batch, fields: Sequence[int], shifts: Shifts, left: Sequence[int]
-    ) -> dict[str, float]:
-        """Return what readings say of errors, those of other fields with their names."""
-        numbers: dict[str, float] = {}
-        given = {0: batch} | {b.field: b.batch for b in batch.beside}
-        for k, field in enumerate(fields):
-            one, seen = given[field], shifts.seen[k]
-            used = len(seen.readings.level) - seen.old
-            off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
-            of_field = dict(figures(shifts, k))
-            of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
-            prefix = f"{self.names[field]}." if field else ""
-            numbers |= {prefix + name: value for name, value in of_field.items()}
-        each = shifts.places
-        return numbers | {"probability": float(each[0]), "places": float(len(each))}
 
 
 def widened(information: Information, more: Array) -> Information:
@@ -243,9 +231,10 @@ def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
     return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size), likely
 
 
-def figures(shifts: Shifts, field: int) -> dict[str, float]:
-    """Return what a batch says of the errors of map and readings; lengths in m, the rest in the
-    map's unit."""
+def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str, float]:
+    """Return what a field's batch says of the errors of map and readings, lengths in m, the rest
+    in the map's unit; and how many of its new readings were used, and how many left out as
+    outliers or off the map."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
     load = np.array([np.sqrt(np.mean(seen.load(k) ** 2)) for k in range(len(seen.readings.load))])
@@ -258,12 +247,16 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
     offset = float(precision.sum(axis=0) @ residual) / known
     left = residual - offset
+    new = np.isfinite(batch.reading[-batch.new :]).sum()
+    used = len(seen.readings.level) - seen.old
     return {
         "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
         "offset": offset,
         "offset_sigma": 1.0 / math.sqrt(known),
         "misfit": float(left @ precision @ left) / len(left),
+        "readings": float(used),
+        "readings_left_out": float(left_out + new - used),
     }
 
 

@@ -79,12 +79,21 @@ def check_fields(fields: Sequence[TrackField]) -> None:
 
 
 def joint_batch(
-    fields: Sequence[TrackField], batches: Sequence[Batch], edge: bool
+    fields: Sequence[TrackField],
+    jacobians: Sequence[Array],
+    rows: slice,
+    new: int,
+    error: Array,
+    covariance: Array,
+    *,
+    edge: bool,
 ) -> tuple[Batch, RouteMap]:
-    """Return the batch of the first field with those of the others beside it, and its map; `edge`:
-    without readings near which a map ends."""
+    """Return rows of the first field as a batch with those of the others beside it, and its map;
+    `edge`: without readings near which a map ends. Other parameters as of
+    `batches.build_batch`."""
     each = []
-    for index, (field, batch) in enumerate(zip(fields, batches, strict=True)):
+    for index, (field, jacobian) in enumerate(zip(fields, jacobians, strict=True)):
+        batch = field.batch(jacobian, rows, new, error, covariance)
         near = field.field_map.near(batch.latitude, batch.longitude)
         each.append(Beside(index, without_map_edge(batch, near) if edge else batch, near))
     batch = each[0].batch

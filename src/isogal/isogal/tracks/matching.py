@@ -32,7 +32,7 @@ from isogal.errors import InputError
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.failures import match_or_decline
 from isogal.matching.information import informed, position_information
-from isogal.matching.interfaces import Fix, Matcher
+from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import batch_ends, between_batches
@@ -140,7 +140,7 @@ def match_fields(
     *,
     chained: bool = False,
     matcher: Matcher | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda done, count: None,
 ) -> list[Match]:
     """Match all batches of a track that has readings of one or several fields, or of several
     channels. The batches are those that the first field's settings say.
@@ -151,7 +151,7 @@ def match_fields(
         Whether each batch starts from what the earlier ones have told.
     matcher : Matcher, optional
         Instead of the one that the settings name.
-    progress : callable, optional
+    progress : callable
         Called after each batch with how many are done and how many there are.
 
     Raises
@@ -176,36 +176,38 @@ def match_fields(
         if chained and matches:
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
-        rows = slice(max(0, used - earlier), end)
-        batches = [
-            one.batch(jacobian, rows, end - used, error, covariance)
-            for one, jacobian in zip(fields, jacobians, strict=True)
-        ]
-        batch, near = joint_batch(fields, batches, edge=not by_bank)
+        known = slice(max(0, used - earlier), end), end - used, error, covariance
+        batch, near = joint_batch(fields, jacobians, *known, edge=not by_bank)
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
-            covariance = covariance + fix.widening[:4, :4]
-        if counted.published:
-            told = counted.information or position_information(
-                batch, counted.latitude, counted.longitude, counted.covariance
-            )
-            remaining, covariance = informed(covariance, told)
-            error = error + remaining
+        error, covariance = _known(counted, batch, error, covariance)
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
         shifts = after.shifts if by_bank and after is not memory else None
         matches.append(Match(fix, slice(previous, end), error, covariance, *here, shifts))
-        if (
-            counted if chained else fix
-        ).published or end - unresolved >= _LONGEST * settings.batch_length:
+        resolved = (counted if chained else fix).published
+        if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
         elif by_bank and memory is not None:  # these readings will be matched again
             after = replace(after, log_prior=memory.log_prior)
         memory = after
-        if progress is not None:
-            progress(len(matches), len(ends))
+        progress(len(matches), len(ends))
     return matches
+
+
+def _known(fix: Fix, batch: Batch, error: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the track's error (4,) and its covariance (4, 4) after a fix of a batch, which says
+    it of the error that remains."""
+    if fix.widening is not None:
+        covariance = covariance + fix.widening[:4, :4]
+    if not fix.published:
+        return error, covariance
+    told = fix.information or position_information(
+        batch, fix.latitude, fix.longitude, fix.covariance
+    )
+    remaining, covariance = informed(covariance, told)
+    return error + remaining, covariance
 
 
 def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:
