@@ -57,7 +57,7 @@ def read_lines(path: Path) -> TextLines:
                 header = words
         elif match := _LINE.match(row):
             here = match[1], match[2]
-        elif not rows and not plain and _names_columns(row, header):
+        elif not rows and _names_columns(row, header, plain):
             header, plain = raw, True
         else:
             rows.append(raw)
@@ -66,10 +66,12 @@ def read_lines(path: Path) -> TextLines:
     return TextLines(header, rows, numbers, lines if here[0] else None)
 
 
-def _names_columns(row: str, header: str | None) -> bool:
-    """Whether a row before the data is none of them: it does not begin with a number, and has
-    none at all where a comment may be the header already."""
+def _names_columns(row: str, header: str | None, plain: bool) -> bool:
+    """Whether a row before the data is none of them: it does not begin with a number; and after a
+    comment, or after a title of other than so many words, it has none at all."""
     words = _words(row)
+    if plain and header is not None and len(words) == len(_words(header)):
+        return False
     return not any(map(_is_number, words if header else words[:1]))
 
 
