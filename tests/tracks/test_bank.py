@@ -24,7 +24,7 @@ from isogal.tracks.evidence import Seen, correlations
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
-from isogal.tracks.models import LENGTHS, Told, track_models
+from isogal.tracks.models import LENGTHS, track_models
 
 DISTURBANCE = field_of("disturbance")
 
@@ -32,7 +32,7 @@ DISTURBANCE = field_of("disturbance")
 def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
     """The readings of a batch, with the models of what is told."""
     states = States.of(batch, field_map)
-    models = track_models(Told.of(Matcher(**said)), batch, field_map, states)
+    models = track_models(Matcher(**said), batch, field_map, states)
     rows, _ = rows_of(batch, field_map, states, models.lengths, None)
     around = continued(field_map, 5000.0)
     return Seen.of(rows, around.field, around, models, old=old)
@@ -57,7 +57,7 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
 def models(**said):
     batch, _ = make_batch(DISTURBANCE, np.zeros(4))
     states = States.of(batch, DISTURBANCE)
-    return track_models(Told.of(Matcher(**said)), batch, DISTURBANCE, states)
+    return track_models(Matcher(**said), batch, DISTURBANCE, states)
 
 
 def test_what_is_told_narrows_the_models():

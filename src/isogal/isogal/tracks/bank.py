@@ -23,7 +23,7 @@ from isogal.matching.information import (
 )
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.cells import at_cells
-from isogal.matching.pmht.publish import Told as ToldByBanks
+from isogal.matching.pmht.publish import Told
 from isogal.matching.pmht.rows import (
     BIAS,
     UNKNOWN,
@@ -36,11 +36,12 @@ from isogal.matching.pmht.rows import (
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
+from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
-from isogal.tracks.models import Told, track_models
+from isogal.tracks.models import track_models
 from isogal.tracks.places import Shifts, shifts_of
 from isogal.tracks.track import FEWEST
 
@@ -76,7 +77,7 @@ class Memory:
 class TrackMatcher:
     """Matches batches of recorded tracks, each by itself but for what is learnt of the models."""
 
-    told: tuple[Told, ...]
+    settings: tuple[MatcherSettings, ...]
     """Of each field."""
     names: tuple[str, ...]
     name: str = "pmht"
@@ -85,7 +86,7 @@ class TrackMatcher:
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
         """Match one batch; see `interfaces.Matcher`."""
-        memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
+        memory = replace(memory or Memory((None,) * len(self.settings)), shifts=None)
         if reason := unusable(batch):
             return declined(batch, reason), memory
         each = (Beside(0, batch, field_map), *batch.beside)
@@ -125,7 +126,7 @@ class TrackMatcher:
         else:
             batch = without_map_edge(batch, field_map)
         states = States.of(batch, field_map)
-        models = track_models(self.told[one.field], batch, field_map, states)
+        models = track_models(self.settings[one.field], batch, field_map, states)
         learnt = memory.log_prior[one.field]
         if learnt is not None and learnt.shape == models.log_prior.shape:
             models = models._replace(log_prior=learnt)
@@ -270,7 +271,7 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
     and models that all readings leave."""
-    told = ToldByBanks.nothing()
+    told = Told.nothing()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
         new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid

@@ -9,12 +9,12 @@ from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import tensor_of
 from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.pmht.settings import Settings
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import build_batch, without_map_edge
-from isogal.tracks.models import Told
 from isogal.tracks.track import Track
 
 
@@ -104,7 +104,9 @@ def matcher_of(fields: Sequence[TrackField]) -> Matcher:
     """Return the matcher that the settings name; `pmht` matches all fields together."""
     settings, names = [one.settings for one in fields], [one.name for one in fields]
     if all(one.name == "pmht" for one in settings):
-        return TrackMatcher(tuple(map(Told.of, settings)), tuple(names))
+        for one in settings:
+            Settings.of(one)  # refuses bad options
+        return TrackMatcher(tuple(settings), tuple(names))
     if len(fields) > 1:
         return matcher_of_fields(settings, names, 0)
     return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

@@ -9,7 +9,6 @@ and all combinations count
 (docs/mathematics.md, section 10.2)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,29 +44,16 @@ MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 nobody has told of is no constant, and their probability."""
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What somebody has said of one field's errors."""
-
-    settings: Settings
-    length: bool
-    """Whether of the correlation length."""
-    constant: bool
-    """Whether of the readings' unknown constant."""
-
-    @classmethod
-    def of(cls, matcher: MatcherSettings) -> "Told":
-        """Read a scenario's matcher section: what it does not say itself counts as not told;
-        raises InputError on a bad option."""
-        said = matcher.model_fields_set
-        return cls(Settings.of(matcher), "map_correlation_length" in said, "bias_sigma" in said)
-
-
-def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) -> Models:
-    """Return the models of a field; of one map with four shapes for each length (`SHAPES`)."""
-    assumed = told.settings.assumed(batch, field_map)
+def track_models(
+    settings: MatcherSettings, batch: Batch, field_map: AnyMap, states: States
+) -> Models:
+    """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
+    scenario's matcher section: what it does not say itself counts as not told; raises InputError
+    on a bad option."""
+    assumed, said = Settings.of(settings).assumed(batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
-    lengths, of_length = _lengths(told, field_map)
+    length = assumed.length if "map_correlation_length" in said else None
+    lengths, of_length = _lengths(length, assumed.trust, field_map)
     if assumed.sigma is not None:
         sigmas, of_sigma = _steps(assumed.sigma, assumed.trust, SIGMA_STEPS)
     else:
@@ -83,7 +69,7 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
     faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
     if not states.unknown:
         faults = [faults[0], *(Fault(NOISIER, MISFIT_SHARE, noise=factor) for factor in MISFITS)]
-    elif told.constant:
+    elif "bias_sigma" in said:
         faults = faults[:1]
     rows = [(*error, fault) for fault in faults for error in errors]
     models = table_of(rows, assumed, states)
@@ -91,17 +77,16 @@ def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) ->
         return models
     by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
     # a length that is told is that of an exponential
-    return _of_shapes(models, by_gradient, not told.length)
+    return _of_shapes(models, by_gradient, length is None)
 
 
-def _lengths(told: Told, field_map: AnyMap) -> tuple[Array, Array]:
-    """Return lengths (m) and their log priors."""
-    length: float | None = told.settings.length if told.length else None
+def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Array, Array]:
+    """Return lengths (m), about one if it is told, and their log priors."""
     if length is None and isinstance(field_map, FieldMap) and field_map.error_ellipses is not None:
         length = field_map.correlation_length
     if length is None:
         return np.array(LENGTHS), np.zeros(len(LENGTHS))
-    return _steps(length, told.settings.options.trust, TOLD_LENGTHS)
+    return _steps(length, trust, TOLD_LENGTHS)
 
 
 def _steps(usual: float, trust: float, steps: Array | Sequence[float]) -> tuple[Array, Array]:
