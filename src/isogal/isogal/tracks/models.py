@@ -8,7 +8,7 @@ displaced does, and the readings have an unknown constant or none; sigma is on a
 and all combinations count
 (docs/mathematics.md, section 10.2)."""
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from isogal.matching.pmht.models import (
     BIASED,
     NOISIER,
     NONE,
-    TOLD_LENGTHS,
+    TOLD_STEPS,
     Fault,
     Models,
     table_of,
@@ -31,9 +31,8 @@ from isogal.scenario import Matcher as MatcherSettings
 
 LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)
 """m, that nobody has told: of the maps that are known to us."""
-SIGMA_STEPS = np.linspace(-2.0, 2.0, 9)
-"""1-sigmas from a sigma that is told, or that the map has of its own, to those of the models: at
-whole ones only the median error at Clear Lake is 0.17 km, not 0.13."""
+OWN = np.geomspace(0.2, 4.0, 9)
+"""Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
 SHAPES = 4
@@ -55,16 +54,18 @@ def track_models(
     length = assumed.length if "map_correlation_length" in said else None
     lengths, of_length = _lengths(length, assumed.trust, field_map)
     if assumed.sigma is not None:
-        sigmas, of_sigma = _steps(assumed.sigma, assumed.trust, SIGMA_STEPS)
+        uneven = one is not None and not isinstance(one.sigma, float)
+        factors = OWN if uneven else assumed.trust ** np.array(TOLD_STEPS)
+        sigmas, of_sigma = _about(assumed.sigma, assumed.trust, factors)
     else:
         sigmas = assumed.scale * np.geomspace(*SHARES)
         of_sigma = np.zeros(len(sigmas))
     if not sigmas.any():
         sigmas, of_sigma, lengths, of_length = np.zeros(1), np.zeros(1), lengths[:1], np.zeros(1)
     errors = [
-        (float(s), float(length), a + b)
-        for s, a in zip(sigmas, of_sigma, strict=True)
-        for length, b in zip(lengths, of_length, strict=True)
+        (float(sigma), float(over), a + b)
+        for sigma, a in zip(sigmas, of_sigma, strict=True)
+        for over, b in zip(lengths, of_length, strict=True)
     ]
     faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
     if not states.unknown:
@@ -86,14 +87,15 @@ def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Arr
         length = field_map.correlation_length
     if length is None:
         return np.array(LENGTHS), np.zeros(len(LENGTHS))
-    return _steps(length, trust, TOLD_LENGTHS)
+    return _about(length, trust, np.array([1.0 / trust, 1.0, trust]))
 
 
-def _steps(usual: float, trust: float, steps: Array | Sequence[float]) -> tuple[Array, Array]:
-    """Return values some 1-sigmas from a usual one that is right within a factor, and their log
-    priors; that value alone where it is right to the letter."""
-    each = np.asarray(steps if trust > 1.0 else (0.0,))
-    return usual * trust**each, -0.5 * each**2
+def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
+    """Return values at factors from a usual one that is right within a factor (1-sigma), and their
+    log priors; that value alone where it is right to the letter."""
+    if trust == 1.0:
+        return np.array([usual]), np.zeros(1)
+    return usual * factors, -0.5 * (np.log(factors) / math.log(trust)) ** 2
 
 
 def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
