@@ -20,7 +20,6 @@ from isogal.matching.pmht.models import (
     BIASED,
     NOISIER,
     NONE,
-    TOLD_STEPS,
     Fault,
     Models,
     table_of,
@@ -55,7 +54,7 @@ def track_models(
     lengths, of_length = _lengths(length, assumed.trust, field_map)
     if assumed.sigma is not None:
         uneven = one is not None and not isinstance(one.sigma, float)
-        factors = OWN if uneven else assumed.trust ** np.array(TOLD_STEPS)
+        factors = OWN if uneven else assumed.trust ** np.linspace(-1.0, 1.0, 5)
         sigmas, of_sigma = _about(assumed.sigma, assumed.trust, factors)
     else:
         sigmas = assumed.scale * np.geomspace(*SHARES)
@@ -87,7 +86,7 @@ def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Arr
         length = field_map.correlation_length
     if length is None:
         return np.array(LENGTHS), np.zeros(len(LENGTHS))
-    return _about(length, trust, np.array([1.0 / trust, 1.0, trust]))
+    return _about(length, trust, trust ** np.linspace(-1.0, 1.0, 3))
 
 
 def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
