@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from isogal.tracks.map_error import SMOOTHING
 from measured_data.lines import MGAL
 
 
@@ -141,7 +142,7 @@ def scotland_table(scotland: dict[str, Any]) -> str:
         learnt = (
             f"L {fit['correlation_length'] / 1e3:.2f}, sensor {fit['sensor_sigma']:.1f}, sigma ="
             f" hypot({fit['floor']:.1f}, {fit['reach'] / 1e3:.2f} km x gradient over"
-            f" {fit['smoothing'] / 1e3:.0f} km)"
+            f" {SMOOTHING / 1e3:.0f} km)"
         )
         kinds[f"{name}: {learnt}"] = part["own"] | {"nis": part["nis"]["own"][0]}
         kinds[f"{name}: its likelihood alone"] = part["bare"] | {"nis": part["nis"]["bare"][0]}

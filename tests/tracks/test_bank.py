@@ -23,7 +23,7 @@ from isogal.tracks.evidence import Seen, correlations
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
-from isogal.tracks.models import LENGTHS, Told, track_models
+from isogal.tracks.models import LENGTHS, track_models
 
 DISTURBANCE = field_of("disturbance")
 
@@ -31,7 +31,7 @@ DISTURBANCE = field_of("disturbance")
 def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
     """The readings of a batch, with the models of what is told."""
     states = States.of(batch, field_map)
-    models = track_models(Told.of(Matcher(**said)), batch, field_map, states)
+    models = track_models(Matcher(**said), batch, field_map, states)
     rows, _ = rows_of(batch, field_map, states, models.lengths, None)
     around = continued(field_map, 5000.0)
     return Seen.of(rows, around.field, around, models, old=old)
@@ -56,7 +56,7 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
 def models(**said):
     batch, _ = make_batch(DISTURBANCE, np.zeros(4))
     states = States.of(batch, DISTURBANCE)
-    return track_models(Told.of(Matcher(**said)), batch, DISTURBANCE, states)
+    return track_models(Matcher(**said), batch, DISTURBANCE, states)
 
 
 def test_what_is_told_narrows_the_models():
@@ -93,9 +93,8 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     own = doubt[rows : rows + values.shape[0], columns : columns + values.shape[1]]
     np.testing.assert_array_equal(own > 0.0, np.isnan(values))
     # what the map says of its error goes along
-    kriged = replace(holed, correlation_lengths=np.full(values.shape, 3e3), sigma=0.1 + 0 * values)
-    around = continued(kriged, 5000.0).field
-    np.testing.assert_array_equal(around.correlation_lengths, 3e3)
+    kriged = replace(holed, sigma=0.1 + 0 * values)
+    np.testing.assert_array_equal(continued(kriged, 5000.0).field.sigma, 0.1)
 
 
 def _kriged(azimuth):
@@ -134,7 +133,7 @@ def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
     seen = seen_of(batch, field_map).placed(shift, np.ones(1))
     east = metres_per_radian(batch.latitude)[1]
     own = field_map.sigma_at(batch.latitude, batch.longitude - 5000.0 / east)
-    np.testing.assert_allclose(seen.load[0, :, 0] * uneven.mean(), own, rtol=1e-6)
+    np.testing.assert_allclose(seen.load(0) * uneven.mean(), own, rtol=1e-6)
 
 
 def _match(run, **told):

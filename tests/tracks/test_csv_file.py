@@ -42,8 +42,8 @@ def test_separators_comments_order_and_other_columns(tmp_path, separator):
     found = read_csv_track(file_of(tmp_path, text))
     np.testing.assert_array_equal(found.time, [0, 1, 2])
     np.testing.assert_array_equal(found.value, [3, 4, -5])
-    assert found.sigma is None
-    assert found.offset is None
+    assert np.isnan(found.sigma)
+    assert found.offset == 0.0
 
 
 def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
@@ -194,9 +194,7 @@ def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
 
 def test_a_base_stations_variation_is_taken_off():
     station = BaseStation(np.array([0.0, 100.0]), np.array([50_000.0, 50_020.0]), "base")
-    track = CsvTrack(
-        "t", np.array([0.0, 50.0]), *np.zeros((2, 2)), np.array([5.0, 7.0]), None, None
-    )
+    track = CsvTrack("t", np.array([0.0, 50.0]), *np.zeros((2, 2)), np.array([5.0, 7.0]))
     np.testing.assert_allclose(track.less_variation(station).value, [15.0, 7.0])
     with pytest.raises(InputError, match="needs the track's column time"):
         replace(track, timed=False).less_variation(station)

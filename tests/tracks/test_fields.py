@@ -74,7 +74,7 @@ def test_what_one_field_leaves_open_another_decides():
 
     first, place = gravity(field_map_of(repeating))
     (alone,) = match_fields([first], PRIOR)
-    assert alone.fix.reason.startswith("ambiguous: 3 places fit, the best with probability ")
+    assert alone.fix.reason.startswith("ambiguous: 8 places fit, the best with probability ")
     (both,) = match_fields([first, magnetic(sigma=20.0)], PRIOR)
     assert both.fix.published
     assert np.hypot(*apart(both, place)) < 100.0

@@ -1,15 +1,11 @@
 """Figures of a matched track."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from helpers.tracks import field_of, made_track
 from isogal.scenario import Matcher
 from isogal.tracks.figures import (
-    _free_corner,
     matched_positions,
     readings_figure,
     track_map_figure,
@@ -56,18 +52,3 @@ def test_readings_agree_with_the_map_along_the_matched_track():
     recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
     assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
     assert figure.axes[0].get_ylabel() == "Height\n(m)"
-
-
-@pytest.mark.parametrize(("north", "east"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-def test_the_inset_is_where_the_track_is_not(north, east):
-    """A track along two edges of the panel, whose last fix is in the middle."""
-    track, _, _ = made_track(HEIGHT)
-    count = len(track.time)
-    down = np.clip(np.linspace(0.9, -2.7, count), -0.9, 0.9)
-    right = np.clip(np.linspace(-2.7, 0.9, count), -0.9, 0.9)
-    track = replace(track, latitude=np.radians(north * down), longitude=np.radians(east * right))
-    panel = Figure().add_subplot()
-    panel.set_xlim(-1.0, 1.0)
-    panel.set_ylim(-1.0, 1.0)
-    corner = _free_corner(panel, track, 0.0, (0.0, 0.0))
-    assert (corner[0] > 0.5, corner[1] > 0.5) == (east > 0, north > 0)

@@ -50,6 +50,13 @@ def test_geosoft_lines_comments_and_missing_numbers(tmp_path):
     assert set(survey.height) == {305.5}
 
 
+def test_names_after_a_title_or_a_comment(tmp_path):
+    for title in ("Survey of 2020, second part", "/ made by hand yesterday"):
+        lines = ["lat,lon,dg[mGal]", *rows(LAT, LON, VALUE)]
+        survey = read_survey(written(tmp_path / "a.csv", title, lines))
+        np.testing.assert_allclose(np.degrees(survey.latitude), LAT, atol=1e-7)
+
+
 def test_projected_coordinates_need_their_system(tmp_path):
     import pyproj
 

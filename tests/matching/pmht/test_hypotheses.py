@@ -13,7 +13,7 @@ from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
-from isogal.matching.pmht.hypotheses import FLOOR, LIGHT, MOST, Hypotheses
+from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, Hypotheses
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.places import gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.propagation import steps
@@ -186,7 +186,7 @@ def test_pruned_keeps_weights_as_they_are():
     after = pruned(bank, 6, HERE)
     assert len(after) == 6
     np.testing.assert_array_equal(np.sort(after.log_weight)[::-1], bank.log_weight[:6])
-    assert len(pruned(bank, 100, HERE)) == 8  # the others are negligible
+    assert len(pruned(bank, 100, HERE)) == 7  # the others are negligible
 
 
 def test_places_of_a_late_model_are_split_along_the_way():
@@ -210,7 +210,7 @@ def test_the_likeliest_model_of_a_family_keeps_its_places():
     late, none = (np.flatnonzero(bank.models.family == one)[0] for one in (LATE, NONE))
     bank.which[:] = [none, none, none, late, late, late]
     bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
-    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 9.0, -LIGHT - 9.5, -LIGHT - 20.0]
+    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 9.0, -LIGHT - 9.5, -LIGHT - 25.0]
     after = bank.reduced(HERE)
     assert list(after.which[np.argsort(after.which)]) == [none, none, late, late]
 
@@ -248,13 +248,15 @@ def test_places_under_other_models():
     np.testing.assert_allclose(spread.covariance[0, 7:, 7:], np.diag(which.initial[0] ** 2))
 
 
-def test_faults_that_are_not_likely_are_not_published():
+def test_faults_that_readings_do_not_speak_for_are_not_published():
     which = models()
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
-    kept = set(which.family[bank.credible().which])
     shares = np.bincount(which.family, np.exp(which.log_prior))
-    assert kept == set(np.flatnonzero(shares > bank_of.CREDIBLE))
     assert bank.faults[BIASED] == pytest.approx(shares[BIASED])
+    assert set(which.family[bank.credible().which]) == {NONE}
+    more = np.where(which.family == LATE, np.log(2.0 * CREDIBLE), 0.0)
+    later = replace(bank, log_weight=bank.log_weight + more)
+    assert set(which.family[later.credible().which]) == {NONE, LATE}
 
 
 def test_figures_are_means():

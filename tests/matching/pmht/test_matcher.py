@@ -12,6 +12,7 @@ from helpers.batches import field_map_of, make_batch, wavy
 from isogal import checkpoints
 from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
+from isogal.matching.pmht import matcher as matcher_of
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.places import NEAR_M
 from isogal.matching.pmht.search import unaided
@@ -295,13 +296,33 @@ def test_a_navigator_that_has_diverged_is_told_so():
     ):  # fmt: skip
         if fix.reset:
             resets.append(number)
-            prior = batch.prior + LOST_COVARIANCE[:4, :4]
+            prior = batch.prior + fix.widening[:4, :4]
+            assert (np.diag(fix.widening - LOST_COVARIANCE) >= 0.0).all()
             mean, covariance = posterior_of(fix, prior)
             assert np.hypot(*(mean - error)[:2]) < 5.0 * np.sqrt(np.trace(covariance[:2, :2]))
             break
     assert len(resets) == 1
     assert memory.diverged.found is None
     assert memory.fields[0].bank is not None
+
+
+@pytest.mark.parametrize(("away", "told"), [(0.0, False), (2000.0, True)])
+def test_only_a_navigator_that_is_elsewhere_is_told_so(monkeypatch, away, told):
+    """Where a search finds the navigator where it believes to be, but with another attitude, say,
+    its covariance grows by as much, or it would not take the fix."""
+    batch, _ = make_batch(ROUGH, (60.0, -50.0, 0.0, 0.0), prior_sigma=(100.0, 0.02))
+
+    def found(memory, first, field_map):
+        field = memory.fields[first]
+        bank = field.bank.moved(np.array([away, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]))
+        return replace(memory, fields={first: replace(field, bank=bank)}), True
+
+    monkeypatch.setattr(matcher_of, "decided", found)
+    fix, memory = UNTOLD.match(batch, ROUGH, None)
+    mean, covariance = memory.fields[0].bank.moved(-memory.taken).moments()
+    assert fix.reset is told
+    np.testing.assert_allclose(fix.widened, covariance + np.outer(mean, mean), rtol=1e-6)
+    assert fix.widened[2, 2] > 0.4**2
 
 
 def test_a_healthy_navigator_is_not():

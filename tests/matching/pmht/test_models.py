@@ -9,6 +9,8 @@ from helpers.bank import models, states_of
 from isogal.matching.pmht.models import (
     BIAS_SHARE,
     BIASED,
+    COARSE,
+    COARSE_SHARES,
     FAULTS,
     FILTERED,
     LATE,
@@ -50,6 +52,19 @@ def test_to_the_letter_there_is_one_model():
     assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
     assert which.initial[0, 0] == 0.0  # a map without error has no state for it
     assert which.sizes[0] == 7
+
+
+def test_what_a_grid_leaves_out_is_in_proportion_to_its_roughness():
+    which = models(rough=2e-5, step=1500.0)
+    coarse = which.family == COARSE
+    np.testing.assert_allclose(which.sigma[coarse], np.array(COARSE_SHARES) * 2e-5)
+    assert set(which.length[coarse]) == {750.0}
+    lengths, rough = which.shapes
+    assert len(lengths) == len(set(which.shape))
+    np.testing.assert_array_equal(lengths[which.shape], which.length)
+    np.testing.assert_array_equal(rough[which.shape], np.where(coarse, 2e-5, 0.0))
+    assert not (TOLD.family == COARSE).any()
+    assert not (models(rough=0.0).family == COARSE).any()
 
 
 def test_a_told_error_may_be_another_one():
@@ -94,7 +109,7 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
     nothing = np.zeros(0)
     states = replace(states_of(2), sigma=nothing, time=nothing, walk=nothing, unknown=0)
     which = models_of(Assumed(noise=1e-9, scale=1e-8, rough=1e-9), states)
-    assert set(which.family) == {NONE, NOISIER, NAVIGATOR}
+    assert set(which.family) == {NONE, NOISIER, NAVIGATOR, COARSE}
     assert which.initial.shape[1] == 2
 
 

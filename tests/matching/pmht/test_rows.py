@@ -8,6 +8,7 @@ from helpers.bank import PLANE, VELOCITY
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.maps.channels import ChannelMap
+from isogal.maps.roughness import roughness_at
 from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
@@ -198,6 +199,15 @@ def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
     np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
     assert np.ptp(made.load[0]) > 0.5
     assert (rows(batch)[0].load == 1.0).all()
+
+
+def test_what_a_grid_leaves_out_is_as_large_as_the_map_is_rough_there():
+    batch, _ = make_batch(ROUGH)
+    states, rough = States.of(batch, ROUGH), np.array([0.0, 2e-5])
+    made, _ = rows_of(batch, ROUGH, states, np.array([4000.0, 500.0]), None, rough)
+    here = roughness_at(ROUGH, batch.latitude, batch.longitude)
+    assert (made.load[0] == 1.0).all()
+    np.testing.assert_allclose(made.load[1, :, 0], here / 2e-5)
 
 
 def test_a_filtered_reading_is_a_mean_over_the_path():

@@ -71,14 +71,9 @@ class FlightChoice:
 
     def read(self) -> "MagneticFlight":
         """Return the flight, less the daily variation; raises InputError."""
-        from isogal.tracks.magnetic_flight import (
-            read_base_station,
-            read_magnetic_flight,
-            without_diurnal,
-        )
+        from isogal.tracks.magnetic_flight import read_magnetic_flight
 
-        flight = read_magnetic_flight(self.flight)
-        return without_diurnal(flight, read_base_station(self.base) if self.base else None)
+        return read_magnetic_flight(self.flight, self.base)
 
     def main_field(self, flight: "MagneticFlight") -> "Array":
         """Return (N,) nT the Earth's main field; raises InputError."""

@@ -1,8 +1,7 @@
 """Applying a fix: the one order in which what a matcher says reaches a navigator.
 
 A fix is anything with the attributes of `isogal.matching.interfaces.Fix` that are named here; what
-it is applied to may be a run of the filter, the buffered filter at a stamp, or the linear error of
-a recorded track."""
+it is applied to may be a run of the filter or the buffered filter at a stamp."""
 
 from typing import Protocol, TypeVar
 

@@ -129,8 +129,8 @@ def by_channel(
     latitude: Array,
     longitude: Array,
 ) -> Array:
-    """Return (T,) what ``of(map of the channel, latitude, longitude)`` says row by row, for channel
-    (T,) and points (T,), rad."""
+    """Return (T,) what ``of(map of the channel, latitude, longitude)`` says of each row, for
+    channel (T,) and points (T,), rad."""
     maps = channels_of(field_map)
     if len(maps) == 1:
         return np.asarray(of(maps[0], latitude, longitude), dtype=np.float64)

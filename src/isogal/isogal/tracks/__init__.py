@@ -26,8 +26,7 @@ Matching
 Results
 
 - `results`: how are fixes written as JSON, CSV and GeoJSON?
-- `figures`: how do track, fixes and readings look?
-- `shift_figure`: how likely is each shift of a track?
+- `figures`: how do track, fixes and readings look, and how likely is each shift?
 - `magnetic_report`: what did a calibration flight tell?
 - `match_report`: how is all this shown on one page?
 """

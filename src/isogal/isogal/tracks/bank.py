@@ -23,7 +23,7 @@ from isogal.matching.information import (
 )
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.cells import at_cells
-from isogal.matching.pmht.publish import Told as ToldByBanks
+from isogal.matching.pmht.publish import Told
 from isogal.matching.pmht.rows import (
     BIAS,
     UNKNOWN,
@@ -36,14 +36,15 @@ from isogal.matching.pmht.rows import (
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
+from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
-from isogal.tracks.models import Told, track_models
+from isogal.tracks.models import track_models
 from isogal.tracks.places import Shifts, shifts_of
+from isogal.tracks.track import FEWEST
 
-FEWEST_READINGS = 3
 CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
 covariance."""
@@ -56,6 +57,8 @@ often they are looked for."""
 MAP_REACH, LEAST_ON_MAP = 4.0, 0.05
 """Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
 must lie on the map for a reading to be used."""
+RIGID = 25.0
+"""m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 PAIRS, PAIR_DEPTH = 3000, 14.0
 """Cells with a model that become hypotheses, and log of how much less likely they may be."""
 
@@ -74,38 +77,39 @@ class Memory:
 class TrackMatcher:
     """Matches batches of recorded tracks, each by itself but for what is learnt of the models."""
 
-    told: tuple[Told, ...]
+    settings: tuple[MatcherSettings, ...]
     """Of each field."""
     names: tuple[str, ...]
-    rigid: bool = True
-    """Whether batches are known but for a shift."""
-    checked: bool = True
-    """Whether the jackknife widens fixes."""
     name: str = "pmht"
     context: int = 0
     takes_channels: bool = True
 
     def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
         """Match one batch; see `interfaces.Matcher`."""
-        memory = replace(memory or Memory((None,) * len(self.told)), shifts=None)
+        memory = replace(memory or Memory((None,) * len(self.settings)), shifts=None)
         if reason := unusable(batch):
             return declined(batch, reason), memory
         each = (Beside(0, batch, field_map), *batch.beside)
         found = [(one.field, seen) for one in each if (seen := self._seen(one, memory))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
-            reason = too_few(batch, min(count, FEWEST_READINGS - 1), FEWEST_READINGS)
+            reason = too_few(batch, min(count, FEWEST - 1), FEWEST)
             return declined(batch, reason or "no readings on the map"), memory
         prior, _ = navigator_states(batch)
         fields = tuple(field for field, _ in found)
         shifts, left = without_outliers([seen for _, seen in found], prior[:2, :2])
         if not shifts.log_density.max() > OFF_MAP:
             return declined(batch, "none of the likely places is on the map"), memory
-        numbers = self._figures(batch, fields, shifts, left)
-        first = shifts.places
-        if first[0] < CONFIDENCE:
+        places = shifts.places
+        numbers = {"probability": float(places[0]), "places": float(len(places))}
+        given = {0: batch} | {one.field: one.batch for one in batch.beside}
+        for k, field in enumerate(fields):
+            prefix = f"{self.names[field]}." if field else ""
+            of_field = figures(shifts, k, given[field], left[k])
+            numbers |= {prefix + name: value for name, value in of_field.items()}
+        if places[0] < CONFIDENCE:
             reason = (
-                f"ambiguous: {len(first)} places fit, the best with probability {first[0]:.2f};"
+                f"ambiguous: {len(places)} places fit, the best with probability {places[0]:.2f};"
                 " longer batches or a narrower prior may tell them apart"
             )
             return declined(batch, reason, **numbers), replace(memory, shifts=shifts)
@@ -122,80 +126,52 @@ class TrackMatcher:
         else:
             batch = without_map_edge(batch, field_map)
         states = States.of(batch, field_map)
-        models = track_models(self.told[one.field], batch, field_map, states)
+        models = track_models(self.settings[one.field], batch, field_map, states)
         learnt = memory.log_prior[one.field]
         if learnt is not None and learnt.shape == models.log_prior.shape:
             models = models._replace(log_prior=learnt)
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
-        rows, _ = rows_of(
-            whole, field_map, states, (models.lengths, np.zeros(len(models.lengths))), None
-        )
-        if rows is None or len(rows.level) - old < FEWEST_READINGS:
+        rows, _ = rows_of(whole, field_map, states, models.lengths, None)
+        if rows is None or len(rows.level) - old < FEWEST:
             return None
         field_map = field_map if around is None else around.field
         return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
     def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
         """Return what the readings alone say."""
-        mean, covariance = rigid(shifts, prior) if self.rigid else posterior(shifts, prior)
-        n = 4
-        information = likelihood_information(mean[:n], covariance[:n, :n], prior[:n, :n])
+        bent = math.sqrt(prior[2, 2]) * (batch.time[-1] - batch.time[0])
+        mean, covariance = (rigid if bent < RIGID else posterior)(shifts, prior)
+        mean, covariance, prior = mean[:4], covariance[:4, :4], prior[:4, :4]
+        information = likelihood_information(mean, covariance, prior)
         if not information.matrix.any():
             reason = "the batch tells nothing that the navigator does not know"
             return declined(batch, reason, **numbers)
-        place, spread = measurement_only(mean[:n], covariance[:n, :n], prior[:n, :n])
+        place, spread = measurement_only(mean, covariance, prior)
+        more = excess(shifts)
+        if more.any():
+            information = widened(information, more)
         north, east = metres_per_radian(batch.end[0])
-        fix = Fix(
+        return Fix(
             time=float(batch.time[-1]),
             latitude=float(batch.end[0] - place[0] / north),
             longitude=float(batch.end[1] - place[1] / east),
-            covariance=spread,
+            covariance=spread + more,
             diagnostics=numbers,
             information=information,
         )
-        if not self.checked:
-            return fix
-        more = excess(shifts)
-        numbers["widened"] = math.sqrt(np.trace(more) / np.trace(shifts.moments[1]))
-        return widened(fix, more)
-
-    def _figures(
-        self, batch: Batch, fields: Sequence[int], shifts: Shifts, left: Sequence[int]
-    ) -> dict[str, float]:
-        """Return what readings say of errors, those of other fields with their names."""
-        numbers: dict[str, float] = {}
-        given = {0: batch} | {b.field: b.batch for b in batch.beside}
-        for k, field in enumerate(fields):
-            one, seen = given[field], shifts.seen[k]
-            used = len(seen.readings.level) - seen.old
-            off = int(np.isfinite(one.reading[-one.new :]).sum()) - used
-            of_field = dict(figures(shifts, k))
-            of_field |= {"readings": float(used), "readings_left_out": float(left[k] + off)}
-            prefix = f"{self.names[field]}." if field else ""
-            numbers |= {prefix + name: value for name, value in of_field.items()}
-        each = shifts.places
-        return numbers | {"probability": float(each[0]), "places": float(len(each))}
 
 
-def widened(fix: Fix, more: Array) -> Fix:
-    """Return a fix with more covariance (2, 2) about the same place."""
-    if not more.any() or fix.information is None:
-        return fix
-    full = np.zeros((4, 4))
-    full[:2, :2] = more
-    # (M⁻¹ + E)⁻¹, and the vector that keeps M⁻¹ vector, where M may be singular; directions
-    # without information stay without
-    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(fix.information.matrix)), 1e-300))
-    told = positive_part(fix.information, size)
-    spread = np.eye(4) + told.matrix @ full
-    matrix, vector = (
-        np.asarray(np.linalg.solve(spread, part), dtype=np.float64)
-        for part in (told.matrix, told.vector)
-    )
-    information = Information(vector, symmetric(matrix))
-    return replace(fix, covariance=fix.covariance + more, information=information)
+def widened(information: Information, more: Array) -> Information:
+    """Return information M, v with more covariance (2, 2) about the same place: (M⁻¹ + E)⁻¹ and
+    (M⁻¹ + E)⁻¹ M⁻¹ v, where M may be singular. Directions without information stay without."""
+    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information.matrix)), 1e-300))
+    told = positive_part(information, size)
+    spread = np.eye(4)
+    spread[:, :2] += told.matrix[:, :2] @ more
+    both = np.linalg.solve(spread, np.column_stack([told.matrix, told.vector]))
+    return Information(np.asarray(both[:, 4], np.float64), symmetric(both[:, :4]))
 
 
 def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
@@ -256,12 +232,13 @@ def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
     return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size), likely
 
 
-def figures(shifts: Shifts, field: int) -> dict[str, float]:
-    """Return what a batch says of the errors of map and readings; lengths in m, the rest in the
-    map's unit."""
+def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str, float]:
+    """Return what a field's batch says of the errors of map and readings, lengths in m, the rest
+    in the map's unit; and how many of its new readings were used, and how many left out as
+    outliers or off the map."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
-    load = np.array([math.sqrt(float(np.mean((one**2).sum(axis=1)))) for one in seen.load])
+    load = np.array([np.sqrt(np.mean(seen.load(k) ** 2)) for k in range(len(seen.readings.load))])
     residual, R, likely = best(shifts, field)
     widest = 0.0
     if seen.around is not None:  # of several channels there is no constant
@@ -271,14 +248,16 @@ def figures(shifts: Shifts, field: int) -> dict[str, float]:
     known = float(precision.sum()) + (1.0 / widest**2 if widest > 0.0 else math.inf)
     offset = float(precision.sum(axis=0) @ residual) / known
     left = residual - offset
-    by_gradient = models.shape[which] // len(models.lengths) % 2 == 1
+    new = np.isfinite(batch.reading[-batch.new :]).sum()
+    used = len(seen.readings.level) - seen.old
     return {
         "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
-        "map_error_by_gradient": float(weight @ by_gradient),
         "offset": offset,
         "offset_sigma": 1.0 / math.sqrt(known),
         "misfit": float(left @ precision @ left) / len(left),
+        "readings": float(used),
+        "readings_left_out": float(left_out + new - used),
     }
 
 
@@ -292,7 +271,7 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
     and models that all readings leave."""
-    told = ToldByBanks.nothing()
+    told = Told.nothing()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
         new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.tracks.map_error import rms_gradient
-
-_SMOOTHING = 2000.0
-"""m, over which the RMS gradient is averaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +32,8 @@ class ContinuedMap:
     has values."""
     rough: FieldMap
     """The same with the RMS gradient (unit/m) in place of the map's own sigma."""
-    original: FieldMap
-    """Without the continuation."""
+    uneven: float
+    """Mean of what the map says of its error node by node, map's unit; 0 = it does not say it."""
 
 
 @lru_cache(maxsize=1)  # tracks are matched one after the other on the same map
@@ -56,30 +54,28 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
         wide = padded(numbers)
         return np.where(np.isfinite(wide), wide, np.nanmedian(wide))
 
+    def longer(axis: Array, step: float, count: int) -> Array:
+        return axis[0] + step * (np.arange(axis.size + 2 * count) - count)
+
     values = padded(field_map.values)
     distance, nearest = distance_transform_edt(
         ~np.isfinite(values), sampling=size, return_indices=True
     )
-    error: dict[str, Any] = {}
+    error: dict[str, Any] = {"correlation_lengths": None}
     if not isinstance(field_map.sigma, float):
         error["sigma"] = known_of_error(field_map.sigma)
-    if field_map.correlation_lengths is not None:
-        error["correlation_lengths"] = known_of_error(field_map.correlation_lengths)
     if field_map.error_ellipses is not None:
         parts = np.moveaxis(field_map.error_ellipses, -1, 0)
         error["error_ellipses"] = np.stack([known_of_error(part) for part in parts], axis=-1)
     field = replace(
         field_map,
-        latitude=_longer(field_map.latitude, field_map.step[0], rows),
-        longitude=_longer(field_map.longitude, field_map.step[1], columns),
+        latitude=longer(field_map.latitude, field_map.step[0], rows),
+        longitude=longer(field_map.longitude, field_map.step[1], columns),
         values=values[tuple(nearest)],
         **error,
     )
-    slope = math.sqrt(float(np.nanmean(rms_gradient(field_map, _SMOOTHING) ** 2)))
+    slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))
-    rough = rms_gradient(field, _SMOOTHING)
-    return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), field_map)
-
-
-def _longer(axis: Array, step: float, count: int) -> Array:
-    return np.asarray(axis[0] + step * (np.arange(axis.size + 2 * count) - count))
+    rough = rms_gradient(field)
+    uneven = 0.0 if isinstance(field_map.sigma, float) else stated_sigma(field_map)
+    return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), uneven)

@@ -17,32 +17,30 @@ from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows,
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
-_COLUMNS = {
-    "time": TIME,
-    "latitude": LATITUDE,
-    "longitude": LONGITUDE,
+_PLACES = {"latitude": LATITUDE, "longitude": LONGITUDE}
+_PROJECTED = {
     "x": Column(("x", "easting", "east")),
     "y": Column(("y", "northing", "north")),
-    "value": Column(("value",), gaps=True),
-    "sigma": Column(("sigma",), least=math.ulp(0.0), gaps=True),
-    "offset": Column(("offset",), gaps=True),
-    "line": Column(("line",)),
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CsvTrack:
-    """Columns of a file in its own units, (N,) each; None = no such column."""
+    """N readings in a file's own units."""
 
     where: str
     time: Array
+    """(N,) s."""
     latitude: Array
-    """deg."""
+    """(N,) deg."""
     longitude: Array
-    """deg."""
+    """(N,) deg."""
     value: Array
-    sigma: Array | None
-    offset: Array | None
+    """(N,)."""
+    sigma: Array | float = math.nan
+    """(N,) or of all; NaN = not known."""
+    offset: Array | float = 0.0
+    """(N,) or of all; NaN = no reading."""
     line: str | None = None
     """Survey line; None = the file has none."""
     timed: bool = True
@@ -70,7 +68,7 @@ class CsvTrack:
             Number of units inside (`FieldMap.unit`) in one unit of the columns value, sigma and
             offset.
         sensor_sigma : float, optional
-            1-sigma of the readings where the file has no column ``sigma``, unit inside.
+            1-sigma of the readings where the file does not say it, unit inside.
         reduction : str
             See `Track.reduction`.
 
@@ -80,28 +78,21 @@ class CsvTrack:
             Neither the file nor ``sensor_sigma`` says how noisy the readings are, or `Track`
             refuses them.
         """
-        value = self.value * factor
-        if self.offset is not None:
-            value = np.where(np.isfinite(self.offset), value, np.nan)
-        if self.sigma is not None:
-            sigma = self.sigma * factor
-            if sensor_sigma is not None:
-                sigma = np.where(np.isfinite(sigma), sigma, sensor_sigma)
-        elif sensor_sigma is not None:
-            sigma = np.full(self.time.size, sensor_sigma)
-        else:
+        if isinstance(self.sigma, float) and sensor_sigma is None:
             raise InputError(f"{self.where}: has no column sigma; give --sensor-sigma")
+        sigma, offset = (
+            np.broadcast_to(one, self.time.shape) for one in (self.sigma, self.offset)
+        )
+        sigma = sigma * factor
+        if sensor_sigma is not None:
+            sigma = np.where(np.isfinite(sigma), sigma, sensor_sigma)
         return Track(
             time=self.time,
             latitude=np.radians(self.latitude),
             longitude=np.radians(self.longitude),
-            value=value,
+            value=np.where(np.isfinite(offset), self.value * factor, np.nan),
             sigma=sigma,
-            offset=(
-                np.zeros(self.time.size)
-                if self.offset is None
-                else np.nan_to_num(self.offset) * factor
-            ),
+            offset=np.nan_to_num(offset) * factor,
             where=self.where,
             reduction=reduction,
             factor=factor,
@@ -146,34 +137,25 @@ def read_csv_tracks(
         The file cannot be read or lacks a column; or a cell is not a number, a place is out of
         range, or times do not increase, with the number of the line.
     """
-    where = str(path)
     rows = read_rows(path, ", ".join(REQUIRED))
-    aliases = tuple(
-        one.strip().casefold() for one in ([column] if isinstance(column, str) else column)
-    )
-    known = dict(_COLUMNS)
-    if aliases != ("value",):
-        known["value"] = known["value"]._replace(names=aliases)
-        for beside in ("sigma", "offset"):
-            names = tuple(f"{one}_{beside}" for one in aliases)
-            known[beside] = known[beside]._replace(names=names)
-    index = rows.find(known)
-    projected = "latitude" not in index and "x" in index and "y" in index
-    for name in ("value",) if projected else REQUIRED:
-        if name not in index:
-            raise rows.lacks(aliases[0] if name == "value" else name)
-    if not rows.cells:
-        raise InputError(f"{where}: has no readings")
-    columns = {
-        name: rows.numbers(i, name, known[name]) for name, i in index.items() if name != "line"
+    names = (column,) if isinstance(column, str) else column
+    names = tuple(name.strip().casefold() for name in names)
+    readings = {
+        "time": TIME,
+        "value": Column(names, gaps=True),
+        "sigma": Column(_beside(names, "sigma"), least=math.ulp(0.0), gaps=True),
+        "offset": Column(_beside(names, "offset"), gaps=True),
     }
+    projected = rows.index(LATITUDE) is None and None not in map(rows.index, _PROJECTED.values())
+    places = _PROJECTED if projected else _PLACES
+    columns = rows.read(places | readings, (*places, "value"))
     if projected:
-        columns |= geographic(columns["x"], columns["y"], crs, where)
+        columns |= geographic(columns["x"], columns["y"], crs, rows.where)
         if not np.isfinite(columns["latitude"]).all():
-            raise InputError(f"{where}: x and y are not places in {crs}")
-    lines = rows.line
-    if "line" in index:
-        lines = [row[index["line"]].strip() for row in rows.cells]
+            raise InputError(f"{rows.where}: x and y are not places in {crs}")
+    lines, own = rows.line, rows.index(Column(("line",)))
+    if own is not None:
+        lines = [row[own].strip() for row in rows.cells]
     if lines is None:
         return [_track(columns, rows, np.arange(len(rows.cells)), None, projected)]
     return [
@@ -182,28 +164,24 @@ def read_csv_tracks(
     ]
 
 
+def _beside(names: Sequence[str], what: str) -> tuple[str, ...]:
+    """Return what the columns of sigma or offset beside readings may be called."""
+    return tuple(what if name == "value" else f"{name}_{what}" for name in names)
+
+
 def _track(
     columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, projected: bool
 ) -> CsvTrack:
-    where = rows.where
-    own = {name: column[which] for name, column in columns.items()}
+    own = {name: column[which] for name, column in columns.items() if name not in _PROJECTED}
     timed = "time" in own
-    if not timed:
-        own["time"] = np.arange(which.size, dtype=np.float64)
-    late = np.flatnonzero(np.diff(own["time"]) <= 0.0)
+    time = own.setdefault("time", np.arange(which.size, dtype=np.float64))
+    late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         i = int(late[0])
         raise InputError(
-            f"{where}: times must increase; line {rows.number[which[i + 1]]}"
-            f" ({own['time'][i + 1]:.10g} s) is not later than line {rows.number[which[i]]}"
-            f" ({own['time'][i]:.10g} s)"
+            f"{rows.where}: times must increase; line {rows.number[which[i + 1]]}"
+            f" ({time[i + 1]:.10g} s) is not later than line {rows.number[which[i]]}"
+            f" ({time[i]:.10g} s)"
         )
-    return CsvTrack(
-        where if line is None else f"{where}, line {line}",
-        **{name: own[name] for name in ("time", *REQUIRED)},
-        sigma=own.get("sigma"),
-        offset=own.get("offset"),
-        line=line,
-        timed=timed,
-        projected=projected,
-    )
+    where = rows.where if line is None else f"{rows.where}, line {line}"
+    return CsvTrack(where, **own, line=line, timed=timed, projected=projected)

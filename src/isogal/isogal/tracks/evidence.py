@@ -16,21 +16,17 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements, shares, tensor_covariance
-from isogal.matching.pmht.cells import residuals_at
+from isogal.matching.pmht.cells import FEATURE_M, in_common, residuals_at, slopes, states_at
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import OF_LENGTHS, Rows
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import ContinuedMap
-from isogal.tracks.models import SHAPES, usual_sigma
+from isogal.tracks.models import SHAPES
 
 BLOCKS = 8
 """Of a track, as the jackknife leaves them out."""
 GRADIENT_SHARE = 0.9
 """Of the variance of errors that go with the gradient."""
-FEATURE_M = 2000.0
-"""Over which what a map shows within a cell holds together."""
-DOUBT_M = 4000.0
-"""Correlation length of what a continued map is wrong by."""
 NUGGET = 0.01
 """Share of a smooth error's variance that is not correlated: keeps its covariance regular."""
 PLACES = 400
@@ -55,19 +51,15 @@ class Seen:
     """(p, p, 2) m from point to point of the rows."""
     correlation: Array
     """(K, m, m) of the map's errors for each of the models' lengths, and as many smoother ones."""
-    load: Array
-    """(K, m, U) as `Rows.load`, of rows, for each of the models' shapes."""
-    white: Array
-    """(m,) variance of the noise."""
     known: Array
     """(m, m) covariance of what a continued map is wrong by where a row may be."""
     blur: Array
     """(m, m) covariance of what the map shows within a cell, for one of 1 m."""
-    states: Array
-    """(S, m, m) covariance that each of the instrument's states puts into rows, per unit of its
-    variance at the start."""
-    walked: Array
-    """(m, m) the same of what has joined them since."""
+    instrument: Array
+    """(I, m, m) covariance that the instrument's states put into rows, for each of the 1-sigmas
+    that models have of them at the start."""
+    which: Integers
+    """(M,) which of these a model has."""
 
     @classmethod
     def of(
@@ -90,34 +82,41 @@ class Seen:
         points = rows.points
         apart = displacements(readings.latitude[points], readings.longitude[points])
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        every = correlations(distance, models.lengths)
-        if potential is not None:
-            channel = readings.channel[points]
+        channel = readings.channel[points]
+        if potential is None:
+            alike = channel[:, None] == channel
+            every = [alike * one for one in correlations(distance, models.lengths)]
+        else:
             unit = 1.0 / np.sqrt(shares(potential))[channel]
-            both = unit[:, None] * unit
             every = [
-                both * tensor_covariance(potential, channel, apart, length)
+                np.outer(unit, unit) * tensor_covariance(potential, channel, apart, length)
                 for length in models.lengths
             ]
-        _, *slopes = one.value_and_gradient(readings.latitude, readings.longitude)
-        square = 0.5 * float(np.nansum(np.square(slopes)) / len(readings.level))
-        feature = np.exp(-distance / FEATURE_M)
-        load = readings.load if potential is None else readings.load.sum(axis=2, keepdims=True)
-        count = len(rows.first)
+        slope = slopes(field_map, readings.latitude[points], readings.longitude[points], distance)
+        initial, which = np.unique(models.initial, axis=0, return_inverse=True)
         return cls(
             readings, old, rows, field_map, around, models, apart,
             np.stack([rows.covariance(one) for one in every]),
-            np.stack([rows.mean(one) for one in load]),
-            rows.mean(readings.noise) / rows.sizes, np.zeros((count, count)),
-            rows.covariance(feature) * square / 12.0, *_of_states(readings, rows),
+            np.zeros(2 * [len(rows.first)]),
+            rows.covariance(slope) / 6.0,
+            np.stack([_of_instrument(readings, rows, one) for one in initial]), which.ravel(),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":
         """Return it with some rows (m,) of no weight."""
         noise = self.readings.noise.copy()
         noise[self.rows.order[np.repeat(rows, self.rows.sizes)]] *= 1e12
-        readings = self.readings._replace(noise=noise)
-        return replace(self, readings=readings, white=self.rows.mean(noise) / self.rows.sizes)
+        return replace(self, readings=self.readings._replace(noise=noise))
+
+    @property
+    def white(self) -> Array:
+        """(m,) variance of the noise."""
+        return self.rows.mean(self.readings.noise) / self.rows.sizes
+
+    def load(self, shape: int) -> Array:
+        """Return (m,) 1-sigma of the map's error in units of a model's, for one of the models'
+        shapes."""
+        return self.rows.mean(self.readings.load[shape].sum(axis=1))
 
     @property
     def old_rows(self) -> int:
@@ -141,23 +140,19 @@ class Seen:
             return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
 
         own = np.ones(len(readings.level))
-        if not isinstance(self.around.field.sigma, float):
-            own = mean_square(self.around.field) / usual_sigma(self.around.original) ** 2
+        if self.around.uneven:
+            own = mean_square(self.around.field) / self.around.uneven**2
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(self.models.lengths)
         load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
-        apart = self.apart
-        distance = np.hypot(apart[..., 0], apart[..., 1])
-        known = np.outer(doubt, doubt) * np.exp(-distance / DOUBT_M)
-        known[np.diag_indices(len(known))] += 1e-3 * doubt**2
+        known = np.exp(-np.hypot(*np.moveaxis(self.apart, -1, 0)) / FEATURE_M)
         placed = replace(
             self,
             readings=readings._replace(load=load),
-            load=np.stack([rows.mean(one) for one in load]),
-            known=rows.covariance(known),
+            known=rows.covariance(np.outer(doubt, doubt) * known),
         )
         usual = self.around.field.correlation_length
         if self.around.field.error_ellipses is None or usual is None:
@@ -167,7 +162,7 @@ class Seen:
         mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        relative, alike = joint(apart, mean)
+        relative, alike = joint(self.apart, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
         return replace(placed, correlation=np.stack([rows.covariance(one) for one in every]))
 
@@ -178,13 +173,11 @@ class Seen:
     def covariance(self, m: int, cell: float) -> Array:
         """Return (m, m) R of a model in cells of a size (m)."""
         models, shape = self.models, int(self.models.shape[m])
-        load = self.load[shape]
-        R = models.sigma[m] ** 2 * (load @ load.T)
+        load = models.sigma[m] * self.load(shape)
+        R = np.outer(load, load)
         count = len(models.lengths)
         R *= self.correlation[shape // (2 * count) * count + shape % count]
-        R += self.known + self.walked + cell**2 * self.blur
-        own = models.initial[m, models.initial.shape[1] - len(self.states) :]
-        R += np.tensordot(own**2, self.states, 1)
+        R += self.known + self.instrument[self.which[m]] + cell**2 * self.blur
         R[np.diag_indices(len(R))] += self.white * models.noise[m]
         return np.asarray(R)
 
@@ -207,24 +200,12 @@ class Seen:
         return parts
 
 
-def _of_states(readings: Rows, rows: Averages) -> tuple[Array, Array]:
-    """Return `Seen.states` and `Seen.walked`: a state that is left with a share of what it was,
-    and that something joins, from reading to reading."""
-    own = slice(readings.load.shape[2], None)
-    keep, fresh = readings.keep[:, own], readings.fresh[:, own]
-    gone = -np.cumsum(np.log(np.maximum(keep, 1e-300)), axis=0)
-    joined = np.zeros_like(fresh)
-    for t in range(len(joined)) if fresh.any() else ():
-        joined[t] = keep[t] ** 2 * joined[t - 1] + fresh[t]
-    middle = rows.order[rows.first + rows.sizes // 2]
-    gone, joined = gone[middle].T, joined[middle].T
-    effect = rows.mean(readings.reading[:, BATCH_STATES:][:, own]).T
-    alike = (
-        effect[:, :, None] * effect[:, None] * np.exp(-np.abs(gone[:, :, None] - gone[:, None]))
-    )
-    earlier = np.minimum(*np.indices(2 * [len(middle)]))
-    walked = (alike * joined[:, earlier]).sum(axis=0)
-    return alike * np.exp(-2.0 * gone)[:, earlier], walked
+def _of_instrument(readings: Rows, rows: Averages, initial: Array) -> Array:
+    """Return (m, m) the covariance that states of 1-sigmas (N - 7,) at the start put into rows."""
+    nothing = np.zeros((len(readings.level), BATCH_STATES, BATCH_STATES))
+    covariance, gone = map(rows.mean, states_at(readings, nothing, initial))
+    order = rows.mean(np.arange(float(len(readings.level))))
+    return in_common(rows.mean(readings.reading), covariance, gone, order)
 
 
 def correlations(distance: Array, lengths: Array) -> list[Array]:

@@ -9,12 +9,12 @@ from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import tensor_of
 from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.pmht.settings import Settings
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import build_batch, without_map_edge
-from isogal.tracks.models import Told
 from isogal.tracks.track import Track
 
 
@@ -79,23 +79,34 @@ def check_fields(fields: Sequence[TrackField]) -> None:
 
 
 def joint_batch(
-    fields: Sequence[TrackField], batches: Sequence[Batch], edge: bool
+    fields: Sequence[TrackField],
+    jacobians: Sequence[Array],
+    rows: slice,
+    new: int,
+    error: Array,
+    covariance: Array,
+    *,
+    edge: bool,
 ) -> tuple[Batch, RouteMap]:
-    """Return the batch of the first field with those of the others beside it, and its map; `edge`:
-    without readings near which a map ends."""
+    """Return rows of the first field as a batch with those of the others beside it, and its map;
+    `edge`: without readings near which a map ends. Other parameters as of
+    `batches.build_batch`."""
     each = []
-    for index, (field, batch) in enumerate(zip(fields, batches, strict=True)):
+    for index, (field, jacobian) in enumerate(zip(fields, jacobians, strict=True)):
+        batch = field.batch(jacobian, rows, new, error, covariance)
         near = field.field_map.near(batch.latitude, batch.longitude)
         each.append(Beside(index, without_map_edge(batch, near) if edge else batch, near))
     batch = each[0].batch
     return (replace(batch, beside=tuple(each[1:])) if each[1:] else batch), each[0].field_map
 
 
-def matcher_of(fields: Sequence[TrackField], rigid: bool, checked: bool) -> Matcher:
+def matcher_of(fields: Sequence[TrackField]) -> Matcher:
     """Return the matcher that the settings name; `pmht` matches all fields together."""
     settings, names = [one.settings for one in fields], [one.name for one in fields]
     if all(one.name == "pmht" for one in settings):
-        return TrackMatcher(tuple(map(Told.of, settings)), tuple(names), rigid, checked)
+        for one in settings:
+            Settings.of(one)  # refuses bad options
+        return TrackMatcher(tuple(settings), tuple(names))
     if len(fields) > 1:
         return matcher_of_fields(settings, names, 0)
     return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

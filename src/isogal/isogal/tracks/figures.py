@@ -1,4 +1,5 @@
-"""Figures of a matched track: the track on the map, and its readings against the map."""
+"""Figures of a matched track: the track on the map, its readings against the map, and how likely
+each shift of it is by the readings and the prior."""
 
 import math
 from collections.abc import Sequence
@@ -13,23 +14,26 @@ from isogal.evaluation.figures import style
 from isogal.maps.corridor import along_track
 from isogal.maps.tiled_map import ScalarMap
 from isogal.tracks.matching import Match
+from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 
 RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
 _TALLEST, _FLATTEST = 1.5, 0.35
 """Limits of the map panel's height over its width."""
-_INSET, _EDGE = 0.25, 0.03
-"""Size of the inset, and its distance from the edge, in shares of the panel."""
-_DOT = 0.015
-"""1-sigma over half the map panel's width below which an ellipse is drawn once more."""
 _LATTICE = 420
 """Pixels along each side of the map panel."""
+_MOST_PANELS, _COLUMNS = 6, 3
+_DEPTH = 20.0
+"""Natural logarithms below the best that are shown."""
+_INSET = 0.38
+"""Side of what is enlarged, in that of the panel."""
 
 
 def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Array]:
@@ -38,14 +42,12 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
     latitude, longitude = np.full(len(track), np.nan), np.full(len(track), np.nan)
     for match in matches:
         if match.fix.published:
-            north, east = metres_per_radian(track.latitude[match.rows])
-            since = track.time[match.rows] - track.time[match.rows.stop - 1]
-            latitude[match.rows] = (
-                track.latitude[match.rows] - (match.error[0] + match.error[2] * since) / north
-            )
-            longitude[match.rows] = (
-                track.longitude[match.rows] - (match.error[1] + match.error[3] * since) / east
-            )
+            rows = match.rows
+            since = track.time[rows] - track.time[rows.stop - 1]
+            moved = match.error[:2] + np.outer(since, match.error[2:])
+            north, east = metres_per_radian(track.latitude[rows])
+            latitude[rows] = track.latitude[rows] - moved[:, 0] / north
+            longitude[rows] = track.longitude[rows] - moved[:, 1] / east
     return latitude, longitude
 
 
@@ -70,56 +72,16 @@ def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match
 
     draw(track.latitude, track.longitude, RECORDED, "track as recorded")
     latitude, longitude = matched_positions(track, matches)
-    for number, match in enumerate(m for m in matches if m.fix.published):
+    published = [match for match in matches if match.fix.published]
+    for number, match in enumerate(published):
         label = "track moved by the fixes" if number == 0 else "_"
         draw(latitude[match.rows], _near(longitude[match.rows], middle[1]), MATCHED, label)
-    for number, match in enumerate(m for m in matches if m.fix.published):
-        _ellipse(panel, match, middle[1], number == 0)
-    _magnify(panel, track, [m for m in matches if m.fix.published], middle[1], float(half.max()))
+    for number, match in enumerate(published):
+        _fix(panel, match, middle[1], number == 0)
     panel.set_xlabel("longitude (deg)")
     panel.set_ylabel("latitude (deg)")
     style.legend_below(figure)
     return figure
-
-
-def _magnify(
-    panel: "Axes", track: Track, published: Sequence[Match], middle: float, half: float
-) -> None:
-    """Draw the last fix once more where its ellipse is too small to be seen."""
-    if not published:
-        return
-    fix = published[-1].fix
-    sigma = math.sqrt(float(np.diag(fix.covariance).max()))
-    if sigma > _DOT * half:
-        return
-    north, east = (float(m) for m in metres_per_radian(fix.latitude))
-    x = math.degrees(float(_near(np.array(fix.longitude), middle)))
-    y = math.degrees(fix.latitude)
-    inset = panel.inset_axes((*_free_corner(panel, track, middle, (x, y)), _INSET, _INSET))
-    _ellipse(inset, published[-1], middle, False)
-    reach = 3.0 * sigma
-    inset.set_xlim(x - math.degrees(reach / east), x + math.degrees(reach / east))
-    inset.set_ylim(y - math.degrees(reach / north), y + math.degrees(reach / north))
-    style.bare(inset, f"last fix, {2.0 * reach:.0f} m wide", fontsize=5)
-
-
-def _free_corner(
-    panel: "Axes", track: Track, middle: float, fix: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the lower left corner, in shares of the panel, of an inset that hides least of the
-    track, and of such insets the one that is farthest from a fix (deg)."""
-    x = np.append(np.degrees(_near(track.longitude, middle)), fix[0])
-    y = np.append(np.degrees(track.latitude), fix[1])
-    (west, east), (south, north) = panel.get_xlim(), panel.get_ylim()
-    x, y = (x - west) / (east - west), (y - south) / (north - south)
-    far = 1.0 - _INSET - _EDGE
-
-    def hidden(corner: tuple[float, float]) -> tuple[int, float]:
-        apart = np.stack([x - corner[0], y - corner[1]]) - 0.5 * _INSET
-        count = int((np.abs(apart) < 0.5 * _INSET + _EDGE).all(axis=0).sum())
-        return count, -float(np.hypot(*apart[:, -1]))
-
-    return min(((a, b) for a in (_EDGE, far) for b in (_EDGE, far)), key=hidden)
 
 
 def _middle(track: Track) -> tuple[float, float]:
@@ -181,22 +143,18 @@ def _background(
     panel.set_ylim(south, north)
 
 
-def _ellipse(panel: "Axes", match: Match, middle: float, first: bool) -> None:
+def _fix(panel: "Axes", match: Match, middle: float, first: bool) -> None:
     """Draw a fix and its 2-sigma ellipse."""
-    edge = style.ellipse(match.fix.covariance, 2.0)
-    north, east = metres_per_radian(match.fix.latitude)
-    longitude = float(_near(np.array(match.fix.longitude), middle))
-    x, y = (
-        np.degrees(longitude + edge[:, 1] / east),
-        np.degrees(match.fix.latitude + edge[:, 0] / north),
-    )
+    fix = match.fix
+    place = np.array([fix.latitude, _near(np.array(fix.longitude), middle)])
+    edge = style.ellipse(fix.covariance, 2.0) / metres_per_radian(fix.latitude)
+    y, x = np.degrees(place + edge).T
     label = r"fix with its $2\sigma$ ellipse" if first else "_"
     panel.plot(x, y, color="white", linewidth=2.6)
     panel.plot(x, y, color="black", linewidth=1.0, label=label)
+    y, x = np.degrees(place)
     dot: dict[str, Any] = {"color": style.SKY, "markeredgecolor": "black", "markeredgewidth": 0.6}
-    panel.plot(
-        math.degrees(longitude), math.degrees(match.fix.latitude), "o", **dot, markersize=4.0
-    )
+    panel.plot(x, y, "o", **dot, markersize=4.0)
 
 
 @style.journal
@@ -208,25 +166,20 @@ def readings_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]
     distance = along_track(track.latitude, track.longitude) / 1e3
     scale = style.field_scale(field_map)
     level = track.value - track.offset
-    moved = matched_positions(track, matches)
-    curves = [
-        (
-            field_map.value(track.latitude, track.longitude),
-            RECORDED,
-            "map along the track as recorded",
-        ),
-        (field_map.value(*moved), MATCHED, "map along the track moved by the fixes"),
-    ]
-    marks = {
-        "linestyle": "none",
-        "marker": "o",
-        "markersize": 2.4,
-        "markerfacecolor": "0.25",
-        "markeredgewidth": 0.0,
-    }
-    upper.plot(distance, scale(level), **marks, label="readings")
-    for values, line, label in curves:
-        upper.plot(distance, scale(values), **line.options(), label=label)
+    upper.plot(
+        *(distance, scale(level), "o"),
+        color="0.25",
+        markersize=2.4,
+        markeredgewidth=0.0,
+        label="readings",
+    )
+    recorded = track.latitude, track.longitude
+    for places, line, label in (
+        (recorded, RECORDED, "as recorded"),
+        (matched_positions(track, matches), MATCHED, "moved by the fixes"),
+    ):
+        values = field_map.value(*places)
+        upper.plot(distance, scale(values), **line.options(), label=f"map along the track {label}")
         lower.plot(distance, (level - values) / scale.unit, **line.options())
     for match in matches:
         for panel in (upper, lower):
@@ -238,3 +191,81 @@ def readings_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]
     lower.set_xlim(float(distance[0]), float(distance[-1]))
     style.legend_below(figure, columns=2)
     return figure
+
+
+@style.journal
+def shift_figure(matches: Sequence[Match]) -> "Figure":
+    """Draw the log posterior over all shifts of up to six batches that have one, and the 2-sigma
+    ellipse of the posterior with its widened covariance."""
+    shown = [(match, s) for match in matches if (s := match.shifts) is not None][:_MOST_PANELS]
+    columns = min(_COLUMNS, len(shown))
+    rows = math.ceil(len(shown) / columns)
+    width = style.WIDTH if columns > 1 else 4.6
+    figure = style.new_figure(0.6 + rows * width / columns * 0.88, width)
+    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    images = [_shifts(panel, *one) for panel, one in zip(panels, shown, strict=False)]
+    for panel in panels[len(shown) :]:
+        panel.set_visible(False)
+    figure.colorbar(
+        images[0], ax=list(panels), label="log posterior below its maximum", pad=0.02, shrink=0.7
+    )
+    return figure
+
+
+def _shifts(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
+    wide = shifts.overview or shifts
+    log = wide.log_density
+    image = _cells(panel, wide.centres, log - log.max(), wide.size)
+    west, east = image.get_extent()[:2]
+    mean, covariance = shifts.moments
+    if match.fix.published:
+        covariance = match.covariance[:2, :2]
+    panel.plot(*_ellipse(mean, covariance), color="white", linewidth=2.4)
+    panel.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
+    panel.plot(0.0, 0.0, "+", color="white", markersize=6.0)
+    state = "fix" if match.fix.published else "no fix"
+    panel.set_title(f"to {match.fix.time:.10g} s: {state}", fontsize="small")
+    panel.set_xlabel("error of the track east (km)")
+    panel.set_ylabel("north (km)")
+    panel.grid(False)
+    if 4.0 * math.sqrt(float(covariance.max())) < 0.08e3 * (east - west):
+        _inset(panel, shifts, mean, covariance)
+    return image
+
+
+def _cells(panel: "Axes", cells: Array, depth: Array, size: float) -> "AxesImage":
+    """Draw (K,) values of (K, 2) cells of a regular grid, m north and east, of a size (m)."""
+    index = np.rint((cells - cells.min(axis=0)) / size).astype(int)
+    picture = np.full(index.max(axis=0) + 1, np.nan)
+    picture[tuple(index.T)] = np.maximum(depth, -_DEPTH)
+    (south, west), (north, east) = cells.min(axis=0) - 0.5 * size, cells.max(axis=0) + 0.5 * size
+    return panel.imshow(
+        picture,
+        origin="lower",
+        extent=(west / 1e3, east / 1e3, south / 1e3, north / 1e3),
+        cmap="viridis",
+        vmin=-_DEPTH,
+        vmax=0.0,
+        aspect="equal",
+    )
+
+
+def _inset(panel: "Axes", shifts: Shifts, mean: Array, covariance: Array) -> None:
+    """Draw what is too small to be seen."""
+    half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
+    corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
+    inset = panel.inset_axes((*corner, _INSET, _INSET))
+    log = shifts.log_density
+    near = np.abs(shifts.centres - mean).max(axis=1) < 1.2e3 * half
+    _cells(inset, shifts.centres[near], (log - log.max())[near], shifts.size)
+    inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
+    inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
+    inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)
+    style.bare(inset, f"{2e3 * half:.0f} m wide", fontsize=6, bbox=style.LABEL_BOX)
+    panel.indicate_inset_zoom(inset, edgecolor="white")
+
+
+def _ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return east and north (km) of the 2-sigma ellipse."""
+    edge = mean + style.ellipse(covariance, 2.0)
+    return edge[:, 1] / 1e3, edge[:, 0] / 1e3

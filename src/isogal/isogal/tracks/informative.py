@@ -12,11 +12,27 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.matching.information import position_information
+from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Fix, declined
 
 MOST_SIGMAS = 5.0
 """Of prior and fix together, by which they may be apart."""
+
+
+def judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
+    """Return a fix as it is published, and as it counts for the track's error: one that is wider
+    than the prior (4, 4) still tells something of it, one that contradicts it does not."""
+    if not fix.published:
+        return fix, fix
+    widening = 0.0 if fix.widening is None else fix.widening[:2, :2]
+    if reason := contradiction(fix, batch, batch.prior[:2, :2] + widening):
+        fix = _without(fix, batch, reason)
+        return fix, fix
+    # of chained batches what is known now may be more or less than at the start
+    known = max((prior[:2, :2], batch.prior[:2, :2]), key=np.trace)
+    if reason := wider_than(fix, known + widening):
+        return _without(fix, batch, reason), fix
+    return fix, fix
 
 
 def wider_than(fix: Fix, known: Array) -> str | None:
@@ -33,14 +49,10 @@ def wider_than(fix: Fix, known: Array) -> str | None:
     return f"wider than the prior: 1-sigma of {_km(sigma)} where {_km(before)} were known"
 
 
-def contradicts(fix: Fix, batch: Batch) -> str | None:
-    """Return why a published fix and the prior of its batch, with what the fix widens it by, do
-    not belong together; None where they may."""
-    known = batch.prior[:2, :2]
-    if fix.widening is not None:
-        known = known + fix.widening[:2, :2]
-    told = position_information(batch, fix.latitude, fix.longitude, fix.covariance)
-    apart = fix.covariance @ told.vector[:2]
+def contradiction(fix: Fix, batch: Batch, known: Array) -> str | None:
+    """Return why a published fix and what was known (2, 2) do not belong together; None where they
+    may."""
+    apart = horizontal_difference(fix.latitude, fix.longitude, *batch.end)
     sigmas = math.sqrt(float(apart @ np.linalg.solve(fix.covariance + known, apart)))
     if sigmas <= MOST_SIGMAS:
         return None
@@ -50,7 +62,7 @@ def contradicts(fix: Fix, batch: Batch) -> str | None:
     )
 
 
-def without_fix(fix: Fix, batch: Batch, reason: str) -> Fix:
+def _without(fix: Fix, batch: Batch, reason: str) -> Fix:
     """Return the fix declined, with its figures and what it found of the navigator."""
     none = declined(batch, reason, **fix.diagnostics)
     return replace(none, reset=fix.reset, widened=fix.widened, shown=fix.shown)

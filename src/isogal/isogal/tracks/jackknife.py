@@ -19,8 +19,6 @@ from isogal.tracks.places import Shifts
 
 FEWEST = 16
 """Rows; with fewer the blocks are too small to say anything."""
-MODELS = 12
-"""Likeliest models that are used."""
 
 
 def excess(shifts: Shifts) -> Array:
@@ -41,10 +39,8 @@ def excess(shifts: Shifts) -> Array:
 
 def _fixes(shifts: Shifts, field: int) -> Array:
     """Return (70, 2) the fixes without halves of a field's readings."""
-    best = np.argsort(-shifts.of_models(field), kind="stable")[:MODELS]
-    own = shifts.by_model(field)
+    own, parts = shifts.by_model(field), shifts.parts[field]
     others = shifts.log_density - np.logaddexp.reduce(own)
-    own, parts = own[best], shifts.parts[field][best]
     means = []
     for left_out in combinations(range(BLOCKS), BLOCKS // 2):
         rest = own - parts[:, list(left_out)].sum(axis=1)

@@ -17,15 +17,14 @@ from isogal.tracks.csv_file import CsvTrack
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
+_REQUIRED = ("time", "scalar", *_VECTOR)
 _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
     "height": Column(("height", "altitude", "alt"), -12e3, 1e5, " m"),
     "scalar": Column(("scalar", "total_field", "total"), gaps=True),
-    "vector_x": Column(("vector_x", "flux_x", "bx"), gaps=True),
-    "vector_y": Column(("vector_y", "flux_y", "by"), gaps=True),
-    "vector_z": Column(("vector_z", "flux_z", "bz"), gaps=True),
+    **{f"vector_{a}": Column((f"vector_{a}", f"flux_{a}", f"b{a}"), gaps=True) for a in "xyz"},
     "reference": Column(("reference",), gaps=True),
 }
 _CURRENT = "current_"
@@ -80,16 +79,8 @@ class MagneticFlight:
     def track(self, anomaly: Array) -> CsvTrack:
         """Return the flight as a recorded track with the anomaly (N,) nT as value; raises
         InputError where it has no positions."""
-        latitude, longitude = self._places()
-        return CsvTrack(
-            self.readings.where,
-            self.time,
-            np.degrees(latitude),
-            np.degrees(longitude),
-            anomaly,
-            None,
-            None,
-        )
+        latitude, longitude = map(np.degrees, self._places())
+        return CsvTrack(self.readings.where, self.time, latitude, longitude, anomaly)
 
     def _places(self) -> tuple[Array, Array]:
         if self.latitude is None or self.longitude is None:
@@ -105,35 +96,39 @@ class MagneticFlight:
         return np.arctan2(east, np.gradient(self.latitude))
 
 
-def read_magnetic_flight(path: str | Path) -> MagneticFlight:
-    """Read a flight: columns ``time`` (s or ISO 8601), ``scalar`` (nT), ``vector_x``,
-    ``vector_y``, ``vector_z`` (nT, body axes), and where there are any ``latitude``,
-    ``longitude`` (deg), ``height`` (m above the ellipsoid), ``current_NAME`` (A), ``reference``
-    (nT). Separators, comments and missing readings are those of
-    `isogal.tracks.csv_file.read_csv_tracks`.
+def read_magnetic_flight(path: str | Path, base: Path | None = None) -> MagneticFlight:
+    """Read a flight, less the daily variation by the file of a base station.
+
+    Its columns are ``time`` (s or ISO 8601), ``scalar`` (nT), ``vector_x``, ``vector_y``,
+    ``vector_z`` (nT, body axes), and where there are any ``latitude``, ``longitude`` (deg),
+    ``height`` (m above the ellipsoid), ``current_NAME`` (A), ``reference`` (nT). Separators,
+    comments and missing readings are those of `isogal.tracks.csv_file.read_csv_tracks`.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a column, or a cell is not what it should be; or the
-        readings are refused by `Readings`.
+        A file cannot be read, lacks a column, or a cell is not what it should be; or the readings
+        are refused by `Readings` or `BaseStation`.
     """
-    required = ("time", "scalar", *_VECTOR)
-    rows = read_rows(path, ", ".join(required))
-    columns = rows.read(_COLUMNS, required)
+    rows = read_rows(path, ", ".join(_REQUIRED))
+    columns = rows.read(_COLUMNS, _REQUIRED)
     currents = {
-        name.removeprefix(_CURRENT): rows.numbers(i, name, Column((name,), gaps=True))
-        for i, name in enumerate(rows.names)
+        name.removeprefix(_CURRENT): Column((name,), gaps=True)
+        for name in rows.names
         if name.startswith(_CURRENT)
     }
     vector = np.stack([columns[name] for name in _VECTOR], axis=-1)
-    readings = Readings(columns["time"], columns["scalar"], vector, str(path), currents)
-    placed = {
-        name: np.radians(columns[name]) if name in columns else None
+    time, total = columns["time"], columns["scalar"]
+    readings = Readings(time, total, vector, str(path), rows.read(currents, ()))
+    if base is not None:
+        variation = read_base_station(base).variation(time, readings.where)
+        readings = replace(readings, total=total - variation)
+    latitude, longitude = (
+        np.radians(columns[name]) if name in columns else None
         for name in ("latitude", "longitude")
-    }
+    )
     return MagneticFlight(
-        readings, **placed, height=columns.get("height"), reference=columns.get("reference")
+        readings, latitude, longitude, columns.get("height"), columns.get("reference")
     )
 
 
@@ -152,15 +147,6 @@ def read_base_station(path: str | Path) -> BaseStation:
     return BaseStation(time[there], value[there], str(path))
 
 
-def without_diurnal(flight: MagneticFlight, station: BaseStation | None) -> MagneticFlight:
-    """Return a flight less the daily variation that a base station measured."""
-    if station is None:
-        return flight
-    variation = station.variation(flight.time, flight.readings.where)
-    total = flight.readings.total - variation
-    return replace(flight, readings=replace(flight.readings, total=total))
-
-
 def write_compensated(
     path: str | Path, flight: MagneticFlight, total: Array, anomaly: Array
 ) -> None:
@@ -174,15 +160,9 @@ def write_compensated(
     """
     track = flight.track(anomaly)
     lines = ["time,latitude,longitude,value,total"]
-    for row in zip(
-        track.time,
-        track.latitude,
-        track.longitude,
-        track.value,
-        total,
-        strict=True,
+    for time, *place, value, own in zip(
+        track.time, track.latitude, track.longitude, anomaly, total, strict=True
     ):
-        time, latitude, longitude, *fields = row
-        cells = ["" if math.isnan(one) else f"{one:.3f}" for one in fields]
-        lines.append(f"{time:.4f},{latitude:.8f},{longitude:.8f},{','.join(cells)}")
+        cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
+        lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))
     write_atomic(path, "\n".join(lines) + "\n")

@@ -21,9 +21,9 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.tensor_error import displacements
 from isogal.tracks.track import Track
 
-SMOOTHING = (1000.0, 2000.0, 4000.0)
-"""m, 1-sigmas of the Gaussian weights with which the gradient is averaged; the likeliest is
-taken."""
+SMOOTHING = 2000.0
+"""m, 1-sigma of the Gaussian weights with which the gradient is averaged: of 1, 2 and 4 km the
+likeliest along the flight lines and along the tie lines over Scotland (docs/real-data.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +37,8 @@ class MapError:
     floor: float = 0.0
     """Least 1-sigma of the map."""
     reach: float = 0.0
-    """m, 1-sigma of the map per unit of its RMS gradient."""
-    smoothing: float = 0.0
-    """m, over which the gradient is averaged; 0 = the map's own sigma is used instead of floor and
-    reach."""
-    log_likelihood: float = math.nan
+    """m, 1-sigma of the map per unit of its RMS gradient; 0 = the map's own sigma is used instead
+    of floor and reach."""
     typical_sigma: float = math.nan
     """RMS 1-sigma of the map along the reference tracks."""
     offset: float = 0.0
@@ -55,23 +52,22 @@ class MapError:
     def apply(self, field_map: FieldMap) -> FieldMap:
         """Return the map with this error, and on the datum of the readings."""
         field_map = replace(field_map, values=field_map.values + self.offset)
-        if self.smoothing == 0.0:
-            return replace(field_map, correlation_length=self.correlation_length)
-        sigma = np.hypot(self.floor, self.reach * rms_gradient(field_map, self.smoothing))
+        sigma = field_map.sigma
+        if self.reach > 0.0:
+            sigma = np.hypot(self.floor, self.reach * rms_gradient(field_map))
         return replace(field_map, sigma=sigma, correlation_length=self.correlation_length)
 
 
-def rms_gradient(field_map: FieldMap, smoothing: float) -> Array:
+def rms_gradient(field_map: FieldMap) -> Array:
     """Return (n, m) the RMS gradient (unit/m) round each node, with Gaussian weights of 1-sigma
-    `smoothing` (m)."""
+    `SMOOTHING`."""
     from scipy.ndimage import gaussian_filter
 
     latitude, longitude = np.meshgrid(field_map.latitude, field_map.longitude, indexing="ij")
     _, north, east = field_map.value_and_gradient(latitude, longitude)
     known = np.isfinite(north)
-    widths = [
-        smoothing / size for size in field_map.cell_size_m(float(np.mean(field_map.latitude)))
-    ]
+    cell = field_map.cell_size_m(float(np.mean(field_map.latitude)))
+    widths = [SMOOTHING / size for size in cell]
     square = gaussian_filter(np.where(known, north**2 + east**2, 0.0), widths, mode="constant")
     weight = gaussian_filter(known.astype(np.float64), widths, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -99,23 +95,16 @@ def fit_map_error(references: Sequence[Track], field_map: FieldMap) -> MapError:
         raise InputError("no reference track lies on the map")
     least = math.log(_least_length(lines, field_map))
     spread = math.sqrt(float(np.mean(np.concatenate([one.value for one in lines]) ** 2)))
-    own = not isinstance(field_map.sigma, float)
-    fits = []
-    for smoothing in (0.0,) if own else SMOOTHING:
-        shape = field_map
-        if not own:
-            shape = replace(field_map, sigma=rms_gradient(field_map, smoothing))
-        at_lines = [np.asarray(shape.sigma_at(one.latitude, one.longitude)) for one in lines]
-        start = [2000.0, 0.2 * spread]
-        if not own:
-            start = [2000.0, 0.1 * spread, 0.3 * spread, spread / _rms(at_lines)]
-        fits.append(_fit(lines, at_lines, np.log(start), least, smoothing))
-    return max(fits, key=lambda fit: fit.log_likelihood)
+    shape, start = field_map, [2000.0, 0.2 * spread]
+    if isinstance(field_map.sigma, float):
+        shape = replace(field_map, sigma=rms_gradient(field_map))
+    at_lines = [np.asarray(shape.sigma_at(one.latitude, one.longitude)) for one in lines]
+    if shape is not field_map:
+        start = [2000.0, 0.1 * spread, 0.3 * spread, spread / _rms(at_lines)]
+    return _fit(lines, at_lines, np.log(start), least)
 
 
-def _fit(
-    lines: "Sequence[_Line]", shape: Sequence[Array], start: Array, least: float, smoothing: float
-) -> MapError:
+def _fit(lines: "Sequence[_Line]", shape: Sequence[Array], start: Array, least: float) -> MapError:
     """Return the likeliest error by the logs of length (at least `least`), sensor's noise and, if
     `start` has them, floor and reach, by a simplex search (Nelder & Mead 1965, Comput. J.
     7:308-313)."""
@@ -132,12 +121,15 @@ def _fit(
     options = {"xatol": 0.02, "fatol": 0.05, "maxiter": 400}
     x = minimize(cost, start, method="Nelder-Mead", options=options).x
     sigma, length = sigma_of(x), max(x[0], least)
-    value, offset, offset_sigma = _likelihood(lines, sigma, length, x[1])
-    floor, reach = (0.0, 0.0) if len(x) == 2 else np.exp(x[2:]).tolist()
+    _, offset, offset_sigma = _likelihood(lines, sigma, length, x[1])
+    floor, reach = np.exp(x[2:]).tolist() if len(x) > 2 else (0.0, 0.0)
     return MapError(
-        math.exp(length), math.exp(x[1]), floor, reach, smoothing, value, _rms(sigma), offset,
-        offset_sigma, bool(x[0] <= least),
-    )  # fmt: skip
+        *(math.exp(length), math.exp(x[1]), floor, reach),
+        typical_sigma=_rms(sigma),
+        offset=offset,
+        offset_sigma=offset_sigma,
+        at_bound=bool(x[0] <= least),
+    )
 
 
 def _likelihood(

@@ -11,9 +11,8 @@ from isogal.arrays import Array
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Matcher
-from isogal.tracks.figures import readings_figure, track_map_figure
+from isogal.tracks.figures import readings_figure, shift_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
-from isogal.tracks.shift_figure import has_shifts, shift_figure
 from isogal.tracks.track import Track
 
 
@@ -30,47 +29,38 @@ def write_match_report(
     """Write `report.html` with two PNG figures beside it; return the path of the page."""
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
-    illustrations = [
-        Illustration(
-            "track",
+    figures = {
+        "track": (
             track_map_figure(track, field_map, matches),
             "The track as the navigator recorded it, and moved by what the fixes (and the prior)"
             " say, on the map.",
         ),
-        Illustration(
-            "readings",
+        "readings": (
             readings_figure(track, field_map, matches),
             "Readings (less their offset) and the map's values along the track as recorded and as"
             " matched; below, their differences.",
         ),
-    ]
-    if has_shifts(matches):
-        illustrations.append(
-            Illustration(
-                "shifts",
-                shift_figure(matches),
-                "Where the track may be: log posterior over its error, all noise models together;"
-                " the ellipse is the fix's with the prior, 2-sigma, and + no error at all.",
-            )
+    }
+    if any(match.shifts is not None for match in matches):
+        figures["shifts"] = (
+            shift_figure(matches),
+            "Where the track may be: log posterior over its error, all noise models together; the"
+            " ellipse is the fix's with the prior, 2-sigma, and + no error at all.",
         )
-    sections = [
-        Section(
-            "Result",
-            [
-                f"{published} fixes from {len(matches)} batches of {settings.batch_length}"
-                f" readings; each batch starts from {start}."
-            ],
-            illustrations,
-            [_fixes(matches), *_estimates(field_map, matches)],
-        ),
-        Section(
-            "What was assumed", tables=[_assumptions(track, field_map, settings, uncertainty)]
-        ),
-    ]
+    result = Section(
+        "Result",
+        [
+            f"{published} fixes from {len(matches)} batches of {settings.batch_length}"
+            f" readings; each batch starts from {start}."
+        ],
+        [Illustration(name, *each) for name, each in figures.items()],
+        [_fixes(matches), *_estimates(field_map, matches)],
+    )
+    assumed = _assumptions(track, field_map, settings, uncertainty)
     return write_report(
         out_dir,
         "Recorded track",
-        sections,
+        [result, Section("What was assumed", tables=[assumed])],
         subtitle=f"{Path(track.where).name} against {field_map.provenance}",
     )
 

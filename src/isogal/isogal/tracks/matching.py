@@ -23,30 +23,26 @@ that resolves it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.fusion.fix import apply_fix
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.failures import has_failed, match_or_decline
+from isogal.matching.failures import match_or_decline
 from isogal.matching.information import informed, position_information
-from isogal.matching.interfaces import Batch, Fix, Information, Matcher
+from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.batches import batch_ends, between_batches
 from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
-from isogal.tracks.informative import contradicts, wider_than, without_fix
+from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
-RIGID = 25.0
-"""m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 _LONGEST = 4
 """Batches that an unresolved one may grow to: its readings are matched again with the next."""
 _LEAST_VELOCITY = 1e-6
@@ -131,31 +127,11 @@ def match_track(
     *,
     chained: bool = False,
     matcher: Matcher | None = None,
-    checked: bool = True,
-    progress: Progress | None = None,
 ) -> list[Match]:
-    """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`).
-
-    Parameters
-    ----------
-    chained : bool
-        Whether each batch starts from what the earlier ones have told.
-    matcher : Matcher, optional
-        Instead of the one that the settings name.
-    checked : bool
-        Whether a jackknife widens the fixes of `pmht` (`isogal.tracks.jackknife`).
-    progress : callable, optional
-        Called after each batch with how many are done and how many there are.
-
-    Raises
-    ------
-    InputError
-        The matcher's options are wrong, or the track's reduction does not fit the quantity.
-    """
-    fields = (TrackField(field_map.quantity, track, field_map, settings),)
-    if matcher is None:
-        matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
-    return _matched(fields, uncertainty, matcher, chained, progress)
+    """Match all batches of a track, whose readings are in the map's unit (`fit_to_map`); see
+    `match_fields`."""
+    field = TrackField(field_map.quantity, track, field_map, settings)
+    return match_fields([field], uncertainty, chained=chained, matcher=matcher)
 
 
 def match_fields(
@@ -163,26 +139,29 @@ def match_fields(
     uncertainty: Uncertainty,
     *,
     chained: bool = False,
-    checked: bool = True,
-    progress: Progress | None = None,
+    matcher: Matcher | None = None,
+    progress: Progress = lambda done, count: None,
 ) -> list[Match]:
-    """Match all batches of a track that has readings of several fields, or of several channels.
+    """Match all batches of a track that has readings of one or several fields, or of several
+    channels. The batches are those that the first field's settings say.
 
-    The batches are those that the first field's settings say. Other parameters and errors as for
-    `match_track`; InputError too where fields are not of one track (`fields.check_fields`).
+    Parameters
+    ----------
+    chained : bool
+        Whether each batch starts from what the earlier ones have told.
+    matcher : Matcher, optional
+        Instead of the one that the settings name.
+    progress : callable
+        Called after each batch with how many are done and how many there are.
+
+    Raises
+    ------
+    InputError
+        The matcher's options are wrong, the track's reduction does not fit the quantity, or fields
+        are not of one track (`fields.check_fields`).
     """
     check_fields(fields)
-    matcher = matcher_of(fields, _is_rigid(fields[0], uncertainty), checked)
-    return _matched(fields, uncertainty, matcher, chained, progress)
-
-
-def _matched(
-    fields: Sequence[TrackField],
-    uncertainty: Uncertainty,
-    matching: Matcher,
-    chained: bool,
-    progress: Progress | None,
-) -> list[Match]:
+    matching = matcher or matcher_of(fields)
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
@@ -197,81 +176,38 @@ def _matched(
         if chained and matches:
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
-        rows = slice(max(0, used - earlier), end)
-        batches = [
-            one.batch(jacobian, rows, end - used, error, covariance)
-            for one, jacobian in zip(fields, jacobians, strict=True)
-        ]
-        batch, near = joint_batch(fields, batches, edge=not by_bank)
-        before = memory
-        fix, memory = match_or_decline(matching, batch, near, memory)
-        known = _TrackError(batch, error, covariance)
-        fix, counted = _judged(fix, batch, prior)
-        apply_fix(counted, known)
+        known = slice(max(0, used - earlier), end), end - used, error, covariance
+        batch, near = joint_batch(fields, jacobians, *known, edge=not by_bank)
+        fix, after = match_or_decline(matching, batch, near, memory)
+        fix, counted = judged(fix, batch, prior)
         if fix.widening is not None:
             prior = uncertainty.prior + fix.widening[:4, :4]
+        error, covariance = _known(counted, batch, error, covariance)
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        shown = by_bank and not has_failed(fix.reason)
-        shifts = memory.shifts if shown else None
-        rows = slice(previous, end)
-        matches.append(Match(fix, rows, known.error, known.covariance, *here, shifts))
-        told = counted if chained else fix
-        if told.published or end - unresolved >= _LONGEST * settings.batch_length:
+        shifts = after.shifts if by_bank and after is not memory else None
+        matches.append(Match(fix, slice(previous, end), error, covariance, *here, shifts))
+        resolved = (counted if chained else fix).published
+        if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
-        elif by_bank and before is not None:  # these readings will be matched again
-            memory = replace(memory, log_prior=before.log_prior)
-        if progress is not None:
-            progress(len(matches), len(ends))
+        elif by_bank and memory is not None:  # these readings will be matched again
+            after = replace(after, log_prior=memory.log_prior)
+        memory = after
+        progress(len(matches), len(ends))
     return matches
 
 
-def _is_rigid(field: TrackField, uncertainty: Uncertainty) -> bool:
-    """Whether the velocity error bends no batch of a track by much."""
-    ends, time = batch_ends(len(field.track), field.settings), field.track.time
-    longest = max(time[end - 1] - time[first] for first, end in pairwise([0, *ends]))
-    return bool(uncertainty.velocity * longest < RIGID)
-
-
-def _judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
-    """Return a fix as it is published, and as it counts for the track's error: one that is wider
-    than the prior (4, 4) still tells something of it, one that contradicts it does not."""
+def _known(fix: Fix, batch: Batch, error: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the track's error (4,) and its covariance (4, 4) after a fix of a batch, which says
+    it of the error that remains."""
+    if fix.widening is not None:
+        covariance = covariance + fix.widening[:4, :4]
     if not fix.published:
-        return fix, fix
-    if reason := contradicts(fix, batch):
-        none = without_fix(fix, batch, reason)
-        return none, none
-    widening = 0.0 if fix.widening is None else fix.widening[:2, :2]
-    # of chained batches what is known now may be more or less than at the start
-    least, most = sorted((prior[:2, :2], batch.prior[:2, :2]), key=np.trace)
-    if wider_than(fix, least + widening) and (reason := wider_than(fix, most + widening)):
-        return without_fix(fix, batch, reason), fix
-    return fix, fix
-
-
-@dataclass(slots=True, eq=False)
-class _TrackError:
-    """What is known of the track's error at a batch's end (a `isogal.fusion.fix.FixTarget`)."""
-
-    batch: Batch
-    """Moved by `error`: what a fix says is about the error that remains."""
-    error: Array
-    """(4,) north, east m; m/s."""
-    covariance: Array
-    """(4, 4)."""
-
-    def assume_map_error(self, sigma: float, length: float) -> None:
-        """Nothing of a recorded track's error follows from the map's."""
-
-    def widen(self, covariance: Array) -> None:
-        self.covariance = self.covariance + covariance[:4, :4]
-
-    def update_information(self, vector: Array, matrix: Array) -> None:
-        remaining, self.covariance = informed(self.covariance, Information(vector, matrix))
-        self.error = self.error + remaining
-
-    def update_position(self, latitude: float, longitude: float, covariance: Array) -> None:
-        told = position_information(self.batch, latitude, longitude, covariance)
-        self.update_information(told.vector, told.matrix)
+        return error, covariance
+    told = fix.information or position_information(
+        batch, fix.latitude, fix.longitude, fix.covariance
+    )
+    remaining, covariance = informed(covariance, told)
+    return error + remaining, covariance
 
 
 def _advance(last: Match, dt: float, uncertainty: Uncertainty) -> tuple[Array, Array]:

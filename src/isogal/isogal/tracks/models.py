@@ -9,7 +9,6 @@ and all combinations count
 (docs/mathematics.md, section 10.2)."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,19 +16,24 @@ from isogal.arrays import Array
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.models import BIASED, NOISIER, NONE, Fault, Models, table_of
+from isogal.matching.pmht.models import (
+    BIASED,
+    NOISIER,
+    NONE,
+    Fault,
+    Models,
+    table_of,
+)
 from isogal.matching.pmht.rows import States
 from isogal.matching.pmht.settings import Settings
 from isogal.scenario import Matcher as MatcherSettings
 
 LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)
 """m, that nobody has told: of the maps that are known to us."""
-TOLD_LENGTHS, TOLD_SIGMAS = (0.5, 1.0, 2.0), (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Factors on what was told."""
+OWN = np.geomspace(0.2, 4.0, 9)
+"""Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
-OWN, OWN_LOG_SIGMA = (0.2, 4.0, 9), 0.5
-"""Grid of the factor on a sigma that the map has of its own, and 1-sigma of its logarithm."""
 SHAPES = 4
 """Of the map's error for each length, so that `Models.shape` counts four times as many: even along
 the track, with its gradient; smoother and even, smoother with its gradient."""
@@ -38,71 +42,59 @@ MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 nobody has told of is no constant, and their probability."""
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What somebody has said of one field's errors."""
-
-    settings: Settings
-    length: bool
-    """Whether of the correlation length."""
-    constant: bool
-    """Whether of the readings' unknown constant."""
-
-    @classmethod
-    def of(cls, matcher: MatcherSettings) -> "Told":
-        """Read a scenario's matcher section: what it does not say itself counts as not told;
-        raises InputError on a bad option."""
-        said = matcher.model_fields_set
-        return cls(Settings.of(matcher), "map_correlation_length" in said, "bias_sigma" in said)
-
-
-def track_models(told: Told, batch: Batch, field_map: AnyMap, states: States) -> Models:
-    """Return the models of a field; of one map with four shapes for each length (`SHAPES`)."""
-    assumed = told.settings.assumed(batch, field_map)
+def track_models(
+    settings: MatcherSettings, batch: Batch, field_map: AnyMap, states: States
+) -> Models:
+    """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
+    scenario's matcher section: what it does not say itself counts as not told; raises InputError
+    on a bad option."""
+    assumed, said = Settings.of(settings).assumed(batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
-    own = one is not None and not isinstance(one.sigma, float)
-    loose = math.log(max(assumed.trust, 1.0 + 1e-9))
-    lengths, of_length = _lengths(told, field_map, loose)
-    scale, exact = assumed.scale, assumed.trust == 1.0
-    if one is not None and own:
-        sigmas = usual_sigma(one) * (np.ones(1) if exact else np.geomspace(*OWN))
-        of_sigma = -0.5 * (np.log(sigmas / usual_sigma(one)) / OWN_LOG_SIGMA) ** 2
-    elif assumed.sigma is not None:
-        sigmas = assumed.sigma * (np.ones(1) if exact else np.array(TOLD_SIGMAS))
-        of_sigma = -0.5 * (np.log(np.ones(1) if exact else TOLD_SIGMAS) / loose) ** 2
+    length = assumed.length if "map_correlation_length" in said else None
+    lengths, of_length = _lengths(length, assumed.trust, field_map)
+    if assumed.sigma is not None:
+        uneven = one is not None and not isinstance(one.sigma, float)
+        factors = OWN if uneven else assumed.trust ** np.linspace(-1.0, 1.0, 5)
+        sigmas, of_sigma = _about(assumed.sigma, assumed.trust, factors)
     else:
-        sigmas = scale * np.geomspace(*SHARES)
+        sigmas = assumed.scale * np.geomspace(*SHARES)
         of_sigma = np.zeros(len(sigmas))
     if not sigmas.any():
         sigmas, of_sigma, lengths, of_length = np.zeros(1), np.zeros(1), lengths[:1], np.zeros(1)
     errors = [
-        (float(s), float(length), a + b)
-        for s, a in zip(sigmas, of_sigma, strict=True)
-        for length, b in zip(lengths, of_length, strict=True)
+        (float(sigma), float(over), a + b)
+        for sigma, a in zip(sigmas, of_sigma, strict=True)
+        for over, b in zip(lengths, of_length, strict=True)
     ]
     faults = [Fault(NONE, 0.5), Fault(BIASED, 0.5, bias=1.0)]
     if not states.unknown:
         faults = [faults[0], *(Fault(NOISIER, MISFIT_SHARE, noise=factor) for factor in MISFITS)]
-    elif told.constant:
+    elif "bias_sigma" in said:
         faults = faults[:1]
     rows = [(*error, fault) for fault in faults for error in errors]
     models = table_of(rows, assumed, states)
     if one is None:
         return models
+    by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
     # a length that is told is that of an exponential
-    return _of_shapes(models, own or assumed.sigma is None, not told.length)
+    return _of_shapes(models, by_gradient, length is None)
 
 
-def _lengths(told: Told, field_map: AnyMap, loose: float) -> tuple[Array, Array]:
-    """Return lengths (m) and their log priors."""
-    length: float | None = told.settings.length if told.length else None
+def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Array, Array]:
+    """Return lengths (m), about one if it is told, and their log priors."""
     if length is None and isinstance(field_map, FieldMap) and field_map.error_ellipses is not None:
         length = field_map.correlation_length
     if length is None:
         return np.array(LENGTHS), np.zeros(len(LENGTHS))
-    if told.settings.options.trust == 1.0:
-        return np.array([length]), np.zeros(1)
-    return length * np.array(TOLD_LENGTHS), -0.5 * (np.log(TOLD_LENGTHS) / loose) ** 2
+    return _about(length, trust, trust ** np.linspace(-1.0, 1.0, 3))
+
+
+def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
+    """Return values at factors from a usual one that is right within a factor (1-sigma), and their
+    log priors; that value alone where it is right to the letter."""
+    if trust == 1.0:
+        return np.array([usual]), np.zeros(1)
+    return usual * factors, -0.5 * (np.log(factors) / math.log(trust)) ** 2
 
 
 def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
@@ -114,10 +106,3 @@ def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
             parts.append(part._replace(shape=part.shape + kind * count))
     whole = Models._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole._replace(log_prior=whole.log_prior - np.logaddexp.reduce(whole.log_prior))
-
-
-def usual_sigma(field_map: FieldMap) -> float:
-    """Return the mean of what a map says of its own error, map's unit; 1 of one that says
-    nothing."""
-    sigma = np.asarray(field_map.sigma, dtype=np.float64)
-    return float(np.nanmean(sigma)) if np.isfinite(sigma).any() else 1.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.matching.pmht.cells import log_normal, square_of
 from isogal.matching.pmht.models import Models
 from isogal.tracks.evidence import Seen
 
@@ -39,7 +40,7 @@ class Shifts:
     size: float
     """m."""
     log_prior: Array
-    """(C,) of the shift, without its constant."""
+    """(C,) of the shift."""
     seen: tuple[Seen, ...]
     """Of each field."""
     which: tuple[Integers, ...]
@@ -76,20 +77,17 @@ class Shifts:
     @property
     def places(self) -> Array:
         """Probability of each place apart from others (P,), the heaviest first."""
-        from scipy.ndimage import binary_dilation, label
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import KDTree
 
         log = self.log_density
-        high = log > log.max() - PLACE_DEPTH
-        around = max(1, round(PLACE_GAP_M / self.size / 2.0))
-        step = max(1, around // 3)  # a coarser picture does where cells are small
-        index = np.rint(self.centres[high] / self.size).astype(int) // step
-        around = max(1, around // step)
-        index += around + 1 - index.min(axis=0)
-        picture = np.zeros(index.max(axis=0) + around + 2, dtype=np.bool_)
-        picture[tuple(index.T)] = True
-        labels, _ = label(binary_dilation(picture, np.ones((3, 3)), around))
-        share = np.bincount(labels[tuple(index.T)], self.weight[high])[1:]
-        return np.asarray(np.sort(share)[::-1], dtype=np.float64)
+        high = np.flatnonzero(log > log.max() - PLACE_DEPTH)
+        reach = max(PLACE_GAP_M, 3.1 * self.size)
+        near = KDTree(self.centres[high]).query_pairs(reach, output_type="ndarray").T
+        touching = coo_array((np.ones(near.shape[1]), near), shape=2 * (len(high),))
+        _, place = connected_components(touching, directed=False)
+        return np.asarray(np.sort(np.bincount(place, self.weight[high]))[::-1])
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
@@ -109,10 +107,10 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     that are independent given the shift."""
     deviation = np.sqrt(np.diag(prior))
     size = min(LARGEST_CELL_M, PRIOR_SHARE * float(deviation.min()))
-    north, east = (np.arange(-(n := math.ceil(REACH * d / size)), n + 1) for d in deviation)
+    north, east = (np.arange(-(n := math.ceil(REACH * d / size)), n + 1.0) for d in deviation)
     cells = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
-    centres = np.asarray(cells * size, dtype=np.float64)
-    density = np.exp(-0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres))
+    centres = cells * size
+    density = np.exp(log_normal(centres, prior))
     seen = [one.placed(centres, density) for one in seen]
     few = [_few(one.models) for one in seen]
     overview = shifts = _at(seen, few, cells, size, prior)
@@ -121,24 +119,22 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     best = _at(seen, every, cells[_kept(shifts.log_density, LOOKED_AT)], size, prior)
     which = [_likely(best, field) for field in range(len(seen))]
     cells = cells[_kept(shifts.log_density, len(cells))]
+    fan = square_of(np.arange(-1.0, 2.0))
     for _ in range(LEVELS):
         shifts = _at(seen, which, cells, size, prior)
         if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
             break
         seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
-        cells = (3 * cells[_kept(shifts.log_density, KEPT)][:, None] + _FAN).reshape(-1, 2)
+        cells = (3 * cells[_kept(shifts.log_density, KEPT)][:, None] + fan).reshape(-1, 2)
         size /= 3.0
     return replace(shifts, overview=overview)
 
 
-_FAN = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
-
-
 def _at(
-    seen: Sequence[Seen], which: Sequence[Integers], cells: Integers, size: float, prior: Array
+    seen: Sequence[Seen], which: Sequence[Integers], cells: Array, size: float, prior: Array
 ) -> Shifts:
-    centres = np.asarray(cells * size, dtype=np.float64)
-    log_prior = -0.5 * np.einsum("ci,ij,cj->c", centres, np.linalg.inv(prior), centres)
+    centres = cells * size
+    log_prior = log_normal(centres, prior)
     parts = [one.parts(centres, size, w) for one, w in zip(seen, which, strict=True)]
     return Shifts(centres, size, log_prior, tuple(seen), tuple(which), tuple(parts))
 

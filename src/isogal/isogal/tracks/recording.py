@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,48 +17,33 @@ from isogal.tracks.track import Track
 
 FIX_TOPIC = "nav/fix"
 _POSITION = "sensor_msgs/msg/NavSatFix"
-_NANOTESLA = 1e9
-"""nT in 1 T: messages have T, maps have nT."""
+_ACCEL = "geometry_msgs/msg/AccelWithCovarianceStamped"
+_FIELD = "sensor_msgs/msg/MagneticField"
 
 
-@dataclass(frozen=True)
-class ReadingSource:
+class ReadingSource(NamedTuple):
     """Where the reduced readings of one quantity are in a bag."""
 
     topic: str
     type: str
-    read: Callable[[Any], tuple[float, float]]
-    """Returns value and variance of a message, unit inside."""
     reduction: str
     """What of the navigator's estimate they were reduced with (`Track.reduction`)."""
 
 
-def _accel(message: Any) -> tuple[float, float]:
-    return message.accel.accel.linear.z, message.accel.covariance[14]
-
-
-def _anomaly(message: Any) -> tuple[float, float]:
-    return (
-        message.magnetic_field.z * _NANOTESLA,
-        message.magnetic_field_covariance[8] * _NANOTESLA**2,
-    )
-
-
-def _altitude(message: Any) -> tuple[float, float]:
-    return message.altitude, message.position_covariance[8]
-
-
-_ACCEL = "geometry_msgs/msg/AccelWithCovarianceStamped"
 READINGS = {
-    "gravity": ReadingSource("gravimeter/gravity", _ACCEL, _accel, "velocity"),
-    "disturbance": ReadingSource("gravimeter/disturbance", _ACCEL, _accel, "velocity"),
-    "magnetic_anomaly": ReadingSource(
-        "magnetometer/anomaly", "sensor_msgs/msg/MagneticField", _anomaly, "main-field"
-    ),
-    "height": ReadingSource("altimeter/terrain", _POSITION, _altitude, "none"),
+    "gravity": ReadingSource("gravimeter/gravity", _ACCEL, "velocity"),
+    "disturbance": ReadingSource("gravimeter/disturbance", _ACCEL, "velocity"),
+    "magnetic_anomaly": ReadingSource("magnetometer/anomaly", _FIELD, "main-field"),
+    "height": ReadingSource("altimeter/terrain", _POSITION, "none"),
 }
 """Where the readings are that a map of a quantity needs."""
-_TYPES = {_POSITION, *(source.type for source in READINGS.values())}
+_READ: dict[str, Callable[[Any], tuple[float, float]]] = {
+    _ACCEL: lambda m: (m.accel.accel.linear.z, m.accel.covariance[14]),
+    # messages have T, maps have nT
+    _FIELD: lambda m: (m.magnetic_field.z * 1e9, m.magnetic_field_covariance[8] * 1e9**2),
+    _POSITION: lambda m: (m.altitude, m.position_covariance[8]),
+}
+"""Value and variance of a reading, unit inside, by the message's type."""
 
 
 def is_recording(path: Path) -> bool:
@@ -102,10 +87,10 @@ class Recording:
             or some without a variance.
         """
         if quantity not in self.readings:
-            known = (
-                f"readings of {' and '.join(self.readings)}" if self.readings else "no readings"
+            raise InputError(
+                f"{self.where}: has readings of {' and '.join(self.readings)}, and the map is of"
+                f" {quantity}"
             )
-            raise InputError(f"{self.where}: has {known}, and the map is of {quantity}")
         rows = self.readings[quantity]
         rows = rows[(self.time[0] <= rows[:, 0]) & (rows[:, 0] <= self.time[-1])]
         if not rows.size:
@@ -147,41 +132,30 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
         There is no bag, no position or no reading in it, or a topic has another type.
     """
     positions: dict[float, tuple[float, float]] = {}
-    readings: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in READINGS}
+    readings: dict[str, dict[float, tuple[float, float]]] = {}
     seen: set[str] = set()
     for name, kind, message in _messages(Path(path)):
         seen.add(name)
-        if _is(name, fix_topic):
-            _require(kind, _POSITION, path, name)
-            if message.status.status >= 0:
-                positions.setdefault(_stamp(message), (message.latitude, message.longitude))
+        if _is(name, fix_topic, kind, _POSITION, path) and message.status.status >= 0:
+            positions.setdefault(_stamp(message), (message.latitude, message.longitude))
         for quantity, source in READINGS.items():
-            if _is(name, source.topic):
-                _require(kind, source.type, path, name)
-                readings[quantity].setdefault(_stamp(message), source.read(message))
-    if not positions or not any(readings.values()):
-        wanted = (
-            f"'{fix_topic}'"
-            if not positions
-            else " or ".join(f"'{source.topic}'" for source in READINGS.values())
-        )
+            if _is(name, source.topic, kind, source.type, path):
+                own = readings.setdefault(quantity, {})
+                own.setdefault(_stamp(message), _READ[kind](message))
+    if not positions or not readings:
+        wanted = [fix_topic] if not positions else [source.topic for source in READINGS.values()]
         raise InputError(
-            f"{path}: has no message on {wanted}; it has"
+            f"{path}: has no message on {' or '.join(map(repr, wanted))}; it has"
             f" {', '.join(sorted(seen)) or 'none at all'}"
         )
     time = np.array(sorted(positions))
     latitude, longitude = np.radians([positions[t] for t in time]).T
-    return Recording(
-        where=str(path),
-        time=time,
-        latitude=latitude,
-        longitude=np.unwrap(longitude),
-        readings={
-            quantity: np.array([(t, *found[t]) for t in sorted(found)])
-            for quantity, found in readings.items()
-            if found
-        },
-    )
+    each = {
+        quantity: np.array([(t, *readings[quantity][t]) for t in sorted(readings[quantity])])
+        for quantity in READINGS
+        if quantity in readings
+    }
+    return Recording(str(path), time, latitude, np.unwrap(longitude), each)
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
@@ -206,7 +180,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
                     elif isinstance(item, Message):
                         empty, channel = False, channels[item.channel_id]
                         schema = schemas[channel.schema_id]
-                        if schema is None or schema.name not in _TYPES:
+                        if schema is None or schema.name not in _READ:
                             yield channel.topic, "", None
                             continue
                         decode: Any = factory.decoder_for(channel.message_encoding, schema)
@@ -233,14 +207,14 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _is(recorded: str, name: str) -> bool:
-    """Return whether a recorded topic has this name, in whatever namespace."""
-    return recorded == name or recorded.endswith("/" + name.lstrip("/"))
-
-
-def _require(kind: str, wanted: str, path: str | Path, topic: str) -> None:
+def _is(recorded: str, name: str, kind: str, wanted: str, path: str | Path) -> bool:
+    """Return whether a recorded topic has this name, in whatever namespace; raises InputError
+    where it is of another type."""
+    if recorded != name and not recorded.endswith("/" + name.lstrip("/")):
+        return False
     if kind != wanted:
-        raise InputError(f"{path}: topic '{topic}' must be of type {wanted}")
+        raise InputError(f"{path}: topic '{recorded}' must be of type {wanted}")
+    return True
 
 
 def _stamp(message: Any) -> float:

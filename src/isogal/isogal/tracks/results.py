@@ -18,10 +18,6 @@ _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
 
-_ESTIMATED = ("map_sigma", "map_correlation_length", "offset", "offset_sigma")
-_NOT_IN_UNIT = "map_correlation_length"
-
-
 def as_objects(
     matches: Sequence[Match],
     chained: bool = False,
@@ -35,50 +31,42 @@ def as_objects(
 
     Without a fix the position is that of the track. Objects also hold the position and its
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
-    (`aided_*`). Where noise was integrated out they
-    hold what was estimated, in units of which one has `factor` units inside, and m. `line` is
-    that of the track's file. `others` are the factors of further fields by name, of which
-    NAME_estimated is told."""
+    (`aided_*`). Where noise was integrated out they hold what was estimated, in units of which one
+    has `factor` units inside, and m. `line` is that of the track's file. `others` are the factors
+    of further fields by name, of which NAME_estimated is told."""
     factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
-    return [_object(match, chained, factors, line) for match in matches]
-
-
-def _object(
-    match: Match, chained: bool, factors: Mapping[str, float], line: str | None
-) -> dict[str, Any]:
-    fix = match.fix
-    result: dict[str, Any] = {} if line is None else {"line": line}
-    result |= {
-        "time": fix.time,
-        **_place(fix.latitude, fix.longitude),
-        "covariance_enu": _enu(fix.covariance) if fix.published else None,
-        "status": FIX if fix.published else NO_FIX,
-        "reason": fix.reason,
-    }
     name = "aided" if chained else "with_prior"
-    result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
-    result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
-    numbers = fix.diagnostics
-    if match.shifts is None:
-        return result
+    objects = []
+    for match in matches:
+        fix = match.fix
+        result: dict[str, Any] = {} if line is None else {"line": line}
+        result |= {"time": fix.time, **_place(fix.latitude, fix.longitude)}
+        result["covariance_enu"] = _enu(fix.covariance) if fix.published else None
+        result["status"] = FIX if fix.published else NO_FIX
+        result["reason"] = fix.reason
+        result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
+        result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
+        objects.append(result if match.shifts is None else result | _found(match, factors))
+    return objects
+
+
+def _found(match: Match, factors: Mapping[str, float]) -> dict[str, Any]:
+    """Return what a batch has told of errors and readings, each field's in its unit."""
+    numbers = match.fix.diagnostics
+    result: dict[str, Any] = {}
     for prefix, factor in factors.items():
         if f"{prefix}map_sigma" in numbers:
-            result[f"{prefix.replace('.', '_')}estimated"] = _estimated(numbers, prefix, factor)
+            units = {"map_sigma": factor, "map_correlation_length": 1.0}
+            units |= {"offset": factor, "offset_sigma": factor}
+            result[f"{prefix.replace('.', '_')}estimated"] = {
+                name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
+            }
     if "map_sigma" in numbers:
-        result["readings"] = int(numbers["readings"])
-        result["readings_left_out"] = int(numbers["readings_left_out"])
+        result |= {name: int(numbers[name]) for name in ("readings", "readings_left_out")}
         result["misfit"] = round(numbers["misfit"], 3)
         result["places"] = int(numbers["places"])
         result["probability"] = round(numbers["probability"], 4)
     return result
-
-
-def _estimated(numbers: Mapping[str, float], prefix: str, factor: float) -> dict[str, float]:
-    """Return what was estimated of a field's errors, in its unit."""
-    return {
-        name: float(f"{numbers[prefix + name] / (1.0 if name == _NOT_IN_UNIT else factor):.4g}")
-        for name in _ESTIMATED
-    }
 
 
 def _place(latitude: float, longitude: float) -> dict[str, float]:
@@ -105,11 +93,8 @@ def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     north-north."""
     rows = [_flat(entry) for entry in objects]
     stream = io.StringIO()
-    writer = csv.DictWriter(
-        stream,
-        fieldnames=list(dict.fromkeys(key for row in rows for key in row)),
-        lineterminator="\n",
-    )
+    names = dict.fromkeys(key for row in rows for key in row)
+    writer = csv.DictWriter(stream, fieldnames=list(names), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()
@@ -134,21 +119,12 @@ def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
     geometry where there is no fix."""
     features = []
     for entry in objects:
-        point = {"type": "Point", "coordinates": [entry["longitude"], entry["latitude"]]}
-        properties = {
-            key: value for key, value in entry.items() if key not in ("latitude", "longitude")
-        }
-        features.append(
-            {
-                "type": "Feature",
-                "geometry": point if entry["status"] == FIX else None,
-                "properties": properties,
-            }
-        )
-    return (
-        json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, indent=1)
-        + "\n"
-    )
+        properties = dict(entry)
+        place = [properties.pop(name) for name in ("longitude", "latitude")]
+        point = {"type": "Point", "coordinates": place} if entry["status"] == FIX else None
+        features.append({"type": "Feature", "geometry": point, "properties": properties})
+    collection = {"type": "FeatureCollection", "features": features}
+    return json.dumps(collection, allow_nan=False, indent=1) + "\n"
 
 
 WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {

@@ -1,5 +1,6 @@
 """A track of a gradiometer: its readings, and the maps that they are compared with."""
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
         unit, factor = unit_of(chosen.track_unit or _UNIT, scalar)
         sigma = assumed.reading_sigma(scalar, factor) or _DEFAULT_SIGMA
         values = np.stack([one.value for one in line], axis=1) * factor
-        track = replace(first, sigma=None, offset=None).track(factor, sigma)
+        track = replace(first, sigma=math.nan, offset=0.0).track(factor, sigma)
         track, off_map = fit_to_map(track, scalar)
         if off_map.any():
             note(

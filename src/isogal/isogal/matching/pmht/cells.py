@@ -52,7 +52,7 @@ class Ranked:
         sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
         reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
         size, count = COARSE_M, math.ceil(reach / COARSE_M)
-        centres = _square(size * np.arange(-count, count + 1.0))
+        centres = square_of(size * np.arange(-count, count + 1.0))
         centres = centres[np.hypot(*centres.T) < reach + size]
         return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
 
@@ -62,7 +62,7 @@ class Ranked:
         if best is None:
             return None
         size = self.size / 3.0
-        centres = (self.centres[best][:, None] + _square(np.arange(-1.0, 2.0) * size)).reshape(
+        centres = (self.centres[best][:, None] + square_of(np.arange(-1.0, 2.0) * size)).reshape(
             -1, 2
         )
         density = self.seen.log_density(centres, self.spread, size)
@@ -97,11 +97,11 @@ def at_cells(
     covariance[:, :n, :n] = inner
     mean = np.zeros((len(which), covariance.shape[1]))
     mean[:, :n] = centres @ gain.T
-    weight = _density(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
+    weight = log_normal(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
     return Hypotheses(models, which, weight, mean, covariance)
 
 
-def _density(centres: Array, covariance: Array) -> Array:
+def log_normal(centres: Array, covariance: Array) -> Array:
     """Return (C,) the log density of N(0, covariance)."""
     square = np.einsum("ci,ij,cj->c", centres, np.linalg.inv(covariance), centres)
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
@@ -116,7 +116,7 @@ def _covering(log: Array, most: int) -> Integers | None:
     return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
 
 
-def _square(axis: Array) -> Array:
+def square_of(axis: Array) -> Array:
     """Return (K², 2) all pairs of values of an axis."""
     return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
 
@@ -156,12 +156,9 @@ class Seen:
             grouped.latitude, grouped.longitude,
         )  # fmt: skip
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        one = channels_of(field_map)[0]
-        _, *slopes = one.value_and_gradient(grouped.latitude, grouped.longitude)
-        square = 0.5 * float(np.nanmean(np.square(slopes).sum(axis=0)))
-        slope = np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
+        slope = slopes(field_map, grouped.latitude, grouped.longitude, distance)
         other = np.diag(mean(rows.noise) / size)
-        covariance, gone = map(mean, _states(rows, since, models.initial[0]))
+        covariance, gone = map(mean, states_at(rows, since, models.initial[0]))
         order = mean(np.arange(float(len(rows.level))))
         for effect, unit in (
             (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
@@ -175,7 +172,7 @@ class Seen:
         """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
         place are, each with a model, before and by the readings; of a prior N(0, spread)."""
         log = self.log_evidence(residuals_at(self.rows, self.grid, centres), cell)
-        return log + _density(centres, spread)[:, None] + 2.0 * math.log(cell)
+        return log + log_normal(centres, spread)[:, None] + 2.0 * math.log(cell)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -194,6 +191,14 @@ class Seen:
         log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
         log[~np.isfinite(log)] = -np.inf
         return np.asarray(log)
+
+
+def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array) -> Array:
+    """Return (n, n) covariance of the map's gradient along one axis at places (n,), rad, which are
+    distances (n, n) in m apart; squared unit / m."""
+    _, *each = channels_of(field_map)[0].value_and_gradient(latitude, longitude)
+    square = 0.5 * float(np.nanmean(np.square(each).sum(axis=0)))
+    return np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
 
 
 def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
@@ -215,7 +220,7 @@ def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Ar
     return np.asarray(np.where(order[:, None] <= order, across, across.T))
 
 
-def _states(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
+def states_at(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
     """Return `covariance` and `gone` of `in_common` of all states of rows but the map's errors,
     by what is unknown of x at each of them (n, 7, 7) and 1-sigmas before the first one of the
     others."""

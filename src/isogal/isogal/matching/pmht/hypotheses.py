@@ -16,7 +16,7 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
-from isogal.matching.pmht.models import FAMILIES, WRONG_MAP, Models
+from isogal.matching.pmht.models import FAMILIES, NONE, WRONG_MAP, Models
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -44,9 +44,9 @@ LEAST = -600.0
 FLOOR = 15.0
 """No model falls further below the best than this log: what was wrong for hours may become
 right."""
-CREDIBLE = 0.03
-"""A fault has to be this probable to be published: a wide model of a few percent would widen what
-is published for ever."""
+CREDIBLE = 2.0
+"""A fault is published where readings have made it so many times as probable as it was: a wide
+model of a few percent would widen what is published for ever."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +259,11 @@ class Hypotheses:
 
     def credible(self) -> "Hypotheses":
         """Return them without faults that are not likely."""
-        kept = self.faults[self.models.family[self.which]] > CREDIBLE
+        models = self.models
+        before = np.bincount(models.family, np.exp(models.log_prior), len(FAMILIES))
+        kept = self.faults > CREDIBLE * before
+        kept[NONE] = True
+        kept = kept[models.family[self.which]]
         return self if kept.all() else self.part(kept)
 
     def moments(self) -> tuple[Array, Array]:

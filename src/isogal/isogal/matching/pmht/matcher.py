@@ -135,8 +135,9 @@ class Pmht:
                 field = FieldMemory(
                     states, models, None if lost else Hypotheses.before(models, prior)
                 )
+            lengths, rough = field.models.shapes
             new, epoch = rows_of(
-                one.batch, one.field_map, field.states, field.models.shapes, field.epoch
+                one.batch, one.field_map, field.states, lengths, field.epoch, rough
             )
             fields[one.field] = replace(field, epoch=epoch)
             rows.append(new)

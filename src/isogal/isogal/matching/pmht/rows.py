@@ -199,14 +199,15 @@ def rows_of(
     batch: Batch,
     field_map: AnyMap,
     states: States,
-    shapes: tuple[Array, Array],
+    lengths: Array,
     last: Epoch | None,
+    rough: Array | None = None,
 ) -> tuple[Rows | None, Epoch | None]:
     """Return the new readings of a batch, None where there are none, and the last one's epoch.
 
     Parameters
     ----------
-    shapes : (S,) arrays
+    lengths, rough : (L,) arrays
         See `Models.shapes`.
     last : Epoch, optional
         Of the last reading before; None = there was none.
@@ -225,10 +226,10 @@ def rows_of(
     moved = velocity * elapsed[:, None]
     travelled = np.hypot(*moved.T)
     chain = Chain.of(batch, states.channels, states.order)
-    steps, step, joined = chained(chain, moved, first.steps, shapes[0], last is None)
+    steps, step, joined = chained(chain, moved, first.steps, lengths, last is None)
     if batch.filter_path is not None and states.channels == 2:
         memory = batch.filter_path.memory
-        step, joined = filtered_chain(memory, travelled, shapes[0], last is None)
+        step, joined = filtered_chain(memory, travelled, lengths, last is None)
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
@@ -240,7 +241,14 @@ def rows_of(
         batch.reading[which] - batch.offset[which],
         place,
         reading,
-        _loads(batch, which, field_map, states, channel, shapes[1]),
+        _loads(
+            batch,
+            which,
+            field_map,
+            states,
+            channel,
+            np.zeros(len(lengths)) if rough is None else rough,
+        ),
         _white(batch)[which] + rounding,
         travelled,
         keep,
