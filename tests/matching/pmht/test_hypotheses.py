@@ -22,6 +22,7 @@ from isogal.matching.pmht.rows import rows_of
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
 EXACT = models(sigma=0.0)
+TO_THE_LETTER = models(sigma=1e-5, trust=1.0)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -143,9 +144,9 @@ def test_a_worse_navigator_grows_by_its_factor():
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 
 
-def test_reduced_keeps_moments_of_what_overlaps_and_every_model():
+def test_reduced_keeps_moments_of_what_overlaps_and_every_group():
     which = models()
-    bank = random_bank(1, 4, EXACT)
+    bank = random_bank(1, 4, TO_THE_LETTER)
     bank.mean[:, :2] *= 0.01  # one place
     same(moments_of(bank.reduced(HERE)), moments_of(bank), 1e-9)
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
@@ -157,12 +158,48 @@ def test_reduced_keeps_moments_of_what_overlaps_and_every_model():
 
 
 def test_light_models_have_one_place_and_negligible_ones_go():
-    bank = random_bank(2, 6, models(sigma=3e-5))
+    which = models(sigma=3e-5)
+    bank = random_bank(2, 6, Models._make(column[:2] for column in which))
     bank.which[:] = [0, 0, 0, 1, 1, 1]
     bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
     bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 1.0, -LIGHT - 1.5, -LIGHT - 2.0]
     after = bank.reduced(HERE)
     assert list(after.which) == [0, 0, 1]
+
+
+def test_models_that_are_negligible_beside_their_neighbours_are_left_out():
+    """And come back with what a neighbour knows, in units of their own sigma."""
+    which = models()
+    group = np.flatnonzero(which.group == 0)
+    assert (np.diff(which.sigma[group]) > 0.0).all()
+    which = Models._make(column[group] for column in which)
+    bank = Hypotheses.before(which, np.diag(SIGMA**2))
+    best = len(group) // 2
+    steep = replace(bank, log_weight=-6.0 * np.abs(np.arange(len(group)) - best))
+    left = steep.reduced(HERE)
+    assert set(left.which) == set(range(best - 2, best + 3))  # those within 10, and one on
+    last = best + 2
+    left.mean[left.which == last, 7] = 0.5
+    up = replace(left, log_weight=np.where(left.which == last, 0.0, -30.0)).reduced(HERE)
+    assert set(up.which) == {last - 1, last, last + 1}
+    new = up.which == last + 1
+    ratio = which.sigma[last] / which.sigma[last + 1]
+    np.testing.assert_allclose(up.mean[new, 7], 0.5 * ratio)
+    np.testing.assert_allclose(up.covariance[new, 7, 7], ratio**2)
+    prior = which.log_prior[last + 1] - which.log_prior[last]
+    assert up.log_weight[new] - up.log_weight[up.which == last] == pytest.approx(prior)
+
+
+def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one():
+    which = models()
+    own = which.group == which.group[np.argmin(which.sigma)]
+    which = Models._make(column[own][:2] for column in which)._replace(group=np.zeros(2, int))
+    bank = Hypotheses.before(which, np.diag(SIGMA**2)).part(np.array([0]))
+    after = bank.reduced(HERE)
+    assert which.sigma[0] == 0.0 < which.sigma[1]
+    np.testing.assert_allclose(after.covariance[after.which == 1, 7, 7], 1.0)
+    back = after.part(after.which == 1).reduced(HERE)
+    assert (back.covariance[back.which == 0, 7] == 0.0).all()
 
 
 def test_moved_and_carried():
@@ -206,8 +243,10 @@ def test_places_of_a_late_model_are_split_along_the_way():
 
 def test_the_likeliest_model_of_a_family_keeps_its_places():
     """What is improbable at first, as a delay, may be right: it must not have lost its place."""
-    bank = random_bank(2, 6)
-    late, none = (np.flatnonzero(bank.models.family == one)[0] for one in (LATE, NONE))
+    which = models()
+    late, none = (np.flatnonzero(which.family == one)[:1] for one in (LATE, NONE))
+    pair = np.concatenate([none, late])
+    bank, none, late = random_bank(2, 6, Models._make(c[pair] for c in which)), 0, 1
     bank.which[:] = [none, none, none, late, late, late]
     bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
     bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 9.0, -LIGHT - 9.5, -LIGHT - 25.0]

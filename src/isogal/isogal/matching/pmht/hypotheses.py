@@ -17,6 +17,7 @@ from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import FAMILIES, NONE, WRONG_MAP, Models
+from isogal.matching.pmht.moving_bank import best_of_groups, nearest, needed
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -42,8 +43,8 @@ UNEXPLAINED_SHARE = 0.5
 LEAST = -600.0
 """Of a log weight: its exponential is not 0."""
 FLOOR = 15.0
-"""No model falls further below the best than this log: what was wrong for hours may become
-right."""
+"""The best model of no group (`Models.group`) falls further below the best than this log: what was
+wrong for hours may become right."""
 CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
@@ -199,8 +200,9 @@ class Hypotheses:
         return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self, of_place: Array) -> "Hypotheses":
-        """Merge places (`places`), drop what is negligible, keep the best of each model."""
-        them = self
+        """Merge places (`places`), drop what is negligible, keep the best of each model that is
+        needed (`moving_bank`)."""
+        them = self._moved_bank()
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
         log_weight = np.maximum(them.normalised().log_weight, LEAST)
@@ -208,9 +210,42 @@ class Hypotheses:
         them = replace(them, log_weight=log_weight).part(order)
         first = np.r_[True, them.which[1:] != them.which[:-1]]
         them = them.part(first | (them.log_weight > them._least[them.which])).merged(of_place)
-        total = them._of_models
-        lift = np.maximum(total.max() - FLOOR - total, 0.0)
+        best = best_of_groups(self.models, them._of_models)[self.models.group]
+        lift = np.maximum(best.max() - FLOOR - best, 0.0)
         return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
+
+    def _moved_bank(self) -> "Hypotheses":
+        """Return it with the models that are needed, and without others."""
+        total = self._of_models
+        need, there = needed(self.models, total, NEGLIGIBLE), np.isfinite(total)
+        them = self if (need | ~there).all() else self.part(need[self.which])
+        missing = np.flatnonzero(need & ~there)
+        if not missing.size:
+            return them
+        old = nearest(self.models, need & there, missing)
+        return _joined(
+            [them, *(them._as_of(int(a), int(b)) for a, b in zip(old, missing, strict=True))]
+        )
+
+    def _as_of(self, old: int, new: int) -> "Hypotheses":
+        """Return those of one model as of another one of its group: the same map error is another
+        number of 1-sigmas."""
+        models, those = self.models, self.part(self.which == old)
+        sigma, prior, n = models.sigma, models.log_prior, BATCH_STATES
+        unit = np.ones(those.mean.shape[1])
+        errors = slice(n, n + int(models.errors[new]))
+        unit[errors] = sigma[old] / sigma[new] if sigma[new] > 0.0 else 0.0
+        covariance = those.covariance * unit[:, None] * unit
+        if sigma[old] == 0.0:
+            diagonal = np.arange(errors.start, errors.stop)
+            covariance[:, diagonal, diagonal] = models.initial[new, : models.errors[new]] ** 2
+        return replace(
+            those,
+            which=np.full(len(those), new),
+            log_weight=those.log_weight + prior[new] - prior[old],
+            mean=those.mean * unit,
+            covariance=covariance,
+        )
 
     def merged(self, of_place: Array) -> "Hypotheses":
         """Merge places of one model that are within one 1-sigma of each other (`places`); of

@@ -5,6 +5,7 @@ over which length, how noisy the instrument, whether it has a bias, and whether 
 worse than it says. One thing beside the map is wrong at a time. docs/mathematics.md, section 8.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +20,9 @@ from isogal.matching.pmht.rows import BIAS, DELAY, DRIFT, States
 USUAL_LENGTH_M, LENGTH_STEP, LENGTH_FACTOR = 4000.0, 4.0, 2.5
 LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
 """Of the map's error: least in units of the noise, largest in units of the map's scale."""
-FINE_STEP, COARSE_STEP = math.sqrt(2.0), 2.0 * math.sqrt(2.0)
-"""From one sigma of the map's error to the next: where nothing else is wrong, and beside what
-is."""
+SIGMA_STEP = math.sqrt(2.0)
+"""From one sigma of the map's error to the next. With steps twice as long, a sigma between two of
+them costs a fault so much evidence that a delay of 20 s is not found."""
 NARROW = 0.4
 """Sigma, in units of the noise, below which readings do not tell lengths apart."""
 ROUGH_FACTOR = 5.0
@@ -30,8 +31,7 @@ NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
 TOLD_STEPS, TOLD_LENGTHS = (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.5, 0.0, 1.5)
-"""1-sigmas from what is told to the models' sigmas and lengths; beside a fault every other sigma
-and one length."""
+"""1-sigmas from what is told to the models' sigmas and lengths; beside a fault one length."""
 P_WRONG_MAP = 1e-3
 """Probability that the map's error is another one than what is told of it."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
@@ -108,6 +108,8 @@ class Models(NamedTuple):
     """(M,)."""
     growth: Array
     """(M,)."""
+    errors: Integers
+    """(M,) how many map errors there are, the first states beside the navigator's."""
     initial: Array
     """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
     used: Integers
@@ -116,6 +118,8 @@ class Models(NamedTuple):
     """(M,) how many they are."""
     family: Integers
     """(M,)."""
+    group: Integers
+    """(M,) rising; models of one differ by the sigma of the map's error, which rises."""
     log_prior: Array
     """(M,)."""
 
@@ -176,19 +180,14 @@ def models_of(assumed: Assumed, states: States) -> Models:
         faults = tuple(f for f in faults if not f.lag)
     if told or not assumed.rough > 0.0:
         faults = tuple(f for f in faults if f.family != COARSE)
-    fine = (
-        _told_errors(assumed, TOLD_STEPS, TOLD_LENGTHS)
-        if told
-        else _map_errors(assumed, FINE_STEP, True)
-    )
-    coarse = (
-        _told_errors(assumed, TOLD_STEPS[::2], (0.0,))
-        if told
-        else _map_errors(assumed, COARSE_STEP, False)
-    )
+    if told:
+        fine = _told_errors(assumed, TOLD_LENGTHS)
+        usual = _told_errors(assumed, (0.0,))
+    else:
+        fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:
-        errors = fine if fault.family == NONE else coarse
+        errors = fine if fault.family == NONE else usual
         if fault.family == COARSE:
             length = COARSE_LENGTH * assumed.step
             errors = [(share * assumed.rough, length, 0.0) for share in COARSE_SHARES]
@@ -198,37 +197,34 @@ def models_of(assumed: Assumed, states: States) -> Models:
             for s, length, lp in errors
         ]
     if told and assumed.trust > 1.0:  # to the letter leaves nothing to doubt
-        unknown = _map_errors(assumed, COARSE_STEP, False)[1:]
+        unknown = _map_errors(assumed, False)[1:]
         other = Fault(WRONG_MAP, P_WRONG_MAP)
         total = np.logaddexp.reduce([e[2] for e in unknown]) - math.log(other.probability)
         rows += [(s, length, lp - total, other) for s, length, lp in unknown]
     return table_of(rows, assumed, states)
 
 
-def _map_errors(assumed: Assumed, step: float, lengths: bool) -> list[tuple[float, float, float]]:
+def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, float]]:
     """Return sigmas, lengths and log weights of the map's error where nothing is told: every sigma
     as likely as any other up to the map's roughness, larger ones less so."""
     least = LEAST_SIGMA * assumed.noise
     if assumed.rough > 0.0:  # readings of much noise make no map worse
         least = min(least, assumed.rough)
     span = math.log(max(LARGEST_SIGMA * assumed.scale / least, 4.0))
-    sigmas = least * step ** np.arange(math.ceil(span / math.log(step)) + 1.0)
+    sigmas = least * SIGMA_STEP ** np.arange(math.ceil(span / math.log(SIGMA_STEP)) + 1.0)
     rough = min(max(assumed.rough, least), sigmas[-1])
     usual = assumed.length
     choices = (usual / LENGTH_STEP, usual, usual * LENGTH_STEP) if lengths else (usual,)
-    density = math.log(math.log(step) / math.log(FINE_STEP))  # a coarse one stands for several
     errors = [(0.0, usual, math.log(NO_ERROR))]
     for sigma in sigmas:
         above = max(math.log(sigma / rough), 0.0) / math.log(ROUGH_FACTOR)
         for length in choices if sigma > NARROW * assumed.noise else (usual,):
             apart = math.log(length / usual) / math.log(LENGTH_FACTOR)
-            errors.append((sigma, length, density - 0.5 * (above**2 + apart**2)))
+            errors.append((sigma, length, -0.5 * (above**2 + apart**2)))
     return errors
 
 
-def _told_errors(
-    assumed: Assumed, sigmas: Sequence[float], lengths: Sequence[float]
-) -> list[tuple[float, float, float]]:
+def _told_errors(assumed: Assumed, lengths: Sequence[float]) -> list[tuple[float, float, float]]:
     """Return those at some steps from what is told, in 1-sigmas of a log-normal prior."""
     assert assumed.sigma is not None
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
@@ -239,7 +235,7 @@ def _told_errors(
             assumed.length * assumed.trust**b,
             -0.5 * (a * a + b * b),
         )
-        for a in sigmas
+        for a in TOLD_STEPS
         for b in lengths
     ]
 
@@ -248,6 +244,8 @@ def table_of(
     rows: Sequence[tuple[float, float, float, Fault]], assumed: Assumed, states: States
 ) -> Models:
     """Return models of (sigma, length, log prior, fault)."""
+    order = {fault: k for k, fault in enumerate(dict.fromkeys(row[3] for row in rows))}
+    rows = sorted(rows, key=lambda row: (order[row[3]], row[1], row[0]))
     count = len(rows)
     initial = np.zeros((count, states.channels + len(states.sigma)))
     initial[:, states.channels :] = states.sigma
@@ -269,6 +267,7 @@ def table_of(
         own = np.r_[np.arange(BATCH_STATES), BATCH_STATES + np.flatnonzero(has[k])]
         used[k, : len(own)], sizes[k] = own, len(own)
     family = np.array([f.family for f in fault])
+    begins = [a[3] != b[3] or a[1] != b[1] for a, b in itertools.pairwise(rows)]
     rough = np.where(family == COARSE, assumed.rough, 0.0)
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
     return Models(
@@ -280,10 +279,12 @@ def table_of(
         np.array([f.lag for f in fault]),
         np.array([f.start for f in fault]),
         np.array([f.growth for f in fault]),
+        np.full(count, states.channels),
         initial,
         used,
         sizes,
         family,
+        np.cumsum([False, *begins]),
         log_prior - np.logaddexp.reduce(log_prior),
     )
 
