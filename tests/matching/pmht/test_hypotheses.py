@@ -15,6 +15,7 @@ from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, Hypotheses
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
+from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import rows_of
@@ -176,11 +177,12 @@ def test_models_that_are_negligible_beside_their_neighbours_are_left_out():
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
     best = len(group) // 2
     steep = replace(bank, log_weight=-6.0 * np.abs(np.arange(len(group)) - best))
-    left = steep.reduced(HERE)
+    left = with_needed(steep)
     assert set(left.which) == set(range(best - 2, best + 3))  # those within 10, and one on
     last = best + 2
     left.mean[left.which == last, 7] = 0.5
-    up = replace(left, log_weight=np.where(left.which == last, 0.0, -30.0)).reduced(HERE)
+    up = replace(left, log_weight=np.where(left.which == last, 0.0, -30.0))
+    up = with_needed(up)
     assert set(up.which) == {last - 1, last, last + 1}
     new = up.which == last + 1
     ratio = which.sigma[last] / which.sigma[last + 1]
@@ -195,10 +197,10 @@ def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one(
     own = which.group == which.group[np.argmin(which.sigma)]
     which = Models._make(column[own][:2] for column in which)._replace(group=np.zeros(2, int))
     bank = Hypotheses.before(which, np.diag(SIGMA**2)).part(np.array([0]))
-    after = bank.reduced(HERE)
+    after = with_needed(bank)
     assert which.sigma[0] == 0.0 < which.sigma[1]
     np.testing.assert_allclose(after.covariance[after.which == 1, 7, 7], 1.0)
-    back = after.part(after.which == 1).reduced(HERE)
+    back = with_needed(after.part(after.which == 1))
     assert (back.covariance[back.which == 0, 7] == 0.0).all()
 
 
@@ -282,7 +284,7 @@ def test_places_under_other_models():
     spread = spread_over(bank, which)
     assert len(spread) == 3 * len(which.sigma)
     same(spread.moments(), bank.moments())
-    np.testing.assert_allclose(spread._of_models,
+    np.testing.assert_allclose(spread.of_models,
                                which.log_prior + bank.log_evidence)  # fmt: skip
     np.testing.assert_allclose(spread.covariance[0, 7:, 7:], np.diag(which.initial[0] ** 2))
 

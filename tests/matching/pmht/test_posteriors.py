@@ -127,7 +127,7 @@ def test_weights_are_the_probabilities_of_models():
         )
     plain = (which.lag == 0.0) & (which.initial[:, -1] == 0.0)
     log -= np.logaddexp.reduce(log[plain])
-    got = bank._of_models
+    got = bank.of_models
     got -= np.logaddexp.reduce(got[plain])
     likely = plain & (log > -6.0)
     assert likely.sum() >= 8

@@ -17,7 +17,6 @@ from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import FAMILIES, NONE, WRONG_MAP, Models
-from isogal.matching.pmht.moving_bank import best_of_groups, nearest, needed
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -127,7 +126,7 @@ class Hypotheses:
                 break
             done.append(whole.part(~cut))
             whole = whole.part(cut)._thirds(axes[cut], of_place)
-        return _joined([*done, whole]) if done else whole
+        return joined([*done, whole]) if done else whole
 
     def places(self, of_place: Array) -> tuple[Array, Array]:
         """Return (K, 2) and (K, 2, 2) mean and covariance of where a reading was taken (m north
@@ -144,7 +143,7 @@ class Hypotheses:
         inverse = np.linalg.inv(of_place @ across)
         u = np.einsum("kia,kab,kb->ki", across, inverse, direction)
         less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
-        return _joined(
+        return joined(
             [
                 replace(
                     self,
@@ -200,9 +199,8 @@ class Hypotheses:
         return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self, of_place: Array) -> "Hypotheses":
-        """Merge places (`places`), drop what is negligible, keep the best of each model that is
-        needed (`moving_bank`)."""
-        them = self._moved_bank()
+        """Merge places (`places`), drop what is negligible, keep the best of each model."""
+        them = self
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
         log_weight = np.maximum(them.normalised().log_weight, LEAST)
@@ -210,42 +208,9 @@ class Hypotheses:
         them = replace(them, log_weight=log_weight).part(order)
         first = np.r_[True, them.which[1:] != them.which[:-1]]
         them = them.part(first | (them.log_weight > them._least[them.which])).merged(of_place)
-        best = best_of_groups(self.models, them._of_models)[self.models.group]
+        best = self.models.best_of_groups(them.of_models)[self.models.group]
         lift = np.maximum(best.max() - FLOOR - best, 0.0)
         return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
-
-    def _moved_bank(self) -> "Hypotheses":
-        """Return it with the models that are needed, and without others."""
-        total = self._of_models
-        need, there = needed(self.models, total, NEGLIGIBLE), np.isfinite(total)
-        them = self if (need | ~there).all() else self.part(need[self.which])
-        missing = np.flatnonzero(need & ~there)
-        if not missing.size:
-            return them
-        old = nearest(self.models, need & there, missing)
-        return _joined(
-            [them, *(them._as_of(int(a), int(b)) for a, b in zip(old, missing, strict=True))]
-        )
-
-    def _as_of(self, old: int, new: int) -> "Hypotheses":
-        """Return those of one model as of another one of its group: the same map error is another
-        number of 1-sigmas."""
-        models, those = self.models, self.part(self.which == old)
-        sigma, prior, n = models.sigma, models.log_prior, BATCH_STATES
-        unit = np.ones(those.mean.shape[1])
-        errors = slice(n, n + int(models.errors[new]))
-        unit[errors] = sigma[old] / sigma[new] if sigma[new] > 0.0 else 0.0
-        covariance = those.covariance * unit[:, None] * unit
-        if sigma[old] == 0.0:
-            diagonal = np.arange(errors.start, errors.stop)
-            covariance[:, diagonal, diagonal] = models.initial[new, : models.errors[new]] ** 2
-        return replace(
-            those,
-            which=np.full(len(those), new),
-            log_weight=those.log_weight + prior[new] - prior[old],
-            mean=those.mean * unit,
-            covariance=covariance,
-        )
 
     def merged(self, of_place: Array) -> "Hypotheses":
         """Merge places of one model that are within one 1-sigma of each other (`places`); of
@@ -258,7 +223,7 @@ class Hypotheses:
         return replace(self, log_weight=weight, mean=mean, covariance=covariance).part(stay)
 
     @cached_property
-    def _of_models(self) -> Array:
+    def of_models(self) -> Array:
         """(M,) the log weights of models."""
         total = np.full(len(self.models.sigma), -np.inf)
         top = self.log_weight.max()
@@ -272,7 +237,7 @@ class Hypotheses:
         """(M,) the log weight from which a place counts. An improbable model has its best place
         only, and that is not split; but the likeliest one of each family has several, so that what
         becomes probable later has not lost its place."""
-        total, family = self._of_models, self.models.family
+        total, family = self.of_models, self.models.family
         whole = np.logaddexp.reduce(self.log_weight)
         likeliest = np.full(len(FAMILIES), -np.inf)
         np.maximum.at(likeliest, family, total)
@@ -351,7 +316,7 @@ def at_same_time(states: int) -> float:
     return min(1.0, USUAL_STATES / states) ** 2
 
 
-def _joined(parts: list[Hypotheses]) -> Hypotheses:
+def joined(parts: list[Hypotheses]) -> Hypotheses:
     """Return the hypotheses of several parts."""
     return replace(
         parts[0],

@@ -29,6 +29,7 @@ from isogal.matching.pmht.diverged import decided, pursued
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
+from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, parts_of, rows_of
@@ -198,7 +199,7 @@ def _observed(
             if not len(seen):
                 break
             log += seen.log_evidence
-            bank = seen.reduced(part.place[-1])
+            bank = with_needed(seen).reduced(part.place[-1])
         if not len(seen):
             if one is each[0]:
                 return None

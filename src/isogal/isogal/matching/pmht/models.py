@@ -134,6 +134,12 @@ class Models(NamedTuple):
         first = np.unique(self.shape, return_index=True)[1]
         return self.length[first], self.rough[first]
 
+    def best_of_groups(self, log_weight: Array) -> Array:
+        """Return (G,) the largest log weight (M,) in each group."""
+        best = np.full(int(self.group[-1]) + 1, -np.inf)
+        np.maximum.at(best, self.group, log_weight)
+        return best
+
 
 @dataclass(frozen=True, slots=True)
 class Assumed:

@@ -22,10 +22,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap, by_channel, channels_of
-from isogal.maps.field_map import FieldMap
-from isogal.maps.roughness import roughness_at
-from isogal.maps.tensor_error import shares
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.chains import (
@@ -35,6 +32,7 @@ from isogal.matching.pmht.chains import (
     filtered_chain,
     scans_underneath,
 )
+from isogal.matching.pmht.loads import loads_of
 from isogal.matching.pmht.low_pass import path_nodes
 
 UNKNOWN = ("bias", "drift", "delay")
@@ -234,6 +232,7 @@ def rows_of(
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, navigator_states(batch)[1], first.start)
+    rough = np.zeros(len(lengths)) if rough is None else rough
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -241,14 +240,7 @@ def rows_of(
         batch.reading[which] - batch.offset[which],
         place,
         reading,
-        _loads(
-            batch,
-            which,
-            field_map,
-            states,
-            channel,
-            np.zeros(len(lengths)) if rough is None else rough,
-        ),
+        loads_of(batch, which, field_map, states.channels, channel, rough),
         _white(batch)[which] + rounding,
         travelled,
         keep,
@@ -317,44 +309,6 @@ def _effects(
         if batch.reading_rate is not None:
             reading[:, delay] = batch.reading_rate[which]
     return place, reading
-
-
-def _loads(
-    batch: Batch,
-    which: Integers,
-    field_map: AnyMap,
-    states: States,
-    channel: Integers,
-    rough: Array,
-) -> Array:
-    """Return `Rows.load`: u are in units of their own 1-sigmas, those of this scan's channels or
-    beams first; what a grid leaves out is in proportion to how rough the map is there."""
-    maps = channels_of(field_map)
-    place = batch.latitude[which], batch.longitude[which]
-    own = by_channel(field_map, channel, FieldMap.sigma_at, *place)
-    usual = np.array([stated_sigma(one) for one in maps])[channel]
-    ratio = np.where(
-        (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
-    )
-    if batch.of_one_potential is not None:
-        ratio = ratio * np.sqrt(shares(batch.of_one_potential))[channel]
-    ratio = np.tile(ratio, (len(rough), 1))
-    for k in np.flatnonzero(rough > 0.0):
-        here = by_channel(field_map, channel, roughness_at, *place)
-        ratio[k] = np.where(np.isfinite(here), here / rough[k], 1.0)
-    load = np.zeros((len(rough), len(which), states.channels))
-    load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
-    return load
-
-
-def stated_sigma(one: FieldMap) -> float:
-    """Return the mean of what a map says of its own error (map's unit); 0 where it says nothing of
-    the whole of it."""
-    if one.error_stated is False:
-        return 0.0
-    sigma = np.asarray(one.sigma, dtype=np.float64)
-    known = sigma[np.isfinite(sigma)]
-    return float(known.mean()) if known.size else 0.0
 
 
 def usual_noise(rows: Rows) -> float:

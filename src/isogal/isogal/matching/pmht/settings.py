@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.loads import stated_sigma
 from isogal.matching.pmht.models import DRIFT_TIME, Assumed
-from isogal.matching.pmht.rows import stated_sigma
 from isogal.matching.registry import check_options
 from isogal.scenario import Matcher as MatcherSettings
 
