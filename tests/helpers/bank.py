@@ -13,7 +13,7 @@ from isogal.matching.interfaces import Batch, Fix
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.models import Assumed, Models, models_of
-from isogal.matching.pmht.rows import States
+from isogal.matching.pmht.rows import UNKNOWN, States
 from isogal.scenario import Matcher
 
 SLOPE = np.array([4e-8, -3e-8])
@@ -33,17 +33,19 @@ def pmht(**keys: Any) -> Pmht:
 
 def states_of(channels: int = 1) -> States:
     """The instrument's states of plain readings."""
-    return States((), np.zeros(3), np.full(3, np.inf), np.zeros(3), channels, unknown=3)
+    more = len(UNKNOWN)
+    return States((), np.zeros(more), np.full(more, np.inf), np.zeros(more), channels, more)
 
 
 def models(**keys: Any) -> Models:
     """Those of plain readings of 1 mGal on a map of 10 mGal."""
     return models_of(
-        Assumed(**({"noise": 1e-5, "scale": 1e-4, "rough": 1e-5} | keys)), states_of()
+        Assumed(**({"noise": 1e-5, "scale": 1e-4, "rough": 1e-5, "shaken": True} | keys)),
+        states_of(),
     )
 
 
-HERE = np.eye(2, 11)
+HERE = np.eye(2, 8 + len(UNKNOWN))
 """Where a reading is taken per unit of the states: at the navigator's place."""
 
 
@@ -52,7 +54,7 @@ def random_bank(seed: int, count: int = 12, which: Models | None = None) -> Hypo
     random = np.random.default_rng(seed)
     which = models() if which is None else which
     n = 7 + which.initial.shape[1]
-    scale = np.array([300.0, 300.0, 0.3, 0.3, 1e-4, 1e-4, 1e-3, 1.0, 1e-5, 1e-9, 10.0])
+    scale = np.array([300.0, 300.0, 0.3, 0.3, 1e-4, 1e-4, 1e-3, 1.0, 1e-5, 1e-9, 10.0, 1e-3, 1e-3])
     roots = (np.eye(n) + 0.3 * random.standard_normal((count, n, n))) * scale[:, None]
     return Hypotheses(
         which,

@@ -18,11 +18,11 @@ from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import gathered, pruned, resolved, spread_over
 from isogal.matching.pmht.propagation import steps
-from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.rows import DELAY, UNKNOWN, rows_of
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
-EXACT = models(sigma=0.0)
+EXACT = models(sigma=0.0, trust=1.0)
 TO_THE_LETTER = models(sigma=1e-5, trust=1.0)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -238,7 +238,7 @@ def test_places_of_a_late_model_are_split_along_the_way():
     parts = bank.split(ROUGH.grid, new)
     assert len(parts) > 3
     same(parts.moments(), bank.moments(), 1e-6)
-    delay = parts.mean[:, -1]
+    delay = parts.mean[:, DELAY - len(UNKNOWN)]
     assert np.ptp(delay) > 20.0  # and not of one position only
     assert len(parts.reduced(new.place[-1])) > 3  # nor are they one place again
 
@@ -307,4 +307,4 @@ def test_figures_are_means():
     sigma, length = bank.map_error
     assert sigma == pytest.approx(weight @ which.sigma)
     assert math.log(length) == pytest.approx(weight @ np.log(which.length))
-    assert bank.figures(states_of()) == {"bias": 0.0, "drift": 0.0, "delay": 0.0}
+    assert bank.figures(states_of()) == dict.fromkeys(UNKNOWN, 0.0)

@@ -121,7 +121,7 @@ def test_only_what_overlaps_and_has_one_model_is_merged():
 def looked_at(field_map, sigma: float, place=(0.0, 0.0)):
     """How far a batch on a map is from linear for one hypothesis, and along which axis."""
     batch, _ = make_batch(field_map, scans=10)
-    which, states = models(sigma=0.0), states_of()
+    which, states = models(sigma=0.0, trust=1.0), states_of()
     rows, _ = rows_of(batch, field_map, states, which.lengths, None)
     mean, covariance = np.zeros((1, states.count)), np.zeros((1, states.count, states.count))
     mean[0, :2] = place
@@ -162,7 +162,7 @@ def test_curvature_is_what_the_map_departs_by():
 
 def test_a_hypothesis_that_leaves_the_map_has_no_evidence():
     batch, _ = make_batch(PLANE, scans=10)
-    which, states = models(sigma=0.0), states_of()
+    which, states = models(sigma=0.0, trust=1.0), states_of()
     rows, _ = rows_of(batch, PLANE, states, which.lengths, None)
     mean = np.zeros((2, states.count))
     mean[1, 0] = 200e3

@@ -12,7 +12,17 @@ from isogal.maps.roughness import roughness_at
 from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
-from isogal.matching.pmht.rows import Epoch, States, navigator_states, rows_of
+from isogal.matching.pmht.rows import (
+    COUPLING_FORWARD,
+    COUPLING_RIGHT,
+    DELAY,
+    DRIFT,
+    UNKNOWN,
+    Epoch,
+    States,
+    navigator_states,
+    rows_of,
+)
 
 ROUGH = field_map_of(wavy)
 LENGTHS = np.array([1000.0, 4000.0])
@@ -98,7 +108,7 @@ def test_only_new_readings_that_are_there_are_rows():
     kept = [20, 21, 23, 24, 25, 26, 28, 29]
     np.testing.assert_array_equal(made.latitude, batch.latitude[kept])
     assert epoch.time == batch.time[29]
-    last = Epoch(0.0, 900.0, np.zeros((2, 2)))
+    last = Epoch(0.0, 900.0, np.zeros(2), np.zeros((2, 2)))
     none, same, _ = rows(replace(batch, reading=np.full(30, np.nan)), PLANE, last)
     assert none is None
     assert same is last
@@ -110,7 +120,7 @@ def test_distance_and_time_go_on_from_the_last_reading():
     away = 10.0 * np.hypot(*batch.velocity.T)
     np.testing.assert_allclose(made.travelled, [0.0, *away[1:]])
     assert epoch.start == batch.time[0]
-    drift = states.count - 2
+    drift = states.count - len(UNKNOWN) + DRIFT
     np.testing.assert_array_equal(made.reading[:, drift - 1], 1.0)  # a bias
     np.testing.assert_array_equal(made.reading[:, drift], batch.time - batch.time[0])
     first, epoch, _ = rows(replace(batch.part(np.arange(10)), new=10), PLANE)
@@ -121,14 +131,29 @@ def test_distance_and_time_go_on_from_the_last_reading():
     np.testing.assert_array_equal(np.concatenate([first.reading, later.reading]), made.reading)
 
 
+def test_accelerations_are_those_since_the_reading_before():
+    """In a turn to the right at constant speed: v times the turn rate, to the right."""
+    batch, _ = make_batch(PLANE)
+    angle, speed = 2e-3 * batch.time, 20.0
+    turning = replace(batch, velocity=speed * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    made, _, _ = rows(turning, PLANE)
+    moving = made.reading[:, 8 + COUPLING_FORWARD :]
+    np.testing.assert_allclose(moving, [[0.0, speed * 2e-3]] * 30, atol=1e-5)
+    _, epoch, _ = rows(replace(turning.part(np.arange(10)), new=10), PLANE)
+    jump = np.array([0.0, 0.0, 0.5, -0.3, 0.0, 0.0, 0.0])
+    moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, correction=jump)
+    later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
+    np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
+
+
 def test_a_delay_moves_the_place_along_the_track():
     late = 12.0
     batch, _ = make_batch(ROUGH, seed=None)
     north, east = batch.velocity.T * late
     made, _, states = rows(replace(batch, reading_rate=np.full(30, 1e-7)))
-    assert states.count == 11
-    state = np.zeros(11)
-    state[10] = late
+    assert states.count == 8 + len(UNKNOWN)
+    state = np.zeros(states.count)
+    state[8 + DELAY] = late
     moved = made.place @ state
     np.testing.assert_allclose(moved, np.stack([north, east], axis=-1))
     np.testing.assert_allclose(made.reading @ state, 1e-7 * late)
@@ -143,12 +168,12 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
     )  # fmt: skip
     made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
     assert states.names == ("scale",)
-    assert states.count == 7 + 1 + 2 + 3
+    assert states.count == 7 + 1 + 2 + len(UNKNOWN)
     np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
     np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)
     step = np.exp(-10.0 / 100.0)
-    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, step, 1.0, 1.0, 1.0])
-    fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, 0.0, 0.0]
+    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, step, *np.ones(len(UNKNOWN))])
+    fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, *np.zeros(len(UNKNOWN) - 1)]
     np.testing.assert_allclose(made.fresh[1], fresh)
     np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
 

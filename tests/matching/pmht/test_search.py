@@ -41,7 +41,9 @@ def seen_of(bias: float) -> tuple[Seen, np.ndarray]:
     batch = replace(batch, reading=batch.reading + 2e-5)
     states = States.of(batch, ROUGH)
     rows, _ = rows_of(batch, ROUGH, states, np.array([4000.0]), None)
-    told = models_of(Assumed(noise=1e-5, scale=1e-3, rough=1e-5, sigma=0.0, bias=bias), states)
+    told = models_of(
+        Assumed(noise=1e-5, scale=1e-3, rough=1e-5, sigma=0.0, trust=1.0, bias=bias), states
+    )
     rest = np.zeros((len(rows.level), BATCH_STATES, BATCH_STATES))
     return Seen.of(rows, rest, ROUGH, few(told, 1e-5)), np.array([ERROR[:2], (0.0, 0.0)])
 

@@ -13,7 +13,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.cells import SURE, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
-from isogal.matching.pmht.models import NONE, few
+from isogal.matching.pmht.models import NONE, SIGMA_STEP, few
 from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import Search, unaided
@@ -84,10 +84,11 @@ def _look(
 
 def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
     """Whether readings and map differ by what a wrong place could explain: the map's error is
-    larger than the noise, or something else is wrong."""
+    larger than the noise and than is told, or something else is wrong."""
     bank = lead.bank
     assert bank is not None
-    return bool(bank.map_error[0] > usual_noise(rows) or bank.faults[NONE] < 0.5)
+    expected = max(usual_noise(rows), lead.told * SIGMA_STEP)
+    return bool(bank.map_error[0] > expected or bank.faults[NONE] < 0.5)
 
 
 def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:

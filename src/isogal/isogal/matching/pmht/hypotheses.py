@@ -16,7 +16,7 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
-from isogal.matching.pmht.models import FAMILIES, NONE, WRONG_MAP, Models
+from isogal.matching.pmht.models import FAMILIES, NONE, Models
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -31,7 +31,7 @@ SPLIT = (
 """Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
 (2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
 variance of 1; theirs loses 4.5 % of it at each split."""
-MOST, USUAL_STATES = 4000, 11
+MOST, USUAL_STATES = 4000, BATCH_STATES + 1 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""
@@ -288,11 +288,9 @@ class Hypotheses:
 
     @property
     def unexplained(self) -> float:
-        """The probability that the map's error is another one than what is told, or among the
-        largest that were thought of where nothing is."""
-        sigma, other = self.models.sigma, self.models.family == WRONG_MAP
+        """The probability that the map's error is among the largest that are thought of."""
+        sigma = self.models.sigma
         large = (sigma > 0.0) & (sigma >= UNEXPLAINED_SHARE * sigma.max())
-        large = other if other.any() else large
         return 0.0 if large.all() else float(self.weight @ large[self.which])
 
     @cached_property
@@ -305,8 +303,8 @@ class Hypotheses:
         """Return the mean of the instrument's states that have names, and of an untold bias."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
         named, first = len(states.names), len(mean) - states.unknown
-        names = (*states.names, *UNKNOWN[: states.unknown])
-        values = zip(names, (*mean[:named], *mean[first:]), strict=True)
+        names = (*UNKNOWN[: states.unknown], *states.names)
+        values = zip(names, (*mean[first:], *mean[:named]), strict=True)
         return {name: float(value) for name, value in values if name}
 
 

@@ -133,9 +133,8 @@ class Pmht:
                 assumed = self.settings[one.field].assumed(one.batch, one.field_map)
                 models = models_of(assumed, states)
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
-                field = FieldMemory(
-                    states, models, None if lost else Hypotheses.before(models, prior)
-                )
+                bank = None if lost else Hypotheses.before(models, prior)
+                field = FieldMemory(states, models, bank, told=assumed.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
                 one.batch, one.field_map, field.states, lengths, field.epoch, rough

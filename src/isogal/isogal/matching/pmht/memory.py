@@ -31,6 +31,8 @@ class FieldMemory:
     bank: Hypotheses | None
     """About the navigator as it is; None = its place is searched for."""
     epoch: Epoch | None = None
+    told: float = 0.0
+    """1-sigma of the map's error that is told, map's unit; 0 = nothing is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

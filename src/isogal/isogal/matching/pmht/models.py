@@ -15,7 +15,14 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.rows import BIAS, DELAY, DRIFT, States
+from isogal.matching.pmht.rows import (
+    BIAS,
+    COUPLING_FORWARD,
+    COUPLING_RIGHT,
+    DELAY,
+    DRIFT,
+    States,
+)
 
 USUAL_LENGTH_M, LENGTH_STEP, LENGTH_FACTOR = 4000.0, 4.0, 2.5
 LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
@@ -30,22 +37,24 @@ ROUGH_FACTOR = 5.0
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
-TOLD_STEPS, TOLD_LENGTHS = (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.5, 0.0, 1.5)
-"""1-sigmas from what is told to the models' sigmas and lengths; beside a fault one length."""
 P_WRONG_MAP = 1e-3
-"""Probability that the map's error is another one than what is told of it."""
+"""Probability that what is told of the map's error says nothing of it."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
+COUPLING = 1e-3
+"""1-sigma of what a gravimeter takes from each horizontal acceleration: 1 mGal from 0.01 m/s²."""
 
 COARSE_SHARES, COARSE_LENGTH = (0.5, 1.0), 0.5
 """1-sigma of what a map's grid leaves out, as shares of its roughness (over SE Australia, half as
 dense: 0.15 to 0.97 in 26 parts of the track, 0.55 in the mean), and its correlation length in
 steps of the grid (0.4 there): it is 0 at the nodes."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "coarse", "wrong_map")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, COARSE, WRONG_MAP = range(8)
+FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "shaken", "coarse")
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, SHAKEN, COARSE = range(8)
+OF_ONE_NUMBER = (BIASED, LATE, FILTERED, SHAKEN)
+"""Of instruments whose reading is one number."""
 
 
 class Fault(NamedTuple):
@@ -62,6 +71,8 @@ class Fault(NamedTuple):
     """1-sigma, s."""
     lag: float = 0.0
     """Time constant of a low-pass filter, s."""
+    coupling: float = 0.0
+    """1-sigma, reading's unit per m/s²."""
     start: float = 1.0
     """Factor of the navigator's covariance at the start."""
     growth: float = 1.0
@@ -84,6 +95,7 @@ FAULTS = (
     Fault(FILTERED, 0.005, lag=30.0, delay=9.0),
     Fault(FILTERED, 0.005, lag=60.0, delay=18.0),
     Fault(FILTERED, 0.005, lag=120.0, delay=36.0),
+    Fault(SHAKEN, 0.01, coupling=COUPLING),
     Fault(COARSE, 0.05),
 )
 
@@ -168,6 +180,8 @@ class Assumed:
     """1-sigma of a delay that is told of, s."""
     filtered: bool = False
     """Whether the instrument's filter is told."""
+    shaken: bool = False
+    """Whether readings may contain what accelerations do to a gravimeter, and nobody says."""
 
 
 def models_of(assumed: Assumed, states: States) -> Models:
@@ -177,20 +191,18 @@ def models_of(assumed: Assumed, states: States) -> Models:
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
         faults = FAULTS[:1]
     if not states.unknown:
-        faults = tuple(f for f in faults if not (f.bias or f.drift or f.delay or f.lag))
+        faults = tuple(f for f in faults if f.family not in OF_ONE_NUMBER)
     if assumed.bias > 0.0 or assumed.walks:
         faults = tuple(f for f in faults if not f.bias)
     if assumed.delay > 0.0:
         faults = tuple(f for f in faults if f.family != LATE)
     if assumed.filtered:
         faults = tuple(f for f in faults if not f.lag)
+    if not assumed.shaken:
+        faults = tuple(f for f in faults if not f.coupling)
     if told or not assumed.rough > 0.0:
         faults = tuple(f for f in faults if f.family != COARSE)
-    if told:
-        fine = _told_errors(assumed, TOLD_LENGTHS)
-        usual = _told_errors(assumed, (0.0,))
-    else:
-        fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
+    fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:
         errors = fine if fault.family == NONE else usual
@@ -202,48 +214,48 @@ def models_of(assumed: Assumed, states: States) -> Models:
             (s, length, lp - total + math.log(fault.probability), fault)
             for s, length, lp in errors
         ]
-    if told and assumed.trust > 1.0:  # to the letter leaves nothing to doubt
-        unknown = _map_errors(assumed, False)[1:]
-        other = Fault(WRONG_MAP, P_WRONG_MAP)
-        total = np.logaddexp.reduce([e[2] for e in unknown]) - math.log(other.probability)
-        rows += [(s, length, lp - total, other) for s, length, lp in unknown]
     return table_of(rows, assumed, states)
 
 
 def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, float]]:
-    """Return sigmas, lengths and log weights of the map's error where nothing is told: every sigma
-    as likely as any other up to the map's roughness, larger ones less so."""
-    least = LEAST_SIGMA * assumed.noise
+    """Return sigmas, lengths and log weights of the map's error. Where nothing is told every sigma
+    is as likely as any other up to the map's roughness, larger ones less so; what is told is right
+    within a factor (1-sigma of a log-normal density), but for a small probability."""
+    told, usual, trust = assumed.sigma, assumed.length, assumed.trust
+    if told is not None and trust == 1.0:
+        return [(told, usual, 0.0)]
+    least, most = LEAST_SIGMA * assumed.noise, LARGEST_SIGMA * assumed.scale
     if assumed.rough > 0.0:  # readings of much noise make no map worse
         least = min(least, assumed.rough)
-    span = math.log(max(LARGEST_SIGMA * assumed.scale / least, 4.0))
-    sigmas = least * SIGMA_STEP ** np.arange(math.ceil(span / math.log(SIGMA_STEP)) + 1.0)
-    rough = min(max(assumed.rough, least), sigmas[-1])
-    usual = assumed.length
+    if told:  # is one of the grid
+        least = told / SIGMA_STEP ** _steps(max(told / least, trust**2))
+        most = max(most, told * trust**2)
+    sigmas = least * SIGMA_STEP ** np.arange(_steps(max(most / least, 4.0)) + 1.0)
     choices = (usual / LENGTH_STEP, usual, usual * LENGTH_STEP) if lengths else (usual,)
-    errors = [(0.0, usual, math.log(NO_ERROR))]
-    for sigma in sigmas:
-        above = max(math.log(sigma / rough), 0.0) / math.log(ROUGH_FACTOR)
-        for length in choices if sigma > NARROW * assumed.noise else (usual,):
-            apart = math.log(length / usual) / math.log(LENGTH_FACTOR)
-            errors.append((sigma, length, -0.5 * (above**2 + apart**2)))
-    return errors
-
-
-def _told_errors(assumed: Assumed, lengths: Sequence[float]) -> list[tuple[float, float, float]]:
-    """Return those at some steps from what is told, in 1-sigmas of a log-normal prior."""
-    assert assumed.sigma is not None
-    if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        return [(assumed.sigma, assumed.length, 0.0)]
-    return [
-        (
-            assumed.sigma * assumed.trust**a,
-            assumed.length * assumed.trust**b,
-            -0.5 * (a * a + b * b),
-        )
-        for a in TOLD_STEPS
-        for b in lengths
+    each = [
+        (sigma, length)
+        for sigma in sigmas
+        for length in (choices if sigma > NARROW * assumed.noise else (usual,))
     ]
+    sigma, length = np.array([(0.0, usual), *each]).T
+    rough = min(max(assumed.rough, least), sigmas[-1])
+    above = np.log(np.maximum(sigma / rough, 1.0)) / math.log(ROUGH_FACTOR)
+    longer = np.log(length / usual)
+    log = -0.5 * (above**2 + (longer / math.log(LENGTH_FACTOR)) ** 2)
+    log[0] = math.log(NO_ERROR)
+    if told is not None:
+        right = np.where(sigma == told, 0.0, -np.inf)
+        if told > 0.0:
+            off = np.log(sigma[1:] / told)
+            right[1:] = -0.5 * (off**2 + longer[1:] ** 2) / math.log(trust) ** 2
+        otherwise = log - np.logaddexp.reduce(log) + math.log(P_WRONG_MAP)
+        log = np.logaddexp(right - np.logaddexp.reduce(right), otherwise)
+    return list(zip(sigma.tolist(), length.tolist(), log.tolist(), strict=True))
+
+
+def _steps(factor: float) -> int:
+    """Return how many steps of the grid of sigmas a factor is."""
+    return math.ceil(math.log(factor) / math.log(SIGMA_STEP) - 1e-9)
 
 
 def table_of(
@@ -264,6 +276,7 @@ def table_of(
         last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
+        last[:, COUPLING_FORWARD] = last[:, COUPLING_RIGHT] = [f.coupling for f in fault]
     has = initial > 0.0
     has[:, states.channels :] |= states.walk > 0.0
     n = BATCH_STATES + initial.shape[1]

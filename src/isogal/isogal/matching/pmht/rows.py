@@ -13,7 +13,7 @@ docs/mathematics.md, section 5.
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -34,11 +34,13 @@ from isogal.matching.pmht.chains import (
 )
 from isogal.matching.pmht.loads import loads_of
 from isogal.matching.pmht.low_pass import path_nodes
+from isogal.sensors.gravimeter_errors import accelerations
 
-UNKNOWN = ("bias", "drift", "delay")
+UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
 """States of every instrument that is one number: what readings are off by (map's unit), by how
-much that changes per s, and by how many s readings are later than told."""
-BIAS, DRIFT, DELAY = range(3)
+much that changes per s, by how many s readings are later than told, and what they take from
+horizontal accelerations (map's unit per m/s²)."""
+BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT = range(5)
 
 
 OF_LENGTHS = ("load", "step", "joined")
@@ -136,7 +138,7 @@ class States:
         if told is None:
             told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
         more = 0 if batch.channel is not None else len(UNKNOWN)
-        last = np.array([batch.bias_walk, 0.0, 0.0])[:more]
+        last = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
         order = 1
         if batch.of_one_potential is not None:
@@ -169,6 +171,8 @@ class Epoch:
     """s, the run's first one."""
     time: float
     """s, the last one."""
+    velocity: Array
+    """(2,) m/s there, as the navigator believes now."""
     steps: Array
     """(order, 2) m, north and east, from one of the last scans to the next."""
 
@@ -219,6 +223,8 @@ def rows_of(
     channel = np.zeros_like(which) if batch.channel is None else batch.channel[which]
     velocity = batch.velocity[which]
     first = last or _before(batch, which, states.order)
+    if last is not None and batch.correction is not None:
+        first = replace(first, velocity=last.velocity + batch.correction[2:4])
     elapsed = np.diff(time, prepend=first.time)
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
@@ -231,7 +237,7 @@ def rows_of(
     rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
-    place, reading = _effects(batch, which, states, navigator_states(batch)[1], first.start)
+    place, reading = _effects(batch, which, states, navigator_states(batch)[1], first)
     rough = np.zeros(len(lengths)) if rough is None else rough
     rows = Rows(
         np.ascontiguousarray(latitude),
@@ -252,7 +258,7 @@ def rows_of(
         path_nodes(batch, which),
         channel.astype(np.int64),
     )
-    return rows, Epoch(first.start, float(time[-1]), steps)
+    return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
 
 
 def _before(batch: Batch, which: Integers, order: int) -> Epoch:
@@ -260,7 +266,8 @@ def _before(batch: Batch, which: Integers, order: int) -> Epoch:
     begin = float(batch.time[which[0]])
     later = batch.time[which] - begin
     interval = float(later[later > 0.0].min()) if later.any() else 10.0
-    return Epoch(begin, begin, np.tile(batch.velocity[which[0]] * interval, (order, 1)))
+    velocity = batch.velocity[which[0]]
+    return Epoch(begin, begin, velocity, np.tile(velocity * interval, (order, 1)))
 
 
 def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
@@ -285,7 +292,7 @@ def _white(batch: Batch) -> Array:
 
 
 def _effects(
-    batch: Batch, which: Integers, states: States, by_seven: Array, start: float
+    batch: Batch, which: Integers, states: States, by_seven: Array, before: Epoch
 ) -> tuple[Array, Array]:
     """Return `Rows.place` and `Rows.reading`."""
     n, first = len(which), BATCH_STATES + states.channels
@@ -303,11 +310,17 @@ def _effects(
         last = first + len(told.sigma)
         place[..., first:last], reading[:, first:last] = told.moves, told.reading
     if states.unknown:
-        bias, drift, delay = states.count - states.unknown + np.arange(states.unknown)
-        reading[:, bias], reading[:, drift] = 1.0, batch.time[which] - start
-        place[..., delay] = batch.velocity[which]
+        time, velocity = batch.time[which], batch.velocity[which]
+        unknown = reading[:, -states.unknown :]
+        unknown[:, BIAS], unknown[:, DRIFT] = 1.0, time - before.start
+        place[..., -states.unknown + DELAY] = velocity
         if batch.reading_rate is not None:
-            reading[:, delay] = batch.reading_rate[which]
+            unknown[:, DELAY] = batch.reading_rate[which]
+        each = np.r_[before.time, time]
+        stamps, one, scan = np.unique(each, return_index=True, return_inverse=True)
+        if len(stamps) > 1:
+            moving = accelerations(stamps, np.vstack([before.velocity, velocity])[one])
+            unknown[:, [COUPLING_FORWARD, COUPLING_RIGHT]] = moving[scan[1:]]
     return place, reading
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.quantities import GRAVITY
 from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.loads import stated_sigma
@@ -69,6 +70,7 @@ class Settings:
         if stated > 0.0:
             told = max(told or 0.0, stated)
         drift = self.options.bias_drift_sigma
+        told_noise = () if batch.noise is None else batch.noise.names
         return Assumed(
             noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
             scale=float(np.mean([one.scale for one in maps])),
@@ -82,4 +84,5 @@ class Settings:
             walks=batch.bias_walk > 0.0,
             delay=batch.delay_sigma,
             filtered=batch.filter_path is not None,
+            shaken=field_map.quantity in GRAVITY and "coupling_forward" not in told_noise,
         )
