@@ -13,6 +13,9 @@ from isogal.sensors.reduction import Reduction, State
 
 _STEP = 1.0
 """s, in which reductions are filtered as the readings were."""
+_LEAST_WEIGHT = 1e-4
+"""Of a node of the path: what those of less weight change of a reading is less than 1e-5 of how
+the field differs along it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +76,15 @@ class FilterPath:
         """Speed times time constant, m; mean over the rows."""
         first, second = np.polynomial.laguerre.laggauss(len(self.weight))[0][:2]
         return float(np.hypot(*(self.away[:, 1] - self.away[:, 0]).T).mean() / (second - first))
+
+    def nodes(self, latitude: Array) -> Array:
+        """Return (T, Q, 3) what a kernel looks up instead of places at latitudes (T,) (rad):
+        latitude and longitude beside them (rad), and weight."""
+        counts = self.weight > _LEAST_WEIGHT
+        weight = np.broadcast_to(self.weight[counts], (len(latitude), counts.sum()))
+        away, scale = self.away[:, counts], np.stack(metres_per_radian(latitude), axis=-1)
+        parts = [away / scale[:, None], weight[..., None] / weight[0].sum()]
+        return np.ascontiguousarray(np.concatenate(parts, axis=-1))  # else compiled once more
 
     def part(self, rows: Integers) -> "FilterPath":
         """Return that of some of the rows, by their indices."""

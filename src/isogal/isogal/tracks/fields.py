@@ -9,7 +9,7 @@ from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import tensor_of
 from isogal.matching.interfaces import Batch, Beside, Matcher
-from isogal.matching.pmht.settings import Settings
+from isogal.matching.pmht.settings import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
@@ -105,7 +105,7 @@ def matcher_of(fields: Sequence[TrackField]) -> Matcher:
     settings, names = [one.settings for one in fields], [one.name for one in fields]
     if all(one.name == "pmht" for one in settings):
         for one in settings:
-            Settings.of(one)  # refuses bad options
+            options_of(one)  # refuses bad options
         return TrackMatcher(tuple(settings), tuple(names))
     if len(fields) > 1:
         return matcher_of_fields(settings, names, 0)

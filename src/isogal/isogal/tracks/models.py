@@ -25,7 +25,7 @@ from isogal.matching.pmht.models import (
     table_of,
 )
 from isogal.matching.pmht.rows import States
-from isogal.matching.pmht.settings import Settings
+from isogal.matching.pmht.settings import assumed as assumed_of
 from isogal.scenario import Matcher as MatcherSettings
 
 LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)
@@ -48,7 +48,7 @@ def track_models(
     """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
     scenario's matcher section: what it does not say itself counts as not told; raises InputError
     on a bad option."""
-    assumed, said = Settings.of(settings).assumed(batch, field_map), settings.model_fields_set
+    assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
     length = assumed.length if "map_correlation_length" in said else None
     lengths, of_length = _lengths(length, assumed.trust, field_map)

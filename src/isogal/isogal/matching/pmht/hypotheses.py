@@ -16,7 +16,7 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
-from isogal.matching.pmht.models import FAMILIES, NONE, Models
+from isogal.matching.pmht.models import FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import UNKNOWN, Rows, States
 
 CURVED = 0.25
@@ -39,8 +39,6 @@ LIGHT = 5.0
 """Models less probable by this log have one place only."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
-LEAST = -600.0
-"""Of a log weight: its exponential is not 0."""
 FLOOR = 15.0
 """The best model of no group (`Models.group`) falls further below the best than this log: what was
 wrong for hours may become right."""
@@ -203,12 +201,10 @@ class Hypotheses:
         them = self
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
-        log_weight = np.maximum(them.normalised().log_weight, LEAST)
-        order = np.lexsort((-log_weight, them.which))
-        them = replace(them, log_weight=log_weight).part(order)
+        them = them.normalised().part(np.lexsort((-them.log_weight, them.which)))
         first = np.r_[True, them.which[1:] != them.which[:-1]]
         them = them.part(first | (them.log_weight > them._least[them.which])).merged(of_place)
-        best = self.models.best_of_groups(them.of_models)[self.models.group]
+        best = largest(them.of_models, self.models.group)
         lift = np.maximum(best.max() - FLOOR - best, 0.0)
         return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
 
@@ -226,10 +222,7 @@ class Hypotheses:
     def of_models(self) -> Array:
         """(M,) the log weights of models."""
         total = np.full(len(self.models.sigma), -np.inf)
-        top = self.log_weight.max()
-        sums = np.bincount(self.which, np.exp(self.log_weight - top), len(total))
-        there = sums > 0.0
-        total[there] = np.log(sums[there]) + top
+        np.logaddexp.at(total, self.which, self.log_weight)
         return total
 
     @cached_property
@@ -237,14 +230,12 @@ class Hypotheses:
         """(M,) the log weight from which a place counts. An improbable model has its best place
         only, and that is not split; but the likeliest one of each family has several, so that what
         becomes probable later has not lost its place."""
-        total, family = self.of_models, self.models.family
+        total = self.of_models
         whole = np.logaddexp.reduce(self.log_weight)
-        likeliest = np.full(len(FAMILIES), -np.inf)
-        np.maximum.at(likeliest, family, total)
-        leads = (total == likeliest[family]) & np.isfinite(total)
+        leads = (total == largest(total, self.models.family)) & np.isfinite(total)
+        least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
         best = np.full(len(total), -np.inf)
         np.maximum.at(best, self.which, self.log_weight)
-        least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
         return np.where(leads, np.minimum(least, best - NEGLIGIBLE), least)
 
     def moved(self, by: Array) -> "Hypotheses":

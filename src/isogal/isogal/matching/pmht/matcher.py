@@ -33,7 +33,7 @@ from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, States, navigator_states, parts_of, rows_of
-from isogal.matching.pmht.settings import Settings
+from isogal.matching.pmht.settings import assumed, options_of
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -51,7 +51,7 @@ the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 class Pmht:
     """The default matcher. See the module; options in `settings.Options`."""
 
-    settings: tuple[Settings, ...]
+    settings: tuple[MatcherSettings, ...]
     """Of each field."""
     names: tuple[str, ...] = ("",)
     lead: int = 0
@@ -70,14 +70,16 @@ class Pmht:
     @classmethod
     def from_settings(cls, matcher: MatcherSettings) -> "Pmht":
         """Build it from a scenario's matcher section; raises InputError on a bad option."""
-        return cls((Settings.of(matcher),))
+        return cls.of_fields([matcher], ("",), 0)
 
     @classmethod
     def of_fields(
         cls, matchers: Sequence[MatcherSettings], names: Sequence[str], lead: int
     ) -> "Pmht":
         """Build that of several fields; raises InputError on a bad option."""
-        return cls(tuple(Settings.of(one) for one in matchers), tuple(names), lead)
+        for one in matchers:
+            options_of(one)
+        return cls(tuple(matchers), tuple(names), lead)
 
     def match(
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
@@ -117,7 +119,8 @@ class Pmht:
             prior = prior + widened + (LOST_COVARIANCE if reset else 0.0)
         if found:
             told = Told.nothing().with_bank(self.lead, bank, prior)
-        fix, memory = published(each, memory, prior, told, self.names, self.settings[self.lead])
+        each_scan = self.settings[self.lead].mode == "retrodiction"
+        fix, memory = published(each, memory, prior, told, self.names, each_scan)
         return replace(fix, reset=reset, widened=widened), memory
 
     def _readings(
@@ -130,11 +133,11 @@ class Pmht:
             field = fields.get(one.field)
             if field is None:
                 states = States.of(one.batch, one.field_map)
-                assumed = self.settings[one.field].assumed(one.batch, one.field_map)
-                models = models_of(assumed, states)
+                known = assumed(self.settings[one.field], one.batch, one.field_map)
+                models = models_of(known, states)
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
                 bank = None if lost else Hypotheses.before(models, prior)
-                field = FieldMemory(states, models, bank, told=assumed.sigma or 0.0)
+                field = FieldMemory(states, models, bank, told=known.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
                 one.batch, one.field_map, field.states, lengths, field.epoch, rough
@@ -198,7 +201,7 @@ def _observed(
             if not len(seen):
                 break
             log += seen.log_evidence
-            bank = with_needed(seen).reduced(part.place[-1])
+            bank = with_needed(seen, part.load.shape[2]).reduced(part.place[-1])
         if not len(seen):
             if one is each[0]:
                 return None

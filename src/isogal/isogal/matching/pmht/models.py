@@ -120,8 +120,6 @@ class Models(NamedTuple):
     """(M,)."""
     growth: Array
     """(M,)."""
-    errors: Integers
-    """(M,) how many map errors there are, the first states beside the navigator's."""
     initial: Array
     """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
     used: Integers
@@ -146,11 +144,12 @@ class Models(NamedTuple):
         first = np.unique(self.shape, return_index=True)[1]
         return self.length[first], self.rough[first]
 
-    def best_of_groups(self, log_weight: Array) -> Array:
-        """Return (G,) the largest log weight (M,) in each group."""
-        best = np.full(int(self.group[-1]) + 1, -np.inf)
-        np.maximum.at(best, self.group, log_weight)
-        return best
+
+def largest(log_weight: Array, which: Integers) -> Array:
+    """Return for each log weight (K,) the largest one of those that `which` (K,) puts together."""
+    best = np.full(int(which.max()) + 1, -np.inf)
+    np.maximum.at(best, which, log_weight)
+    return best[which]
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,7 +297,6 @@ def table_of(
         np.array([f.lag for f in fault]),
         np.array([f.start for f in fault]),
         np.array([f.growth for f in fault]),
-        np.full(count, states.channels),
         initial,
         used,
         sizes,

@@ -12,11 +12,12 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, joined
-from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.models import Models, largest
 
 
-def with_needed(bank: Hypotheses) -> Hypotheses:
-    """Return a bank with the models that are needed, and without others."""
+def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
+    """Return a bank with the models that are needed, and without others; of hypotheses whose
+    first states beside the navigator's are so many map errors."""
     total = bank.of_models
     need, there = needed(bank.models, total), np.isfinite(total)
     those = bank if (need | ~there).all() else bank.part(need[bank.which])
@@ -25,14 +26,14 @@ def with_needed(bank: Hypotheses) -> Hypotheses:
         return those
     nearest = _nearest(bank.models, need & there, missing)
     pairs = zip(nearest.tolist(), missing.tolist(), strict=True)
-    return joined([those, *(_of_another(those, old, new) for old, new in pairs)])
+    return joined([those, *(_of_another(those, old, new, errors) for old, new in pairs)])
 
 
 def needed(models: Models, log_weight: Array) -> Booleans:
     """Return (M,) which models are, of log weights (M,), -inf of those that are left out: those
     that are not negligible, and the neighbours of these."""
     group = models.group
-    near = log_weight > models.best_of_groups(log_weight)[group] - NEGLIGIBLE
+    near = log_weight > largest(log_weight, group) - NEGLIGIBLE
     alike = group[1:] == group[:-1]
     result = near.copy()
     result[1:] |= near[:-1] & alike
@@ -48,12 +49,11 @@ def _nearest(models: Models, there: Booleans, missing: Integers) -> Integers:
     return have[np.argmin(apart, axis=1)]
 
 
-def _of_another(bank: Hypotheses, old: int, new: int) -> Hypotheses:
+def _of_another(bank: Hypotheses, old: int, new: int, count: int) -> Hypotheses:
     """Return the hypotheses of one model as of another one of its group: the same map error is
     another number of 1-sigmas."""
     models, those = bank.models, bank.part(bank.which == old)
     sigma, prior = models.sigma, models.log_prior
-    count = int(models.errors[new])
     errors = np.arange(BATCH_STATES, BATCH_STATES + count)
     unit = np.ones(those.mean.shape[1])
     unit[errors] = sigma[old] / sigma[new] if sigma[new] > 0.0 else 0.0

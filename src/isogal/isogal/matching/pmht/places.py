@@ -9,9 +9,9 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 
-NEAR_M, FEW = 700.0, 12
-"""1-sigma of all places together up to which they are one, and how many hypotheses stand for
-it."""
+NEAR_M, FEW = 700.0, 24
+"""1-sigma of all places together up to which they are one, and how many hypotheses stand for it at
+most."""
 
 
 def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
@@ -28,32 +28,9 @@ def resolved(them: Hypotheses) -> bool:
     return bool(covariance[0, 0] + covariance[1, 1] < NEAR_M**2)
 
 
-def gathered(them: Hypotheses, most: int) -> Hypotheses:
-    """Return the likeliest ones, each merged by moments with those that are nearest to it,
-    whatever their model: all of what is known, in at most so many."""
-    best = np.argsort(-them.log_weight)[:most]
-    if len(best) == len(them):
-        return them
-    away = them.mean[:, None, :2] - them.mean[best, :2]
-    inverse = np.linalg.inv(them.covariance[best, :2, :2])
-    nearest = np.argmin(np.einsum("kbi,bij,kbj->kb", away, inverse, away), axis=1)
-    nearest[best] = np.arange(most)
-    total = np.bincount(nearest, them.weight, most)
-    share = them.weight / total[nearest]
-    mean, covariance = np.zeros_like(them.mean[best]), np.zeros_like(them.covariance[best])
-    np.add.at(mean, nearest, share[:, None] * them.mean)
-    away = them.mean - mean[nearest]
-    inner = them.covariance + away[:, :, None] * away[:, None]
-    np.add.at(covariance, nearest, share[:, None, None] * inner)
-    weight = np.log(total) + them.log_evidence
-    return replace(
-        them, which=them.which[best], log_weight=weight, mean=mean, covariance=covariance
-    )
-
-
 def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
     """Return the same places under other models, of which nothing is known yet."""
-    them = gathered(them, FEW)
+    them = pruned(them, FEW, np.eye(2, them.mean.shape[1]))
     count, m, n = len(them), len(models.sigma), BATCH_STATES
     base = Hypotheses.before(models, np.eye(n))
     covariance = np.tile(base.covariance, (count, 1, 1))

@@ -23,7 +23,6 @@ from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
-from isogal.matching.pmht.settings import Settings
 
 SHOWN = 64
 """Hypotheses that are shown as candidates, at most."""
@@ -77,7 +76,7 @@ def published(
     prior: Array,
     told: Told,
     names: Sequence[str],
-    settings: Settings,
+    each_scan: bool,
 ) -> tuple[Fix, Memory]:
     """Return the fix of a batch, and the memory of a navigator that takes it.
 
@@ -87,6 +86,8 @@ def published(
         The batch of the first field, and those of others.
     prior : (7, 7) array
         Covariance of the navigator, widened where it has diverged.
+    each_scan : bool
+        Whether it says what each scan is given of it (retrodiction).
     """
     batch = each[0].batch
     figures = _figures(each, memory, names)
@@ -111,7 +112,7 @@ def published(
         information=_as_known(batch, information),
         map_error=error,
     )
-    if settings.each_scan:
+    if each_scan:
         fix = _of_each_scan(fix, each[0], information, prior, mean)
     return fix, memory.after(mean, covariance)
 

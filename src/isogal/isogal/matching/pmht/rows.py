@@ -33,7 +33,6 @@ from isogal.matching.pmht.chains import (
     scans_underneath,
 )
 from isogal.matching.pmht.loads import loads_of
-from isogal.matching.pmht.low_pass import path_nodes
 from isogal.sensors.gravimeter_errors import accelerations
 
 UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
@@ -239,6 +238,9 @@ def rows_of(
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, navigator_states(batch)[1], first)
     rough = np.zeros(len(lengths)) if rough is None else rough
+    nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
+    if batch.filter_path is not None:
+        nodes = batch.filter_path.part(which).nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -255,7 +257,7 @@ def rows_of(
         joined,
         np.zeros(len(which)) if batch.reading_rate is None else batch.reading_rate[which],
         np.ascontiguousarray(velocity),
-        path_nodes(batch, which),
+        nodes,
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)

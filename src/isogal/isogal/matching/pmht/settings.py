@@ -1,7 +1,6 @@
 """Options of `pmht`, and what it assumes of map and instrument."""
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -40,49 +39,35 @@ class Options(BaseModel):
     )
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What the matcher is told."""
+def options_of(matcher: MatcherSettings) -> Options:
+    """Return its options; raises InputError on an unknown or bad one."""
+    options: Options = check_options("pmht", matcher.options, Options)
+    return options
 
-    map_sigma: float | None = None
-    """1-sigma of the map's error, map's unit; None = nothing is told."""
-    length: float = 4000.0
-    """Its correlation length, m."""
-    bias_sigma: float = 0.0
-    options: Options = field(default_factory=Options)
-    each_scan: bool = False
-    """Whether fixes say what each scan is given of them (retrodiction)."""
 
-    @classmethod
-    def of(cls, matcher: MatcherSettings) -> "Settings":
-        """Read a scenario's matcher section; raises InputError on an unknown or bad option."""
-        options: Options = check_options("pmht", matcher.options, Options)
-        told = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
-        retrodiction = matcher.mode == "retrodiction"
-        return cls(told, matcher.map_correlation_length, matcher.bias_sigma, options, retrodiction)
-
-    def assumed(self, batch: Batch, field_map: AnyMap) -> Assumed:
-        """Return what is known before the first batch of a run."""
-        maps = channels_of(field_map)
-        rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
-        stated = float(np.mean([stated_sigma(one) for one in maps]))
-        told = self.map_sigma
-        if stated > 0.0:
-            told = max(told or 0.0, stated)
-        drift = self.options.bias_drift_sigma
-        told_noise = () if batch.noise is None else batch.noise.names
-        return Assumed(
-            noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
-            scale=float(np.mean([one.scale for one in maps])),
-            rough=float(np.mean([roughness(one) for one in maps])),
-            step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
-            sigma=told,
-            length=self.length,
-            trust=self.options.trust,
-            bias=self.bias_sigma,
-            drift=self.bias_sigma / DRIFT_TIME if drift is None else drift,
-            walks=batch.bias_walk > 0.0,
-            delay=batch.delay_sigma,
-            filtered=batch.filter_path is not None,
-            shaken=field_map.quantity in GRAVITY and "coupling_forward" not in told_noise,
-        )
+def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assumed:
+    """Return what is known before the first batch of a run, by a scenario's matcher section;
+    raises InputError on a bad option."""
+    options, maps = options_of(matcher), channels_of(field_map)
+    rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
+    stated = float(np.mean([stated_sigma(one) for one in maps]))
+    told = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
+    if stated > 0.0:
+        told = max(told or 0.0, stated)
+    drift = options.bias_drift_sigma
+    of_noise = () if batch.noise is None else batch.noise.names
+    return Assumed(
+        noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
+        scale=float(np.mean([one.scale for one in maps])),
+        rough=float(np.mean([roughness(one) for one in maps])),
+        step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
+        sigma=told,
+        length=matcher.map_correlation_length,
+        trust=options.trust,
+        bias=matcher.bias_sigma,
+        drift=matcher.bias_sigma / DRIFT_TIME if drift is None else drift,
+        walks=batch.bias_walk > 0.0,
+        delay=batch.delay_sigma,
+        filtered=batch.filter_path is not None,
+        shaken=field_map.quantity in GRAVITY and "coupling_forward" not in of_noise,
+    )
