@@ -13,7 +13,7 @@ from isogal.matching.interfaces import Batch, Fix
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.models import Assumed, Models, models_of
-from isogal.matching.pmht.rows import UNKNOWN, States
+from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.scenario import Matcher
 
 SLOPE = np.array([4e-8, -3e-8])

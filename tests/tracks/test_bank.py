@@ -14,7 +14,8 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.matching.pmht.cells import residuals_at
-from isogal.matching.pmht.rows import States, rows_of
+from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import Averages

@@ -18,7 +18,8 @@ from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import pruned, resolved, spread_over
 from isogal.matching.pmht.propagation import steps
-from isogal.matching.pmht.rows import DELAY, UNKNOWN, rows_of
+from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.states import DELAY, UNKNOWN
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])

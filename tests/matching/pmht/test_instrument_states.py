@@ -10,18 +10,15 @@ from helpers.batches import INTERVAL, field_map_of, make_batch
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
+from isogal.maps.error_along_track import filtered_chain
 from isogal.maps.tensor_error import tensor_covariance
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Soundings
 from isogal.matching.parameters import Parameters
-from isogal.matching.pmht.chains import TENSOR_ORDER, filtered_chain
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
-from isogal.matching.pmht.rows import (
-    States,
-    navigator_states,
-    rows_of,
-)
+from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.states import TENSOR_ORDER, States, navigator_states
 from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.reduction import State

@@ -23,7 +23,7 @@ from isogal.matching.pmht.models import (
     few,
     models_of,
 )
-from isogal.matching.pmht.rows import BIAS, COUPLING_RIGHT, DELAY, DRIFT, UNKNOWN
+from isogal.matching.pmht.states import BIAS, COUPLING_RIGHT, DELAY, DRIFT, UNKNOWN
 
 UNTOLD = models()
 TOLD = models(sigma=3e-5, length=2000.0)

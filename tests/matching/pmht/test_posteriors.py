@@ -22,7 +22,7 @@ from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.channels import ChannelMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
-from isogal.matching.pmht.rows import navigator_states
+from isogal.matching.pmht.states import navigator_states
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
 ROUGH = field_map_of(wavy)

@@ -12,16 +12,15 @@ from isogal.maps.roughness import roughness_at
 from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
-from isogal.matching.pmht.rows import (
+from isogal.matching.pmht.rows import Epoch, rows_of
+from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
     COUPLING_RIGHT,
     DELAY,
     DRIFT,
     UNKNOWN,
-    Epoch,
     States,
     navigator_states,
-    rows_of,
 )
 
 ROUGH = field_map_of(wavy)

@@ -10,7 +10,8 @@ from helpers.batches import field_map_of, make_batch, wavy
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.cells import SURE, Ranked, Seen, _covering, in_common, residuals_at
 from isogal.matching.pmht.models import Assumed, few, models_of
-from isogal.matching.pmht.rows import States, rows_of
+from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.states import States
 
 ROUGH = field_map_of(wavy)
 ERROR = (2000.0, -1500.0, 0.0, 0.0)

@@ -24,15 +24,8 @@ from isogal.matching.information import (
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.cells import at_cells
 from isogal.matching.pmht.publish import Told
-from isogal.matching.pmht.rows import (
-    BIAS,
-    UNKNOWN,
-    States,
-    navigator_states,
-    parts_of,
-    rows_of,
-    some,
-)
+from isogal.matching.pmht.rows import parts_of, rows_of, some
+from isogal.matching.pmht.states import BIAS, UNKNOWN, States, navigator_states
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric

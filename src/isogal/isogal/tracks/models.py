@@ -24,8 +24,8 @@ from isogal.matching.pmht.models import (
     Models,
     table_of,
 )
-from isogal.matching.pmht.rows import States
 from isogal.matching.pmht.settings import assumed as assumed_of
+from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher as MatcherSettings
 
 LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)

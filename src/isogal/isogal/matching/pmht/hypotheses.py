@@ -17,7 +17,8 @@ from isogal.matching.information import positive_part
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import FAMILIES, NONE, Models, largest
-from isogal.matching.pmht.rows import UNKNOWN, Rows, States
+from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.states import UNKNOWN, States
 
 CURVED = 0.25
 """Share of its change by which a hypothesis may depart from linear before it is split."""

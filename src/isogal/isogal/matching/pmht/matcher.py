@@ -32,8 +32,9 @@ from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
-from isogal.matching.pmht.rows import Rows, States, navigator_states, parts_of, rows_of
+from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.settings import assumed, options_of
+from isogal.matching.pmht.states import States, navigator_states
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 

@@ -11,8 +11,9 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.propagation import steps
-from isogal.matching.pmht.rows import Epoch, States
+from isogal.matching.pmht.rows import Epoch
 from isogal.matching.pmht.search import Past, Search
+from isogal.matching.pmht.states import States
 
 EVERY, LATER = 200.0, 1800.0
 """s from one look for other places to the next, and where it has found the navigator where it

@@ -15,7 +15,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.rows import (
+from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
     COUPLING_RIGHT,

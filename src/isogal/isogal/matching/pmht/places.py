@@ -1,7 +1,5 @@
 """What a search for places asks of hypotheses (docs/mathematics.md, section 9)."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from isogal.arrays import Array

@@ -14,7 +14,6 @@ docs/mathematics.md, section 5.
 import itertools
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,24 +22,21 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.error_along_track import Chain, chained, filtered_chain
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
-from isogal.matching.pmht.chains import (
-    TENSOR_ORDER,
-    Chain,
-    chained,
-    filtered_chain,
-    scans_underneath,
-)
 from isogal.matching.pmht.loads import loads_of
+from isogal.matching.pmht.states import (
+    BIAS,
+    COUPLING_FORWARD,
+    COUPLING_RIGHT,
+    DELAY,
+    DRIFT,
+    States,
+    footprints,
+    navigator_states,
+)
 from isogal.sensors.gravimeter_errors import accelerations
-
-UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
-"""States of every instrument that is one number: what readings are off by (map's unit), by how
-much that changes per s, by how many s readings are later than told, and what they take from
-horizontal accelerations (map's unit per m/s²)."""
-BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT = range(5)
-
 
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
@@ -109,59 +105,6 @@ def parts_of(rows: Rows) -> list[Rows]:
     return [some(rows, *pair) for pair in itertools.pairwise(ends)] if number > 1 else [rows]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class States:
-    """The states of an instrument, theta: C numbers."""
-
-    names: tuple[str, ...]
-    """Of the first of them; there may be fewer than C."""
-    sigma: Array
-    """(C,) 1-sigma before any reading; of those of UNKNOWN, which come last, models say it."""
-    time: Array
-    """(C,) s, correlation time; inf = does not decay."""
-    walk: Array
-    """(C,) random walk, unit per root second."""
-    channels: int
-    """K times `order`; 2 where the instrument's filter is told: the map's error after it, and as
-    it is."""
-    unknown: int
-    """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
-    order: int = 1
-    """Scans whose map errors say what the next ones are, where those of one scan depend on each
-    other; 1 = the last one."""
-
-    @classmethod
-    def of(cls, batch: Batch, field_map: AnyMap) -> "States":
-        """Return those of the batches of a run, by its first one."""
-        told = Parameters.together([batch.noise, batch.parameters])
-        if told is None:
-            told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
-        more = 0 if batch.channel is not None else len(UNKNOWN)
-        last = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
-        channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
-        order = 1
-        if batch.of_one_potential is not None:
-            order = TENSOR_ORDER
-        elif batch.beam is not None:
-            order = scans_underneath(batch, channels)
-        elif batch.filter_path is not None and channels == 1:
-            channels = 2
-        return cls(
-            told.names,
-            np.concatenate([told.sigma, np.zeros(more)]),
-            np.concatenate([told.times, np.full(more, np.inf)]),
-            np.concatenate([told.walks, last]),
-            channels * order,
-            more,
-            order,
-        )
-
-    @property
-    def count(self) -> int:
-        """N, of the navigator, the map's errors and the instrument."""
-        return BATCH_STATES + self.channels + len(self.sigma)
-
-
 @dataclass(frozen=True, slots=True)
 class Epoch:
     """When readings were taken."""
@@ -174,26 +117,6 @@ class Epoch:
     """(2,) m/s there, as the navigator believes now."""
     steps: Array
     """(order, 2) m, north and east, from one of the last scans to the next."""
-
-
-@lru_cache(maxsize=4)  # several ask it of the same batch
-def navigator_states(batch: Batch) -> tuple[Array, Array]:
-    """Return the navigator's covariance (7, 7) of its error x at the batch end, and (4 + M, 7) the
-    batch's unknowns, xi and its nuisance parameters, per unit of x. Of a batch without attitude
-    that is 1e-12 rad and nothing follows from it."""
-    prior = batch.prior
-    if batch.attitude is None:
-        covariance = np.diag(np.full(BATCH_STATES, 1e-24))
-        covariance[:4, :4] = prior
-        return covariance, np.eye(4 + batch.nuisance_reading.shape[1], BATCH_STATES) * (
-            np.arange(BATCH_STATES) < 4
-        )
-    by_xi, root = batch.attitude
-    inverse = np.linalg.pinv(root)
-    cross = by_xi @ prior
-    covariance = np.block([[prior, cross.T], [cross, cross @ by_xi.T + root @ root.T]])
-    by_seven = np.block([[np.eye(4), np.zeros((4, 3))], [-inverse @ by_xi, inverse]])
-    return 0.5 * (covariance + covariance.T), by_seven
 
 
 def rows_of(
@@ -228,7 +151,7 @@ def rows_of(
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
     travelled = np.hypot(*moved.T)
-    chain = Chain.of(batch, states.channels, states.order)
+    chain = _chain_of(batch, states)
     steps, step, joined = chained(chain, moved, first.steps, lengths, last is None)
     if batch.filter_path is not None and states.channels == 2:
         memory = batch.filter_path.memory
@@ -261,6 +184,14 @@ def rows_of(
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
+
+
+def _chain_of(batch: Batch, states: States) -> Chain | None:
+    """Return how map errors of a batch depend on each other; None where they do not."""
+    count = states.channels // states.order
+    if batch.of_one_potential is not None:
+        return Chain(states.order, np.zeros((count, 2)), batch.of_one_potential)
+    return None if batch.beam is None else Chain(states.order, footprints(batch, count), None)
 
 
 def _before(batch: Batch, which: Integers, order: int) -> Epoch:

@@ -1,0 +1,118 @@
+"""States that hypotheses have beside the navigator's error: map errors and the instrument's."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.matching.interfaces import Batch
+from isogal.matching.parameters import Parameters
+
+UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
+"""States of every instrument that is one number: what readings are off by (map's unit), by how
+much that changes per s, by how many s readings are later than told, and what they take from
+horizontal accelerations (map's unit per m/s²)."""
+BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT = range(5)
+TENSOR_ORDER, MOST_ERRORS = 2, 24
+"""Scans whose map errors of one potential say what those of the next are. Against the whole
+covariance a straight track has 1.4 to 1.5 times the error with independent chains, 1.2 to 1.3 with
+one scan, 1.1 to 1.2 with two, 1.1 with three. Beams need as many scans as their footprints are
+long, since what is behind meets where others have been; not more than so many errors in all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class States:
+    """The states of an instrument, theta: C numbers."""
+
+    names: tuple[str, ...]
+    """Of the first of them; there may be fewer than C."""
+    sigma: Array
+    """(C,) 1-sigma before any reading; of those of UNKNOWN, which come last, models say it."""
+    time: Array
+    """(C,) s, correlation time; inf = does not decay."""
+    walk: Array
+    """(C,) random walk, unit per root second."""
+    channels: int
+    """K times `order`; 2 where the instrument's filter is told: the map's error after it, and as
+    it is."""
+    unknown: int
+    """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
+    order: int = 1
+    """Scans whose map errors say what the next ones are, where those of one scan depend on each
+    other; 1 = the last one."""
+
+    @classmethod
+    def of(cls, batch: Batch, field_map: AnyMap) -> "States":
+        """Return those of the batches of a run, by its first one."""
+        told = Parameters.together([batch.noise, batch.parameters])
+        if told is None:
+            told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
+        more = 0 if batch.channel is not None else len(UNKNOWN)
+        last = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
+        channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
+        order = 1
+        if batch.of_one_potential is not None:
+            order = TENSOR_ORDER
+        elif batch.beam is not None:
+            order = _scans_underneath(batch, channels)
+        elif batch.filter_path is not None and channels == 1:
+            channels = 2
+        return cls(
+            told.names,
+            np.concatenate([told.sigma, np.zeros(more)]),
+            np.concatenate([told.times, np.full(more, np.inf)]),
+            np.concatenate([told.walks, last]),
+            channels * order,
+            more,
+            order,
+        )
+
+    @property
+    def count(self) -> int:
+        """N, of the navigator, the map's errors and the instrument."""
+        return BATCH_STATES + self.channels + len(self.sigma)
+
+
+def footprints(batch: Batch, beams: int) -> Array:
+    """Return (B, 2) m north and east of the first where the beams of the batch's last scan met the
+    ground."""
+    last = np.arange(len(batch) - beams, len(batch))
+    lat, lon = batch.latitude[last], batch.longitude[last]
+    return horizontal_difference(lat, lon, lat[:1], lon[:1])
+
+
+def _scans_underneath(batch: Batch, beams: int) -> int:
+    """Return how many scans it takes until the last beam is where the first one was."""
+    foot = footprints(batch, beams)
+    along = batch.velocity[-1]
+    speed = math.hypot(*along)
+    if not speed > 0.0:
+        return 1
+    extent = np.ptp(foot @ along) / speed
+    interval = float(batch.time[-1] - batch.time[-1 - beams]) if len(batch) > beams else math.inf
+    return max(1, min(math.ceil(extent / (speed * interval)), MOST_ERRORS // beams))
+
+
+@lru_cache(maxsize=4)  # several ask it of the same batch
+def navigator_states(batch: Batch) -> tuple[Array, Array]:
+    """Return the navigator's covariance (7, 7) of its error x at the batch end, and (4 + M, 7) the
+    batch's unknowns, xi and its nuisance parameters, per unit of x. Of a batch without attitude
+    that is 1e-12 rad and nothing follows from it."""
+    prior = batch.prior
+    if batch.attitude is None:
+        covariance = np.diag(np.full(BATCH_STATES, 1e-24))
+        covariance[:4, :4] = prior
+        return covariance, np.eye(4 + batch.nuisance_reading.shape[1], BATCH_STATES) * (
+            np.arange(BATCH_STATES) < 4
+        )
+    by_xi, root = batch.attitude
+    inverse = np.linalg.pinv(root)
+    cross = by_xi @ prior
+    covariance = np.block([[prior, cross.T], [cross, cross @ by_xi.T + root @ root.T]])
+    by_seven = np.block([[np.eye(4), np.zeros((4, 3))], [-inverse @ by_xi, inverse]])
+    return 0.5 * (covariance + covariance.T), by_seven
