@@ -14,7 +14,7 @@ from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht import matcher as matcher_of
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.places import NEAR_M
+from isogal.matching.pmht.places import WIDE_M
 from isogal.matching.pmht.search import unaided
 from isogal.scenario import Matcher
 
@@ -285,7 +285,7 @@ def test_a_start_told_to_be_wide_is_searched_for():
     mean, covariance = posterior_of(fix, batch.prior)
     assert not fix.reset
     sigma = np.sqrt(np.trace(covariance[:2, :2]))
-    assert np.hypot(*(mean - error)[:2]) < 4.0 * sigma < 4.0 * NEAR_M
+    assert np.hypot(*(mean - error)[:2]) < 4.0 * sigma < 4.0 * WIDE_M
 
 
 def test_a_navigator_that_has_diverged_is_told_so():

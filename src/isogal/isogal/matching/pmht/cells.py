@@ -16,8 +16,9 @@ from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows, some
 
-COARSE_M = 1000.0
-"""Cells of the first grid, half of `FEATURE_M`; those of the second are a third."""
+FEATURE_M = 2000.0
+"""Over which what a map shows within a cell holds together: twice the size of cells of the first
+grid, six times that of those of the second."""
 CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 PLACES = 600
@@ -28,8 +29,6 @@ that are followed up, and that a navigator that is told so has diverged."""
 GROUPS = 120
 """Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
 With a third of them a place on a map of 3 mGal is found a minute later."""
-FEATURE_M = 2000.0
-"""Over which what a map shows within a cell holds together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +50,8 @@ class Ranked:
         """Return cells all over a prior N(0, spread)."""
         sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
         reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
-        size, count = COARSE_M, math.ceil(reach / COARSE_M)
+        size = 0.5 * FEATURE_M
+        count = math.ceil(reach / size)
         centres = square_of(size * np.arange(-count, count + 1.0))
         centres = centres[np.hypot(*centres.T) < reach + size]
         return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))

@@ -14,7 +14,7 @@ from isogal.matching.pmht.cells import SURE, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import NONE, SIGMA_STEP, few
-from isogal.matching.pmht.places import NEAR_M, resolved, spread_over
+from isogal.matching.pmht.places import WIDE_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import Search, unaided
 
@@ -66,7 +66,7 @@ def _ranked(
     seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
     cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2])
     begin = np.asarray(np.linalg.solve(A, now - b), dtype=np.float64)
-    return cells, cells.share(begin[:2], 3.0 * NEAR_M)
+    return cells, cells.share(begin[:2], 4.0 * WIDE_M)
 
 
 def _look(

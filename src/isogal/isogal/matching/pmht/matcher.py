@@ -30,6 +30,7 @@ from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.moving_bank import with_needed
+from isogal.matching.pmht.places import WIDE_M
 from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
@@ -38,8 +39,6 @@ from isogal.matching.pmht.states import States, navigator_states
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
-WIDE_M = 500.0
-"""1-sigma of a prior from which the place is searched for."""
 ELSEWHERE = -2.0 * math.log(1.0 - SURE)
 """Squared distance, in 1-sigmas of the navigator, from its own place to one that is found, from
 which on the navigator is told that it has diverged: outside of where it is sure to be."""

@@ -24,7 +24,7 @@ from isogal.matching.pmht.states import (
     States,
 )
 
-USUAL_LENGTH_M, LENGTH_STEP, LENGTH_FACTOR = 4000.0, 4.0, 2.5
+LENGTH_STEP, LENGTH_FACTOR = 4.0, 2.5
 LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
 """Of the map's error: least in units of the noise, largest in units of the map's scale."""
 SIGMA_STEP = math.sqrt(2.0)
@@ -162,11 +162,11 @@ class Assumed:
     """Standard deviation of the map."""
     rough: float
     """Its roughness."""
-    step: float = USUAL_LENGTH_M
+    step: float = 4000.0
     """From one node of its grid to the next, m."""
     sigma: float | None = None
     """1-sigma of the map's error that is told; None = nothing is."""
-    length: float = USUAL_LENGTH_M
+    length: float = 4000.0
     trust: float = 2.0
     """Factor within which told sigma and length are right (1-sigma); 1 = to the letter."""
     bias: float = 0.0

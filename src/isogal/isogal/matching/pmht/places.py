@@ -7,9 +7,9 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import Models
 
-NEAR_M, FEW = 700.0, 24
-"""1-sigma of all places together up to which they are one, and how many hypotheses stand for it at
-most."""
+WIDE_M, FEW = 500.0, 24
+"""1-sigma of a place, along an axis, above which it is searched for and below which it is found;
+and how many hypotheses stand for it at most."""
 
 
 def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
@@ -23,7 +23,7 @@ def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
 def resolved(them: Hypotheses) -> bool:
     """Whether what is probable is one place."""
     covariance = them.moments()[1]
-    return bool(covariance[0, 0] + covariance[1, 1] < NEAR_M**2)
+    return bool(covariance[0, 0] + covariance[1, 1] < 2.0 * WIDE_M**2)
 
 
 def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
