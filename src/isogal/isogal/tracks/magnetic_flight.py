@@ -13,8 +13,8 @@ from isogal.files import write_atomic
 from isogal.magnetics.diurnal import BaseStation
 from isogal.magnetics.readings import Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
-from isogal.tracks.csv_file import CsvTrack
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
+from isogal.tracks.track import Track
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
 _REQUIRED = ("time", "scalar", *_VECTOR)
@@ -76,11 +76,11 @@ class MagneticFlight:
         year = decimal_year(self.time) if self.dated else None
         return field.value(latitude, longitude, up, year)
 
-    def track(self, anomaly: Array) -> CsvTrack:
+    def track(self, anomaly: Array) -> Track:
         """Return the flight as a recorded track with the anomaly (N,) nT as value; raises
         InputError where it has no positions."""
-        latitude, longitude = map(np.degrees, self._places())
-        return CsvTrack(self.readings.where, self.time, latitude, longitude, anomaly)
+        unknown, none = np.full(len(anomaly), np.nan), np.zeros(len(anomaly))
+        return Track(self.time, *self._places(), anomaly, unknown, none, self.readings.where)
 
     def _places(self) -> tuple[Array, Array]:
         if self.latitude is None or self.longitude is None:
@@ -161,7 +161,7 @@ def write_compensated(
     track = flight.track(anomaly)
     lines = ["time,latitude,longitude,value,total"]
     for time, *place, value, own in zip(
-        track.time, track.latitude, track.longitude, anomaly, total, strict=True
+        track.time, *np.degrees([track.latitude, track.longitude]), anomaly, total, strict=True
     ):
         cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
         lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))
