@@ -170,9 +170,8 @@ class Track:
         InputError
             Readings of this quantity are not reduced in that way.
         """
-        jacobian = np.zeros((len(self), 4))
         if self.reduction == "none":
-            return jacobian
+            return np.zeros((len(self), 4))
         if self.reduction not in _REDUCED_WITH.get(quantity, ()):
             raise InputError(
                 f"{self.where}: readings of {quantity} are not reduced with the track's"
@@ -184,10 +183,10 @@ class Track:
             return MagneticReduction(main_field).jacobian(
                 State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
             )
-        if self.reduction == "latitude":
-            jacobian[:, 0] = -normal_gravity_gradient_north(self.latitude)
-            return jacobian
         reduced = "gravity" if quantity == "gravity" else "disturbance"
+        if self.reduction == "latitude":  # that of a track at rest, whatever its velocity error
+            at_rest = reading_jacobian(reduced, self.latitude, 0.0, 0.0)
+            return at_rest * np.array([1.0, 0.0, 0.0, 0.0])
         return reading_jacobian(reduced, self.latitude, *self.velocity.T)
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
