@@ -35,8 +35,9 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
         "offset": compensation.offset,
         "currents": list(compensation.currents),
     }
-    if flight.heading is not None:
-        means = by_heading(flight.heading, own)
+    if flight.track is not None:
+        north, east = flight.track.velocity.T
+        means = by_heading(np.arctan2(east, north), own)
         result["own_field_by_heading"] = {
             name: None if np.isnan(mean) else float(mean - np.nanmean(means))
             for name, mean in zip(_SECTORS, means, strict=True)

@@ -177,7 +177,7 @@ def _compensated(path: Path, coefficients: Path) -> "Track":
 
     compensation, flight = read_compensation(coefficients), read_magnetic_flight(path)
     total = compensation.clean(flight.readings)
-    return flight.track(total - flight.main_field(Magnetometer().epoch))
+    return replace(flight.placed, value=total - flight.main_field(Magnetometer().epoch))
 
 
 def unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
