@@ -36,8 +36,8 @@ def test_map_shows_the_track_and_its_fixes(step):
         (np.degrees(track.latitude), south, north),
     ):
         assert low < degrees.min() <= degrees.max() < high
-    dots = [line for line in panel.lines if line.get_marker() == "o"]
-    assert len(dots) == sum(match.fix.published for match in matches) > 0
+    (dots,) = [line for line in panel.lines if line.get_marker() == "o"]
+    assert len(dots.get_xdata()) == sum(match.fix.published for match in matches) > 0
     labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
     assert labels == {
         "track as recorded",

@@ -26,8 +26,8 @@ def changed(**changes):
     ("changes", "message"),
     [
         ({"latitude": np.full(60, np.nan)}, "latitude of reading 1 is not a finite number"),
-        ({"time": np.zeros(60)}, "times must increase; reading 2"),
-        ({"latitude": np.full(60, 2.0)}, "no such place at reading 1"),
+        ({"time": np.zeros(60)}, "time of reading 2 is not later .* times must increase"),
+        ({"latitude": np.full(60, 2.0)}, "place of reading 1 is out of range"),
         ({"sigma": np.zeros(60)}, "sigma of reading 1 must be > 0"),
         ({"reduction": "speed"}, "must be one of none, latitude, velocity"),
     ],
@@ -44,7 +44,7 @@ def test_two_readings_are_too_few():
         for name in ("time", "latitude", "longitude", "value", "sigma", "offset")
     }
     with pytest.raises(InputError, match="at least 3 readings, has 2"):
-        replace(track, **few)
+        fit_to_map(replace(track, **few), DISTURBANCE)
 
 
 def test_velocity_is_that_of_the_positions():

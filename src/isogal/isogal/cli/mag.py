@@ -163,7 +163,7 @@ def calibrate(
 
     settings, flight = fitting.settings(), chosen.read()
     known = flight.reference
-    if known is None and flight.latitude is not None:
+    if known is None and flight.track is not None:
         known = _main_field_or_height(chosen, flight)
     found = learn(flight.readings, known, settings, flight.reference is not None)
     found.compensation.write(out)

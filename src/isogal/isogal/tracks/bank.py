@@ -42,8 +42,6 @@ CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
 covariance."""
 OFF_MAP = -1e5
-REMEMBERED = 0.8
-"""Share of the next batch's prior of models that comes from the batches before."""
 OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
 """Beyond which a reading, predicted from all others, is left out; the share that may be, and how
 often they are looked for."""
@@ -56,19 +54,10 @@ PAIRS, PAIR_DEPTH = 3000, 14.0
 """Cells with a model that become hypotheses, and log of how much less likely they may be."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Memory:
-    """What is carried from batch to batch."""
-
-    log_prior: tuple[Array | None, ...] = ()
-    """Of each field that of its models; None = nothing is learnt."""
-    shifts: Shifts | None = None
-    """Of the last batch, for display."""
-
-
 @dataclass(frozen=True)
 class TrackMatcher:
-    """Matches batches of recorded tracks, each by itself but for what is learnt of the models."""
+    """Matches batches of recorded tracks, each by itself: what it hands on is the posterior of the
+    last batch, for display."""
 
     settings: tuple[MatcherSettings, ...]
     """Of each field."""
@@ -77,22 +66,23 @@ class TrackMatcher:
     context: int = 0
     takes_channels: bool = True
 
-    def match(self, batch: Batch, field_map: AnyMap, memory: Memory | None) -> tuple[Fix, Memory]:
+    def match(
+        self, batch: Batch, field_map: AnyMap, memory: Shifts | None
+    ) -> tuple[Fix, Shifts | None]:
         """Match one batch; see `interfaces.Matcher`."""
-        memory = replace(memory or Memory((None,) * len(self.settings)), shifts=None)
         if reason := unusable(batch):
-            return declined(batch, reason), memory
+            return declined(batch, reason), None
         each = (Beside(0, batch, field_map), *batch.beside)
-        found = [(one.field, seen) for one in each if (seen := self._seen(one, memory))]
+        found = [(one.field, seen) for one in each if (seen := self._seen(one))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
             reason = too_few(batch, min(count, FEWEST - 1), FEWEST)
-            return declined(batch, reason or "no readings on the map"), memory
+            return declined(batch, reason or "no readings on the map"), None
         prior, _ = navigator_states(batch)
         fields = tuple(field for field, _ in found)
         shifts, left = without_outliers([seen for _, seen in found], prior[:2, :2])
         if not shifts.log_density.max() > OFF_MAP:
-            return declined(batch, "none of the likely places is on the map"), memory
+            return declined(batch, "none of the likely places is on the map"), None
         places = shifts.places
         numbers = {"probability": float(places[0]), "places": float(len(places))}
         given = {0: batch} | {one.field: one.batch for one in batch.beside}
@@ -105,11 +95,10 @@ class TrackMatcher:
                 f"ambiguous: {len(places)} places fit, the best with probability {places[0]:.2f};"
                 " longer batches or a narrower prior may tell them apart"
             )
-            return declined(batch, reason, **numbers), replace(memory, shifts=shifts)
-        fix = self._fix(batch, prior, shifts, numbers)
-        return fix, _learnt(memory, fields, shifts)
+            return declined(batch, reason, **numbers), shifts
+        return _fix(batch, prior, shifts, numbers), shifts
 
-    def _seen(self, one: Beside, memory: Memory) -> Seen | None:
+    def _seen(self, one: Beside) -> Seen | None:
         batch, field_map = one.batch, one.field_map
         around = None
         if isinstance(field_map, FieldMap):
@@ -120,9 +109,6 @@ class TrackMatcher:
             batch = without_map_edge(batch, field_map)
         states = States.of(batch, field_map)
         models = track_models(self.settings[one.field], batch, field_map, states)
-        learnt = memory.log_prior[one.field]
-        if learnt is not None and learnt.shape == models.log_prior.shape:
-            models = models._replace(log_prior=learnt)
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
@@ -132,28 +118,29 @@ class TrackMatcher:
         field_map = field_map if around is None else around.field
         return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
-    def _fix(self, batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
-        """Return what the readings alone say."""
-        bent = math.sqrt(prior[2, 2]) * (batch.time[-1] - batch.time[0])
-        mean, covariance = (rigid if bent < RIGID else posterior)(shifts, prior)
-        mean, covariance, prior = mean[:4], covariance[:4, :4], prior[:4, :4]
-        information = likelihood_information(mean, covariance, prior)
-        if not information.matrix.any():
-            reason = "the batch tells nothing that the navigator does not know"
-            return declined(batch, reason, **numbers)
-        place, spread = measurement_only(mean, covariance, prior)
-        more = excess(shifts)
-        if more.any():
-            information = widened(information, more)
-        north, east = metres_per_radian(batch.end[0])
-        return Fix(
-            time=float(batch.time[-1]),
-            latitude=float(batch.end[0] - place[0] / north),
-            longitude=float(batch.end[1] - place[1] / east),
-            covariance=spread + more,
-            diagnostics=numbers,
-            information=information,
-        )
+
+def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
+    """Return what the readings alone say."""
+    bent = math.sqrt(prior[2, 2]) * (batch.time[-1] - batch.time[0])
+    mean, covariance = (rigid if bent < RIGID else posterior)(shifts, prior)
+    mean, covariance, prior = mean[:4], covariance[:4, :4], prior[:4, :4]
+    information = likelihood_information(mean, covariance, prior)
+    if not information.matrix.any():
+        reason = "the batch tells nothing that the navigator does not know"
+        return declined(batch, reason, **numbers)
+    place, spread = measurement_only(mean, covariance, prior)
+    more = excess(shifts)
+    if more.any():
+        information = widened(information, more)
+    north, east = metres_per_radian(batch.end[0])
+    return Fix(
+        time=float(batch.time[-1]),
+        latitude=float(batch.end[0] - place[0] / north),
+        longitude=float(batch.end[1] - place[1] / east),
+        covariance=spread + more,
+        diagnostics=numbers,
+        information=information,
+    )
 
 
 def widened(information: Information, more: Array) -> Information:
@@ -165,16 +152,6 @@ def widened(information: Information, more: Array) -> Information:
     spread[:, :2] += told.matrix[:, :2] @ more
     both = np.linalg.solve(spread, np.column_stack([told.matrix, told.vector]))
     return Information(np.asarray(both[:, 4], np.float64), symmetric(both[:, :4]))
-
-
-def _learnt(memory: Memory, fields: Sequence[int], shifts: Shifts) -> Memory:
-    log_priors = list(memory.log_prior)
-    for k, field in enumerate(fields):
-        log_prior = shifts.seen[k].models.log_prior
-        mixed = (1.0 - REMEMBERED) * np.exp(log_prior - np.logaddexp.reduce(log_prior))
-        mixed[shifts.which[k]] += REMEMBERED * shifts.of_models(k)
-        log_priors[field] = np.log(np.maximum(mixed, 1e-300))
-    return Memory(tuple(log_priors), shifts)
 
 
 def where_possible(batch: Batch, field_map: FieldMap) -> Batch:

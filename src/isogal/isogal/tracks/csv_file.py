@@ -3,15 +3,12 @@ optionally time, sigma, offset and line."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.magnetics.diurnal import BaseStation
-from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.gridding.reading import geographic
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
 from isogal.tracks.track import Track
@@ -24,82 +21,7 @@ _PROJECTED = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CsvTrack:
-    """N readings in a file's own units."""
-
-    where: str
-    time: Array
-    """(N,) s."""
-    latitude: Array
-    """(N,) deg."""
-    longitude: Array
-    """(N,) deg."""
-    value: Array
-    """(N,)."""
-    sigma: Array | float = math.nan
-    """(N,) or of all; NaN = not known."""
-    offset: Array | float = 0.0
-    """(N,) or of all; NaN = no reading."""
-    line: str | None = None
-    """Survey line; None = the file has none."""
-    timed: bool = True
-    """Whether the file says when readings were taken; else times are their numbers."""
-    projected: bool = False
-    """Whether its places are x and y."""
-
-    def corridor(self, margin: float) -> Corridor:
-        """Return the part of the Earth within a margin (m) of the track."""
-        return corridor_of(np.radians(self.latitude), np.radians(self.longitude), margin)
-
-    def less_variation(self, station: BaseStation) -> "CsvTrack":
-        """Return the track without the daily variation of a base station, values in nT; raises
-        InputError where the file has no times or the station was not on at them."""
-        if not self.timed:
-            raise InputError(f"{self.where}: a base station needs the track's column time")
-        return replace(self, value=self.value - station.variation(self.time, self.where))
-
-    def track(self, factor: float, sensor_sigma: float | None, reduction: str = "none") -> Track:
-        """Return the track, with values in the map's unit inside.
-
-        Parameters
-        ----------
-        factor : float
-            Number of units inside (`FieldMap.unit`) in one unit of the columns value, sigma and
-            offset.
-        sensor_sigma : float, optional
-            1-sigma of the readings where the file does not say it, unit inside.
-        reduction : str
-            See `Track.reduction`.
-
-        Raises
-        ------
-        InputError
-            Neither the file nor ``sensor_sigma`` says how noisy the readings are, or `Track`
-            refuses them.
-        """
-        if isinstance(self.sigma, float) and sensor_sigma is None:
-            raise InputError(f"{self.where}: has no column sigma; give --sensor-sigma")
-        sigma, offset = (
-            np.broadcast_to(one, self.time.shape) for one in (self.sigma, self.offset)
-        )
-        sigma = sigma * factor
-        if sensor_sigma is not None:
-            sigma = np.where(np.isfinite(sigma), sigma, sensor_sigma)
-        return Track(
-            time=self.time,
-            latitude=np.radians(self.latitude),
-            longitude=np.radians(self.longitude),
-            value=np.where(np.isfinite(offset), self.value * factor, np.nan),
-            sigma=sigma,
-            offset=np.nan_to_num(offset) * factor,
-            where=self.where,
-            reduction=reduction,
-            factor=factor,
-        )
-
-
-def read_csv_track(path: str | Path, crs: str | None = None) -> CsvTrack:
+def read_csv_track(path: str | Path, crs: str | None = None) -> Track:
     """Read a file that holds one track; see `read_csv_tracks`.
 
     Raises
@@ -115,7 +37,7 @@ def read_csv_track(path: str | Path, crs: str | None = None) -> CsvTrack:
 
 def read_csv_tracks(
     path: str | Path, crs: str | None = None, column: str | Sequence[str] = "value"
-) -> list[CsvTrack]:
+) -> list[Track]:
     """Read a file with a header line (`isogal.tracks.text_rows`): a track for each survey line.
 
     Other columns are ignored. Times are seconds, or dates and times by ISO 8601 (UTC unless they
@@ -171,10 +93,10 @@ def _beside(names: Sequence[str], what: str) -> tuple[str, ...]:
 
 def _track(
     columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, projected: bool
-) -> CsvTrack:
+) -> Track:
     own = {name: column[which] for name, column in columns.items() if name not in _PROJECTED}
-    timed = "time" in own
-    time = own.setdefault("time", np.arange(which.size, dtype=np.float64))
+    count = np.arange(which.size, dtype=np.float64)
+    time = own.get("time", count)
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         i = int(late[0])
@@ -183,5 +105,16 @@ def _track(
             f" ({time[i + 1]:.10g} s) is not later than line {rows.number[which[i]]}"
             f" ({time[i]:.10g} s)"
         )
-    where = rows.where if line is None else f"{rows.where}, line {line}"
-    return CsvTrack(where, **own, line=line, timed=timed, projected=projected)
+    offset = own.get("offset", 0.0 * count)
+    return Track(
+        time=time,
+        latitude=np.radians(own["latitude"]),
+        longitude=np.radians(own["longitude"]),
+        value=np.where(np.isfinite(offset), own["value"], np.nan),
+        sigma=own.get("sigma", math.nan * count),
+        offset=np.nan_to_num(offset),
+        where=rows.where if line is None else f"{rows.where}, line {line}",
+        line=line,
+        timed="time" in own,
+        projected=projected,
+    )

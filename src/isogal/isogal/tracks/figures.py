@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.figures import style
+from isogal.evaluation.figures.track import Frame
 from isogal.maps.corridor import along_track
 from isogal.maps.tiled_map import ScalarMap
 from isogal.tracks.matching import Match
@@ -25,15 +26,9 @@ if TYPE_CHECKING:
 
 RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
-_TALLEST, _FLATTEST = 1.5, 0.35
-"""Limits of the map panel's height over its width."""
-_LATTICE = 420
-"""Pixels along each side of the map panel."""
 _MOST_PANELS, _COLUMNS = 6, 3
 _DEPTH = 20.0
 """Natural logarithms below the best that are shown."""
-_INSET = 0.38
-"""Side of what is enlarged, in that of the panel."""
 
 
 def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Array]:
@@ -55,106 +50,36 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
 def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]) -> "Figure":
     """Draw the map, the track as recorded and as moved by the fixes, and the fixes with their
     2-sigma ellipses."""
-    half = _half_widths(track, matches)
-    shape = float(half[0] / half[1])
-    width = style.WIDTH if shape < 1.0 else 4.9
-    figure = style.new_figure(width * shape * 0.84 + 0.9, width)
-    panel = figure.add_subplot()
-    middle = _middle(track)
-    metres = np.array(metres_per_radian(middle[0]))
-    _background(panel, field_map, middle, half / metres)
+    fixes = [match.fix for match in matches if match.fix.published]
+    recorded = np.unwrap(track.longitude)
+    middle = 0.5 * float(recorded.min() + recorded.max())
 
-    def draw(latitude: Array, longitude: Array, line: style.Line, label: str) -> None:
-        x, y = np.degrees(np.unwrap(longitude)), np.degrees(latitude)
-        # the white edge keeps the line visible on dark and on light ground
-        panel.plot(x, y, color="white", linewidth=line.width + 2.0)
-        panel.plot(x, y, **line.options(), label=label)
+    def near(longitude: ArrayLike) -> Array:
+        """Return longitudes less than half a circle from the middle of the track."""
+        apart = np.asarray(longitude, dtype=np.float64) - middle
+        return middle + np.remainder(apart + math.pi, 2.0 * math.pi) - math.pi
 
-    draw(track.latitude, track.longitude, RECORDED, "track as recorded")
     latitude, longitude = matched_positions(track, matches)
-    published = [match for match in matches if match.fix.published]
-    for number, match in enumerate(published):
-        label = "track moved by the fixes" if number == 0 else "_"
-        draw(latitude[match.rows], _near(longitude[match.rows], middle[1]), MATCHED, label)
-    for number, match in enumerate(published):
-        _fix(panel, match, middle[1], number == 0)
-    panel.set_xlabel("longitude (deg)")
-    panel.set_ylabel("latitude (deg)")
+    places = np.array([fix.latitude for fix in fixes]), near([fix.longitude for fix in fixes])
+    frame = Frame.around(np.r_[track.latitude, places[0]], np.r_[recorded, places[1]], 2e3)
+    figure = style.new_figure(frame.height + 0.6)
+    panel = figure.add_subplot()
+    frame.draw(panel, field_map)
+    for label, line, y, x in (
+        ("track as recorded", RECORDED, track.latitude, recorded),
+        ("track moved by the fixes" if fixes else "_", MATCHED, latitude, near(longitude)),
+    ):
+        # the white edge keeps lines visible on dark and on light ground
+        panel.plot(*np.degrees((x, y)), color="white", linewidth=line.width + 2.0)
+        panel.plot(*np.degrees((x, y)), **line.options(), label=label)
+    for fix, *place in zip(fixes, *places, strict=True):
+        edge = place + style.ellipse(fix.covariance, 2.0) / metres_per_radian(fix.latitude)
+        label = "_" if fix is not fixes[0] else r"fix with its $2\sigma$ ellipse"
+        panel.plot(*np.degrees(edge.T[::-1]), color="white", linewidth=2.6)
+        panel.plot(*np.degrees(edge.T[::-1]), color="black", linewidth=1.0, label=label)
+    panel.plot(*np.degrees(places[::-1]), "o", **style.FIX_DOT)
     style.legend_below(figure)
     return figure
-
-
-def _middle(track: Track) -> tuple[float, float]:
-    longitude = np.unwrap(track.longitude)
-    return 0.5 * float(track.latitude.min() + track.latitude.max()), 0.5 * float(
-        longitude.min() + longitude.max()
-    )
-
-
-def _near(longitude: Array, middle: float) -> Array:
-    """Return longitudes (rad) less than half a circle from the middle."""
-    return middle + np.remainder(longitude - middle + math.pi, 2.0 * math.pi) - math.pi
-
-
-def _half_widths(track: Track, matches: Sequence[Match]) -> Array:
-    """Return north and east half-width of the map panel, m: track and fixes with a margin."""
-    middle = _middle(track)
-    north, east = (float(m) for m in metres_per_radian(middle[0]))
-    half = 0.5 * np.array(
-        [np.ptp(track.latitude) * north, np.ptp(np.unwrap(track.longitude)) * east]
-    )
-    widest = half + max(0.15 * float(np.hypot(*half)), 3e3)
-    for match in matches:
-        if match.fix.published:
-            away = horizontal_difference(match.fix.latitude, match.fix.longitude, *middle)
-            reach = np.abs(away) + 2.0 * np.sqrt(np.diag(match.fix.covariance))
-            # a fix may leave one direction almost open, so its ellipse does not widen it at will
-            half = np.maximum(half, np.minimum(reach, widest))
-    half += max(0.1 * float(np.hypot(*half)), 2e3)
-    half[0] = max(half[0], _FLATTEST * half[1])
-    half[1] = max(half[1], half[0] / _TALLEST)
-    return half
-
-
-def _background(
-    panel: "Axes", field_map: ScalarMap, middle: tuple[float, float], half: Array
-) -> None:
-    scale = style.field_scale(field_map)
-    rows, columns = (np.linspace(-h, h, _LATTICE) for h in half)
-    values = scale(field_map.value(middle[0] + rows[:, None], middle[1] + columns[None, :]))
-    figure: Any = panel.figure
-    west, east = (math.degrees(middle[1] + s * half[1]) for s in (-1.0, 1.0))
-    south, north = (math.degrees(middle[0] + s * half[0]) for s in (-1.0, 1.0))
-    panel.set_facecolor("0.9")  # where there is no map
-    panel.grid(False)
-    if np.isfinite(values).any():
-        low, high = np.nanpercentile(values, [1.0, 99.0])
-        image = panel.imshow(
-            values,
-            extent=(west, east, south, north),
-            origin="lower",
-            cmap=style.FIELD_COLOURS,
-            vmin=low,
-            vmax=high,
-            aspect=1.0 / math.cos(middle[0]),
-        )
-        figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
-    panel.set_xlim(west, east)
-    panel.set_ylim(south, north)
-
-
-def _fix(panel: "Axes", match: Match, middle: float, first: bool) -> None:
-    """Draw a fix and its 2-sigma ellipse."""
-    fix = match.fix
-    place = np.array([fix.latitude, _near(np.array(fix.longitude), middle)])
-    edge = style.ellipse(fix.covariance, 2.0) / metres_per_radian(fix.latitude)
-    y, x = np.degrees(place + edge).T
-    label = r"fix with its $2\sigma$ ellipse" if first else "_"
-    panel.plot(x, y, color="white", linewidth=2.6)
-    panel.plot(x, y, color="black", linewidth=1.0, label=label)
-    y, x = np.degrees(place)
-    dot: dict[str, Any] = {"color": style.SKY, "markeredgecolor": "black", "markeredgewidth": 0.6}
-    panel.plot(x, y, "o", **dot, markersize=4.0)
 
 
 @style.journal
@@ -202,7 +127,7 @@ def shift_figure(matches: Sequence[Match]) -> "Figure":
     rows = math.ceil(len(shown) / columns)
     width = style.WIDTH if columns > 1 else 4.6
     figure = style.new_figure(0.6 + rows * width / columns * 0.88, width)
-    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
     images = [_shifts(panel, *one) for panel, one in zip(panels, shown, strict=False)]
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
@@ -213,59 +138,29 @@ def shift_figure(matches: Sequence[Match]) -> "Figure":
 
 
 def _shifts(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
+    """Draw the first grid, whose cells are all that the prior allows."""
     wide = shifts.overview or shifts
-    log = wide.log_density
-    image = _cells(panel, wide.centres, log - log.max(), wide.size)
-    west, east = image.get_extent()[:2]
+    cells, log = wide.centres, wide.log_density
+    index = np.rint((cells - cells.min(axis=0)) / wide.size).astype(int)
+    picture = np.full(index.max(axis=0) + 1, np.nan)
+    picture[tuple(index.T)] = np.maximum(log - log.max(), -_DEPTH)
+    (south, west), (north, east) = (
+        edge / 1e3
+        for edge in (cells.min(axis=0) - 0.5 * wide.size, cells.max(axis=0) + 0.5 * wide.size)
+    )
+    limits: dict[str, Any] = {"vmin": -_DEPTH, "vmax": 0.0, "cmap": "viridis"}
+    extent = (west, east, south, north)
+    image = panel.imshow(picture, origin="lower", extent=extent, aspect="equal", **limits)
     mean, covariance = shifts.moments
     if match.fix.published:
         covariance = match.covariance[:2, :2]
-    panel.plot(*_ellipse(mean, covariance), color="white", linewidth=2.4)
-    panel.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
+    edge = (mean + style.ellipse(covariance, 2.0)).T[::-1] / 1e3
+    panel.plot(*edge, color="white", linewidth=2.4)
+    panel.plot(*edge, color="black", linewidth=1.0)
     panel.plot(0.0, 0.0, "+", color="white", markersize=6.0)
     state = "fix" if match.fix.published else "no fix"
     panel.set_title(f"to {match.fix.time:.10g} s: {state}", fontsize="small")
     panel.set_xlabel("error of the track east (km)")
     panel.set_ylabel("north (km)")
     panel.grid(False)
-    if 4.0 * math.sqrt(float(covariance.max())) < 0.08e3 * (east - west):
-        _inset(panel, shifts, mean, covariance)
     return image
-
-
-def _cells(panel: "Axes", cells: Array, depth: Array, size: float) -> "AxesImage":
-    """Draw (K,) values of (K, 2) cells of a regular grid, m north and east, of a size (m)."""
-    index = np.rint((cells - cells.min(axis=0)) / size).astype(int)
-    picture = np.full(index.max(axis=0) + 1, np.nan)
-    picture[tuple(index.T)] = np.maximum(depth, -_DEPTH)
-    (south, west), (north, east) = cells.min(axis=0) - 0.5 * size, cells.max(axis=0) + 0.5 * size
-    return panel.imshow(
-        picture,
-        origin="lower",
-        extent=(west / 1e3, east / 1e3, south / 1e3, north / 1e3),
-        cmap="viridis",
-        vmin=-_DEPTH,
-        vmax=0.0,
-        aspect="equal",
-    )
-
-
-def _inset(panel: "Axes", shifts: Shifts, mean: Array, covariance: Array) -> None:
-    """Draw what is too small to be seen."""
-    half = 3.5 * math.sqrt(float(np.diag(covariance).max())) / 1e3
-    corner = (0.04, 0.58) if mean[1] > 0.0 else (0.58, 0.58)
-    inset = panel.inset_axes((*corner, _INSET, _INSET))
-    log = shifts.log_density
-    near = np.abs(shifts.centres - mean).max(axis=1) < 1.2e3 * half
-    _cells(inset, shifts.centres[near], (log - log.max())[near], shifts.size)
-    inset.plot(*_ellipse(mean, covariance), color="black", linewidth=1.0)
-    inset.set_xlim(mean[1] / 1e3 - half, mean[1] / 1e3 + half)
-    inset.set_ylim(mean[0] / 1e3 - half, mean[0] / 1e3 + half)
-    style.bare(inset, f"{2e3 * half:.0f} m wide", fontsize=6, bbox=style.LABEL_BOX)
-    panel.indicate_inset_zoom(inset, edgecolor="white")
-
-
-def _ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return east and north (km) of the 2-sigma ellipse."""
-    edge = mean + style.ellipse(covariance, 2.0)
-    return edge[:, 1] / 1e3, edge[:, 0] / 1e3

@@ -12,6 +12,7 @@ exceeds the posterior's, the excess is added to the covariance. Nothing makes a 
 from itertools import combinations
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from isogal.arrays import Array
 from isogal.tracks.evidence import BLOCKS
@@ -44,8 +45,5 @@ def _fixes(shifts: Shifts, field: int) -> Array:
     means = []
     for left_out in combinations(range(BLOCKS), BLOCKS // 2):
         rest = own - parts[:, list(left_out)].sum(axis=1)
-        top = rest.max(axis=0)
-        log = top + np.log(np.exp(rest - top).sum(axis=0)) + others
-        weight = np.exp(log - log.max())
-        means.append(weight @ shifts.centres / weight.sum())
+        means.append(softmax(logsumexp(rest, axis=0) + others) @ shifts.centres)
     return np.array(means)

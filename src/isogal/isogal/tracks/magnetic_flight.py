@@ -13,8 +13,8 @@ from isogal.files import write_atomic
 from isogal.magnetics.diurnal import BaseStation
 from isogal.magnetics.readings import Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
-from isogal.tracks.csv_file import CsvTrack
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
+from isogal.tracks.track import Track
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
 _REQUIRED = ("time", "scalar", *_VECTOR)
@@ -27,6 +27,8 @@ _COLUMNS = {
     **{f"vector_{a}": Column((f"vector_{a}", f"flux_{a}", f"b{a}"), gaps=True) for a in "xyz"},
     "reference": Column(("reference",), gaps=True),
 }
+_PLACES = ("latitude", "longitude")
+_NO_PLACES = "has no columns latitude and longitude"
 _CURRENT = "current_"
 
 
@@ -35,23 +37,12 @@ class MagneticFlight:
     """N readings of both magnetometers, and where they were taken."""
 
     readings: Readings
-    latitude: Array | None
-    """(N,) rad; None = not recorded."""
-    longitude: Array | None
+    track: Track | None
+    """Times and places; None = no places are recorded."""
     height: Array | None
     """(N,) m above the ellipsoid."""
     reference: Array | None
     """(N,) nT, the true total field there."""
-
-    @property
-    def time(self) -> Array:
-        """(N,) s, since 1970 UTC or since the start of the recording."""
-        return self.readings.time
-
-    @property
-    def dated(self) -> bool:
-        """Whether the times say the date."""
-        return is_absolute(self.time)
 
     def main_field(self, epoch: float, height: float | None = None) -> Array:
         """Return (N,) the Earth's main field, nT: on the readings' dates where their times say
@@ -68,32 +59,19 @@ class MagneticFlight:
         InputError
             The file has no positions or no heights.
         """
-        latitude, longitude = self._places()
-        up = self.height if self.height is not None else height
+        track, up = self.placed, self.height if self.height is not None else height
         if up is None:
-            raise InputError(f"{self.readings.where}: has no column height, nor is one given")
-        field = MainField(latitude, longitude, float(np.median(up)), epoch)
-        year = decimal_year(self.time) if self.dated else None
-        return field.value(latitude, longitude, up, year)
-
-    def track(self, anomaly: Array) -> CsvTrack:
-        """Return the flight as a recorded track with the anomaly (N,) nT as value; raises
-        InputError where it has no positions."""
-        latitude, longitude = map(np.degrees, self._places())
-        return CsvTrack(self.readings.where, self.time, latitude, longitude, anomaly)
-
-    def _places(self) -> tuple[Array, Array]:
-        if self.latitude is None or self.longitude is None:
-            raise InputError(f"{self.readings.where}: has no columns latitude and longitude")
-        return self.latitude, self.longitude
+            raise InputError(f"{track.where}: has no column height, nor is one given")
+        field = MainField(track.latitude, track.longitude, float(np.median(up)), epoch)
+        year = decimal_year(track.time) if is_absolute(track.time) else None
+        return field.value(track.latitude, track.longitude, up, year)
 
     @property
-    def heading(self) -> Array | None:
-        """(N,) rad, of the way over ground; None where no positions are recorded."""
-        if self.latitude is None or self.longitude is None:
-            return None
-        east = np.gradient(np.unwrap(self.longitude)) * np.cos(self.latitude)
-        return np.arctan2(east, np.gradient(self.latitude))
+    def placed(self) -> Track:
+        """The track; raises InputError where no places are recorded."""
+        if self.track is None:
+            raise InputError(f"{self.readings.where}: {_NO_PLACES}")
+        return self.track
 
 
 def read_magnetic_flight(path: str | Path, base: Path | None = None) -> MagneticFlight:
@@ -123,13 +101,14 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
     if base is not None:
         variation = read_base_station(base).variation(time, readings.where)
         readings = replace(readings, total=total - variation)
-    latitude, longitude = (
-        np.radians(columns[name]) if name in columns else None
-        for name in ("latitude", "longitude")
-    )
-    return MagneticFlight(
-        readings, latitude, longitude, columns.get("height"), columns.get("reference")
-    )
+    track, places = None, [columns[name] for name in _PLACES if name in columns]
+    if len(places) == 1:
+        raise InputError(f"{readings.where}: {_NO_PLACES}")
+    if places:
+        latitude, longitude = np.radians(places)
+        unknown, none = np.full(time.size, np.nan), np.zeros(time.size)
+        track = Track(time, latitude, longitude, readings.total, unknown, none, readings.where)
+    return MagneticFlight(readings, track, columns.get("height"), columns.get("reference"))
 
 
 def read_base_station(path: str | Path) -> BaseStation:
@@ -158,10 +137,10 @@ def write_compensated(
     InputError
         The file cannot be written, or the flight has no positions.
     """
-    track = flight.track(anomaly)
+    track = flight.placed
     lines = ["time,latitude,longitude,value,total"]
     for time, *place, value, own in zip(
-        track.time, track.latitude, track.longitude, anomaly, total, strict=True
+        track.time, *np.degrees([track.latitude, track.longitude]), anomaly, total, strict=True
     ):
         cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
         lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))

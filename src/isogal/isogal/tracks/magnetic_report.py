@@ -35,8 +35,9 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
         "offset": compensation.offset,
         "currents": list(compensation.currents),
     }
-    if flight.heading is not None:
-        means = by_heading(flight.heading, own)
+    if flight.track is not None:
+        north, east = flight.track.velocity.T
+        means = by_heading(np.arctan2(east, north), own)
         result["own_field_by_heading"] = {
             name: None if np.isnan(mean) else float(mean - np.nanmean(means))
             for name, mean in zip(_SECTORS, means, strict=True)
@@ -60,53 +61,32 @@ def calibration_figure(found: Calibration) -> "Figure":
 
 def write_calibration_report(flight: MagneticFlight, found: Calibration, folder: Path) -> Path:
     """Write `report.html` with a PNG figure beside it; return the path of the page."""
-    numbers = summary(flight, found)
-    rows = [
+    numbers, compensation = summary(flight, found), found.compensation
+    moved = ", ".join(map(number, numbers["moved_deg"]))
+    result = [
         ("readings, and those that count", f"{numbers['readings']}, {numbers['used']}"),
-        ("RMS in the band before, after (nT)", _pair(found.rms_before, found.rms_after)),
+        ("RMS in the band before (nT)", number(found.rms_before)),
+        ("RMS in the band after (nT)", number(found.rms_after)),
         ("improvement", number(numbers["improvement"])),
         ("the vehicle's field, peak to peak (nT)", number(numbers["own_field_peak_to_peak"])),
-        (
-            "the field's direction moved by, RMS on three axes (deg)",
-            ", ".join(number(one) for one in numbers["moved_deg"]),
-        ),
+        ("the field's direction moved by, RMS on three axes (deg)", moved),
         ("lag of the vector magnetometer (s)", number(numbers["lag"])),
     ]
-    tables = [Table("Result", ("", ""), rows)]
-    if "own_field_by_heading" in numbers:
-        means = numbers["own_field_by_heading"]
-        tables.append(
-            Table(
-                f"The vehicle's field by heading, mean in {SECTORS} sectors (nT)",
-                tuple(means),
-                [[number(mean) for mean in means.values()]],
-            )
-        )
-    compensation = found.compensation
+    tables = [Table("Result", ("", ""), result)]
+    if means := numbers.get("own_field_by_heading"):
+        title = f"The vehicle's field by heading, mean in {SECTORS} sectors (nT)"
+        tables.append(Table(title, tuple(means), [[number(one) for one in means.values()]]))
     coefficients = zip(
         names(compensation.currents), compensation.coefficients, compensation.sigma, strict=True
     )
-    tables.append(
-        Table(
-            "Coefficients (nT; eddy nT s; current nT/A)",
-            ("term", "value", "1σ"),
-            [[name, number(float(a)), number(float(b))] for name, a, b in coefficients],
-            folded=True,
-        )
-    )
-    picture = Illustration(
-        "calibration",
-        calibration_figure(found),
-        "Total field of the calibration flight, less the main field, in the band of the"
-        " manoeuvres.",
-    )
+    rows = [[name, number(float(a)), number(float(b))] for name, a, b in coefficients]
+    title, header = "Coefficients (nT; eddy nT s; current nT/A)", ("term", "value", "1σ")
+    tables.append(Table(title, header, rows, folded=True))
+    caption = "Total field less the main field, in the band of the manoeuvres."
+    picture = Illustration("calibration", calibration_figure(found), caption)
     return write_report(
         folder,
         "Magnetometer calibration",
         [Section("Calibration", [], [picture], tables)],
         subtitle=Path(flight.readings.where).name,
     )
-
-
-def _pair(a: float, b: float) -> str:
-    return f"{number(a)}, {number(b)}"

@@ -13,6 +13,7 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Matcher
 from isogal.tracks.figures import readings_figure, shift_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
+from isogal.tracks.results import flat, found
 from isogal.tracks.track import Track
 
 
@@ -106,29 +107,16 @@ def _unit(field_map: ScalarMap) -> tuple[str, float]:
 
 
 def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
-    """Return what was estimated of the noise; nothing where it was not."""
+    """Return what was estimated of the noise, by its names in files of results; nothing where it
+    was not."""
     unit, factor = _unit(field_map)
-    rows = []
-    for match in matches:
-        numbers = match.fix.diagnostics
-        if match.shifts is None or "map_sigma" not in numbers:
-            continue
-        offset, its_sigma = (number(numbers[key] / factor) for key in ("offset", "offset_sigma"))
-        rows.append(
-            {
-                "time (s)": f"{match.fix.time:.10g}",
-                f"map error, 1σ ({unit})": number(numbers["map_sigma"] / factor),
-                "its correlation length (m)": number(numbers["map_correlation_length"]),
-                f"readings above the map ({unit})": f"{offset} ± {its_sigma}",
-                "readings used": f"{numbers['readings']:.0f}",
-                "left out": f"{numbers['readings_left_out']:.0f}",
-                "misfit": f"{numbers['misfit']:.2f}",
-                "probability of the place, places": (
-                    f"{numbers['probability']:.3f} of {numbers['places']:.0f}"
-                ),
-            }
-        )
-    return [_table("Estimated with the fixes", rows)] if rows else []
+    rows = [
+        {"time (s)": f"{match.fix.time:.10g}"} | {key: number(x) for key, x in flat(told).items()}
+        for match in matches
+        if (told := found(match, {"": factor}))
+    ]
+    title = f"Estimated with the fixes (sigma and offset in {unit}, length in m)"
+    return [_table(title, rows)] if rows else []
 
 
 def _assumptions(

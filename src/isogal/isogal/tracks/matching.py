@@ -22,7 +22,7 @@ information of an ambiguous batch, which is carried on as hypotheses, is publish
 that resolves it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -184,13 +184,11 @@ def match_fields(
             prior = uncertainty.prior + fix.widening[:4, :4]
         error, covariance = _known(counted, batch, error, covariance)
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        shifts = after.shifts if by_bank and after is not memory else None
+        shifts = after if isinstance(after, Shifts) and after is not memory else None
         matches.append(Match(fix, slice(previous, end), error, covariance, *here, shifts))
         resolved = (counted if chained else fix).published
         if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end
-        elif by_bank and memory is not None:  # these readings will be matched again
-            after = replace(after, log_prior=memory.log_prior)
         memory = after
         progress(len(matches), len(ends))
     return matches

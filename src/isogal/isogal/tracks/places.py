@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import softmax
 
 from isogal.arrays import Array, Integers
 from isogal.matching.pmht.cells import log_normal, square_of
@@ -64,7 +65,7 @@ class Shifts:
     @property
     def weight(self) -> Array:
         """(C,) posterior probability of each cell."""
-        return normalised(self.log_density)
+        return softmax(self.log_density)
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -93,13 +94,7 @@ class Shifts:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
         own = self.by_model(field)
         others = self.log_density - np.logaddexp.reduce(own)
-        return normalised(np.logaddexp.reduce(own + others, axis=1))
-
-
-def normalised(log: Array) -> Array:
-    """Return probabilities by their logs."""
-    weight = np.exp(log - log.max())
-    return np.asarray(weight / weight.sum())
+        return softmax(np.logaddexp.reduce(own + others, axis=1))
 
 
 def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:

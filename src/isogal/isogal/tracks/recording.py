@@ -131,31 +131,32 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
     InputError
         There is no bag, no position or no reading in it, or a topic has another type.
     """
-    positions: dict[float, tuple[float, float]] = {}
-    readings: dict[str, dict[float, tuple[float, float]]] = {}
+    sources = {"": ReadingSource(fix_topic, _POSITION, "none")} | READINGS
+    found: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in sources}
     seen: set[str] = set()
-    for name, kind, message in _messages(Path(path)):
-        seen.add(name)
-        if _is(name, fix_topic, kind, _POSITION, path) and message.status.status >= 0:
-            positions.setdefault(_stamp(message), (message.latitude, message.longitude))
-        for quantity, source in READINGS.items():
-            if _is(name, source.topic, kind, source.type, path):
-                own = readings.setdefault(quantity, {})
-                own.setdefault(_stamp(message), _READ[kind](message))
-    if not positions or not readings:
-        wanted = [fix_topic] if not positions else [source.topic for source in READINGS.values()]
+    for topic, kind, message in _messages(Path(path)):
+        seen.add(topic)
+        for quantity, source in sources.items():
+            if topic != source.topic and not topic.endswith("/" + source.topic.lstrip("/")):
+                continue  # in whatever namespace
+            if kind != source.type:
+                raise InputError(f"{path}: topic '{topic}' must be of type {source.type}")
+            if quantity:
+                found[quantity].setdefault(_stamp(message), _READ[kind](message))
+            elif message.status.status >= 0:
+                place = message.latitude, message.longitude
+                found[quantity].setdefault(_stamp(message), place)
+    each = {name: np.array([(t, *own[t]) for t in sorted(own)]) for name, own in found.items()}
+    positions, readings = each.pop(""), {name: rows for name, rows in each.items() if rows.size}
+    if not positions.size or not readings:
+        wanted = READINGS.values() if positions.size else [sources[""]]
         raise InputError(
-            f"{path}: has no message on {' or '.join(map(repr, wanted))}; it has"
+            f"{path}: has no message on {' or '.join(repr(one.topic) for one in wanted)}; it has"
             f" {', '.join(sorted(seen)) or 'none at all'}"
         )
-    time = np.array(sorted(positions))
-    latitude, longitude = np.radians([positions[t] for t in time]).T
-    each = {
-        quantity: np.array([(t, *readings[quantity][t]) for t in sorted(readings[quantity])])
-        for quantity in READINGS
-        if quantity in readings
-    }
-    return Recording(str(path), time, latitude, np.unwrap(longitude), each)
+    time, latitude, longitude = positions.T
+    places = np.radians(latitude), np.unwrap(np.radians(longitude))
+    return Recording(str(path), time, *places, readings)
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
@@ -205,16 +206,6 @@ def _files(path: Path) -> list[Path]:
     if not files:
         raise InputError(f"{path}: no MCAP file in this folder")
     return files
-
-
-def _is(recorded: str, name: str, kind: str, wanted: str, path: str | Path) -> bool:
-    """Return whether a recorded topic has this name, in whatever namespace; raises InputError
-    where it is of another type."""
-    if recorded != name and not recorded.endswith("/" + name.lstrip("/")):
-        return False
-    if kind != wanted:
-        raise InputError(f"{path}: topic '{recorded}' must be of type {wanted}")
-    return True
 
 
 def _stamp(message: Any) -> float:

@@ -46,27 +46,32 @@ def as_objects(
         result["reason"] = fix.reason
         result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
         result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
-        objects.append(result if match.shifts is None else result | _found(match, factors))
+        objects.append(result | found(match, factors))
     return objects
 
 
-def _found(match: Match, factors: Mapping[str, float]) -> dict[str, Any]:
-    """Return what a batch has told of errors and readings, each field's in its unit."""
+def found(match: Match, factors: Mapping[str, float]) -> dict[str, Any]:
+    """Return what a batch has told of errors and readings, each field's in a unit of which one has
+    so many units inside; nothing where noise was not integrated out."""
     numbers = match.fix.diagnostics
+    if match.shifts is None or "map_sigma" not in numbers:
+        return {}
     result: dict[str, Any] = {}
     for prefix, factor in factors.items():
-        if f"{prefix}map_sigma" in numbers:
-            units = {"map_sigma": factor, "map_correlation_length": 1.0}
-            units |= {"offset": factor, "offset_sigma": factor}
-            result[f"{prefix.replace('.', '_')}estimated"] = {
-                name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
-            }
-    if "map_sigma" in numbers:
-        result |= {name: int(numbers[name]) for name in ("readings", "readings_left_out")}
-        result["misfit"] = round(numbers["misfit"], 3)
-        result["places"] = int(numbers["places"])
-        result["probability"] = round(numbers["probability"], 4)
-    return result
+        if f"{prefix}map_sigma" not in numbers:
+            continue
+        units = {"map_sigma": factor, "map_correlation_length": 1.0}
+        units |= {"offset": factor, "offset_sigma": factor}
+        result[f"{prefix.replace('.', '_')}estimated"] = {
+            name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
+        }
+    return result | {
+        "readings": int(numbers["readings"]),
+        "readings_left_out": int(numbers["readings_left_out"]),
+        "misfit": round(numbers["misfit"], 3),
+        "places": int(numbers["places"]),
+        "probability": round(numbers["probability"], 4),
+    }
 
 
 def _place(latitude: float, longitude: float) -> dict[str, float]:
@@ -91,7 +96,7 @@ def as_json(objects: Sequence[dict[str, Any]]) -> str:
 def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     """Return a table with three columns for each covariance: east-east, east-north,
     north-north."""
-    rows = [_flat(entry) for entry in objects]
+    rows = [flat(entry) for entry in objects]
     stream = io.StringIO()
     names = dict.fromkeys(key for row in rows for key in row)
     writer = csv.DictWriter(stream, fieldnames=list(names), lineterminator="\n")
@@ -100,7 +105,8 @@ def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     return stream.getvalue()
 
 
-def _flat(entry: dict[str, Any]) -> dict[str, Any]:
+def flat(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return an object with a name of its own for each number."""
     row: dict[str, Any] = {}
     for key, value in entry.items():
         if key.endswith("covariance_enu"):

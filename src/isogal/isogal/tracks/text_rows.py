@@ -1,6 +1,5 @@
 """Rows of a text file with named columns: CSV, tables separated by blanks, Geosoft XYZ."""
 
-import csv
 import difflib
 import math
 from collections.abc import Mapping, Sequence
@@ -125,32 +124,9 @@ def _iso_seconds(text: str) -> float:
 
 
 def read_rows(path: str | Path, needed: str) -> TextRows:
-    """Read a file by `read_lines`. Cells are separated by commas, semicolons, tabs or blanks.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, has no header, or a row has another number of cells than that.
-    """
-    where, found = str(path), read_lines(Path(path))
-    if found.header is None:
-        what = "has no header" if found.rows else "is empty"
-        raise InputError(f"{where}: {what}; it needs a header with {needed}")
-    mark, rows = max(",;\t", key=found.header.count), [found.header, *found.rows]
-    if mark not in found.header:
-        cells = [row.split() for row in rows]
-    else:
-        try:
-            cells = list(csv.reader(rows, delimiter=mark, skipinitialspace=True))
-        except csv.Error as error:
-            raise InputError(f"{where}: is not a CSV file: {error}") from None
-        if len(cells) != len(rows):
-            raise InputError(f"{where}: a quoted cell runs over several lines")
-    names = [name.strip().casefold() for name in cells[0]]
-    for number, row in zip(found.number, cells[1:], strict=True):
-        if len(row) != len(names):
-            raise InputError(
-                f"{where}: line {number} has {len(row)} cells, the header {len(names)}"
-            )
+    """Read a file by `read_lines`; raises InputError where it cannot be read or its rows are not
+    those of its header."""
+    found = read_lines(Path(path))
+    names, cells = found.cells(needed)
     line = None if found.line is None else [name for _, name in found.line]
-    return TextRows(names, cells[1:], found.number, line, where)
+    return TextRows([name.casefold() for name in names], cells, found.number, line, found.where)

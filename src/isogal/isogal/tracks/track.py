@@ -1,7 +1,7 @@
 """A recorded track: readings of a scalar field, and where a navigator says they were taken."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
-from isogal.maps.corridor import corridor_of
+from isogal.magnetics.diurnal import BaseStation
+from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.quantities import QUANTITIES, UNITS
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
@@ -46,14 +47,14 @@ _REDUCED_WITH: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """N readings with the navigator's position of each; values in the map's unit inside (SI, nT
-    for magnetic fields).
+    """N readings with the navigator's position of each; values in the file's unit until `in_unit`
+    brings them to that of the map inside (SI, nT for magnetic fields).
 
     Raises
     ------
     InputError
-        There are fewer than three readings, a number is not finite, times do not increase, a place
-        is out of range, or a sigma is not positive.
+        A number is not finite, times do not increase, a place is out of range, or a sigma is not
+        positive.
     """
 
     time: Array
@@ -65,7 +66,7 @@ class Track:
     value: Array
     """(N,); NaN = no reading."""
     sigma: Array
-    """(N,) 1-sigma of the sensor's white noise."""
+    """(N,) 1-sigma of the sensor's white noise; NaN = not known."""
     offset: Array
     """(N,) known amount added to the map's value before it is compared with the reading."""
     where: str
@@ -74,45 +75,74 @@ class Track:
     """What of the track the readings were reduced with, one of `REDUCTIONS`."""
     factor: float = 1.0
     """Number of units inside in one unit of the file, for messages."""
+    line: str | None = None
+    """Survey line; None = the file has none."""
+    timed: bool = True
+    """Whether the file says when readings were taken; else times are their numbers."""
+    projected: bool = False
+    """Whether its places are x and y."""
 
     def __post_init__(self) -> None:
-        if self.time.size < FEWEST:
-            raise InputError(
-                f"{self.where}: needs at least {FEWEST} readings, has {self.time.size}"
-            )
-        for name in ("time", "latitude", "longitude", "sigma", "offset"):
-            bad = ~np.isfinite(getattr(self, name))
-            if bad.any():
-                raise InputError(
-                    f"{self.where}: {name} of reading {int(np.argmax(bad)) + 1} is not a finite"
-                    " number"
-                )
-        late = np.diff(self.time) <= 0.0
-        if late.any():
-            i = int(np.argmax(late))
-            raise InputError(
-                f"{self.where}: times must increase; reading {i + 2} ({self.time[i + 1]:.10g} s)"
-                f" is not later than reading {i + 1} ({self.time[i]:.10g} s)"
-            )
-        wrong = (np.abs(self.latitude) > math.pi / 2) | (np.abs(self.longitude) > 2.0 * math.pi)
-        if wrong.any():
-            i = int(np.argmax(wrong))
-            raise InputError(
-                f"{self.where}: no such place at reading {i + 1}: latitude"
-                f" {math.degrees(self.latitude[i]):.6g}, longitude"
-                f" {math.degrees(self.longitude[i]):.6g} deg (latitude -90 to 90, longitude -180"
-                " to 360)"
-            )
         if self.reduction not in REDUCTIONS:
             raise InputError(
                 f"reduction (--reduction) must be one of {', '.join(REDUCTIONS)}, is"
                 f" '{self.reduction}'"
             )
-        if (self.sigma <= 0.0).any():
-            raise InputError(
-                f"{self.where}: sigma of reading {int(np.argmax(self.sigma <= 0.0)) + 1} must"
-                " be > 0"
-            )
+        for name in ("time", "latitude", "longitude", "offset"):
+            self._refuse(~np.isfinite(getattr(self, name)), name, "is not a finite number")
+        outside = (np.abs(self.latitude) > math.pi / 2) | (np.abs(self.longitude) > 2.0 * math.pi)
+        self._refuse(
+            outside, "place", "is out of range: latitude -90 to 90, longitude -180 to 360"
+        )
+        late = np.diff(self.time, prepend=-math.inf) <= 0.0
+        self._refuse(late, "time", "is not later than that of the one before: times must increase")
+        self._refuse(self.sigma <= 0.0, "sigma", "must be > 0")
+
+    def _refuse(self, wrong: Booleans, name: str, why: str) -> None:
+        """Raise InputError for the first reading of which something is wrong (N,)."""
+        if wrong.any():
+            raise InputError(f"{self.where}: {name} of reading {int(np.argmax(wrong)) + 1} {why}")
+
+    def in_unit(
+        self, factor: float, sensor_sigma: float | None, reduction: str = "none"
+    ) -> "Track":
+        """Return the track of a file with values in the map's unit inside.
+
+        Parameters
+        ----------
+        factor : float
+            Number of units inside (`FieldMap.unit`) in one unit of value, sigma and offset.
+        sensor_sigma : float, optional
+            1-sigma of the readings where the file does not say it, unit inside.
+        reduction : str
+            See `reduction`.
+
+        Raises
+        ------
+        InputError
+            Neither the file nor ``sensor_sigma`` says how noisy the readings are.
+        """
+        sigma, known = self.sigma * factor, np.isfinite(self.sigma)
+        if sensor_sigma is not None:
+            sigma = np.where(known, sigma, sensor_sigma)
+        elif not known.all():
+            what = "a reading has no sigma" if known.any() else "has no column sigma"
+            raise InputError(f"{self.where}: {what}; give --sensor-sigma")
+        value, offset = self.value * factor, self.offset * factor
+        return replace(
+            self, value=value, sigma=sigma, offset=offset, reduction=reduction, factor=factor
+        )
+
+    def corridor(self, margin: float) -> Corridor:
+        """Return the part of the Earth within a margin (m) of the track."""
+        return corridor_of(self.latitude, self.longitude, margin)
+
+    def less_variation(self, station: BaseStation) -> "Track":
+        """Return the track without the daily variation of a base station, values in nT; raises
+        InputError where the file has no times or the station was not on at them."""
+        if not self.timed:
+            raise InputError(f"{self.where}: a base station needs the track's column time")
+        return replace(self, value=self.value - station.variation(self.time, self.where))
 
     def __len__(self) -> int:
         return self.time.size
@@ -140,9 +170,8 @@ class Track:
         InputError
             Readings of this quantity are not reduced in that way.
         """
-        jacobian = np.zeros((len(self), 4))
         if self.reduction == "none":
-            return jacobian
+            return np.zeros((len(self), 4))
         if self.reduction not in _REDUCED_WITH.get(quantity, ()):
             raise InputError(
                 f"{self.where}: readings of {quantity} are not reduced with the track's"
@@ -154,10 +183,10 @@ class Track:
             return MagneticReduction(main_field).jacobian(
                 State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
             )
-        if self.reduction == "latitude":
-            jacobian[:, 0] = -normal_gravity_gradient_north(self.latitude)
-            return jacobian
         reduced = "gravity" if quantity == "gravity" else "disturbance"
+        if self.reduction == "latitude":  # that of a track at rest, whatever its velocity error
+            at_rest = reading_jacobian(reduced, self.latitude, 0.0, 0.0)
+            return at_rest * np.array([1.0, 0.0, 0.0, 0.0])
         return reading_jacobian(reduced, self.latitude, *self.velocity.T)
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
@@ -178,13 +207,15 @@ def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     Raises
     ------
     InputError
-        Fewer than three readings lie on the map, or the readings are not in the map's unit.
+        There are fewer than three readings, or on the map, or they are not in the map's unit.
     """
+    if len(track) < FEWEST:
+        raise InputError(f"{track.where}: needs at least {FEWEST} readings, has {len(track)}")
     at_track = field_map.value(track.latitude, track.longitude)
     on_map = np.isfinite(at_track)
     usable = on_map & np.isfinite(track.value)
     if usable.sum() < FEWEST:
-        extent = corridor_of(track.latitude, track.longitude, 0.0).window.text()
+        extent = track.corridor(0.0).window.text()
         raise InputError(
             f"{track.where}: the track ({extent}) is off the map {field_map.provenance}"
             f" ({field_map.extent.text()}): {int(usable.sum())} of {len(track)} readings lie where"
@@ -201,24 +232,28 @@ def _check_unit(level: Array, at_track: Array, field_map: ScalarMap, track: Trac
     low, high = float(level.min()), float(level.max())
     spread, expected = float(np.std(level)), float(np.std(at_track))
     ratio = spread / expected if spread > 0.0 and expected > 0.0 else 1.0
-    impossible = low < known.lowest or high > known.highest
-    if not impossible and 1.0 / _OFF_SCALE < ratio < _OFF_SCALE:
+
+    def possible(scale: float) -> bool:
+        return known.lowest <= low * scale and high * scale <= known.highest
+
+    if possible(1.0) and 1.0 / _OFF_SCALE < ratio < _OFF_SCALE:
         return
+    scales = {
+        name: factor / track.factor
+        for name, (inside, factor) in UNITS.items()
+        if inside == field_map.unit and factor != track.factor
+    }
+    explained = (
+        name
+        for name, scale in scales.items()
+        if possible(scale) and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED
+    )
     hint = ""
-    for name, (inside, factor) in UNITS.items():
-        scale = factor / track.factor
-        possible = known.lowest <= low * scale and high * scale <= known.highest
-        if (
-            inside == field_map.unit
-            and scale != 1.0
-            and possible
-            and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED
-        ):
-            hint = f"; they look like {name}: give --track-unit '{name}'"
-            break
-    if not impossible and not hint:  # a flat or a noisy stretch, not another unit
+    if unit := next(explained, None):
+        hint = f"; they look like {unit}: give --track-unit '{unit}'"
+    elif possible(1.0):  # a flat or a noisy stretch, not another unit
         return
-    if not hint and field_map.unit == "m/s²" and known.highest < 1.0 < low:
+    elif field_map.unit == "m/s²" and known.highest < 1.0 < low:
         hint = "; they look like gravity: give normal gravity in the column offset"
     low, high, least, most = (
         x / track.factor for x in (low, high, float(at_track.min()), float(at_track.max()))

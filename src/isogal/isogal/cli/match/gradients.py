@@ -59,7 +59,8 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
         unit, factor = unit_of(chosen.track_unit or _UNIT, scalar)
         sigma = assumed.reading_sigma(scalar, factor) or _DEFAULT_SIGMA
         values = np.stack([one.value for one in line], axis=1) * factor
-        track = replace(first, sigma=math.nan, offset=0.0).track(factor, sigma)
+        nothing = np.zeros(len(first))
+        track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
         track, off_map = fit_to_map(track, scalar)
         if off_map.any():
             note(

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
-    from isogal.tracks.csv_file import CsvTrack
     from isogal.tracks.fields import ChannelReadings
     from isogal.tracks.map_error import MapError
     from isogal.tracks.recording import Recording
@@ -145,7 +144,7 @@ def without_crs(map_: MapChoice) -> MapChoice:
     return map_ if is_geotiff else replace(map_, crs=None)
 
 
-def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvTrack]":
+def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Track]":
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.recording import is_recording, read_recording
 
@@ -170,7 +169,7 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | CsvT
     return [one.less_variation(station) for one in tracks]
 
 
-def _compensated(path: Path, coefficients: Path) -> "CsvTrack":
+def _compensated(path: Path, coefficients: Path) -> "Track":
     """Return a flight's anomaly, nT, without the vehicle's own field."""
     from isogal.magnetics.compensation import read_compensation
     from isogal.scenario import Magnetometer
@@ -178,7 +177,7 @@ def _compensated(path: Path, coefficients: Path) -> "CsvTrack":
 
     compensation, flight = read_compensation(coefficients), read_magnetic_flight(path)
     total = compensation.clean(flight.readings)
-    return flight.track(total - flight.main_field(Magnetometer().epoch))
+    return replace(flight.placed, value=total - flight.main_field(Magnetometer().epoch))
 
 
 def unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
@@ -197,7 +196,7 @@ def unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]
 
 
 def _track(
-    source: "Recording | CsvTrack",
+    source: "Recording | Track",
     field_map: "ScalarMap",
     factor: float,
     sigma: float | None,
@@ -211,11 +210,11 @@ def _track(
         sigma = _DEFAULT_GRAVITY_SIGMA
     if reduction == "velocity" and not source.timed:
         raise InputError(f"{source.where}: --reduction velocity needs a column time")
-    return source.track(factor, sigma, reduction or "none")
+    return source.in_unit(factor, sigma, reduction or "none")
 
 
 def _learnt_error(
-    field_map: "FieldMap", references: "Sequence[CsvTrack]", factor: float
+    field_map: "FieldMap", references: "Sequence[Track]", factor: float
 ) -> "MapError":
     """Return the error that makes the residuals of tracks with true positions most likely, and
     say it."""
@@ -223,7 +222,7 @@ def _learnt_error(
     from isogal.tracks.track import fit_to_map
 
     tracks = [
-        fit_to_map(source.track(factor, _UNUSED_SIGMA), field_map)[0] for source in references
+        fit_to_map(source.in_unit(factor, _UNUSED_SIGMA), field_map)[0] for source in references
     ]
     fit = fit_map_error(tracks, field_map)
     note(

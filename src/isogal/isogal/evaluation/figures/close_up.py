@@ -115,10 +115,7 @@ def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) 
         _ellipse(panel, error, covariance, _FIX, r"fix, $3\sigma$")
         panel.plot(
             *(error[1] / 1e3, error[0] / 1e3, "o"),
-            color=style.SKY,
-            markeredgecolor="black",
-            markeredgewidth=0.5,
-            markersize=3.5,
+            **style.FIX_DOT,
         )
     panel.plot(0.0, 0.0, "x", color="black", markersize=5, label="truth (batch end)")
     panel.set_xlim(-half / 1e3, half / 1e3)

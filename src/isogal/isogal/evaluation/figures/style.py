@@ -58,6 +58,13 @@ SERIES = (
     Line(GREEN, (0, (5, 1.5, 1, 1.5))),
 )
 """Lines for curves side by side, in order."""
+FIX_DOT: dict[str, Any] = {
+    "color": SKY,
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.5,
+    "markersize": 3.5,
+}
+"""Of a fix on a map."""
 
 
 _JOURNAL: dict[str, Any] = {
@@ -207,14 +214,6 @@ def ellipse(covariance: Array, sigmas: float) -> Array:
     angle = np.linspace(0.0, 2.0 * math.pi, 121)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(sigmas * (circle * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
-
-
-def bare(inset: "Axes", text: str, **options: Any) -> None:
-    """Take ticks and grid off an inset, and write below what it shows."""
-    inset.set_xticks([])
-    inset.set_yticks([])
-    inset.grid(False)
-    inset.text(0.5, 0.03, text, transform=inset.transAxes, ha="center", **options)
 
 
 def logarithmic(axis: "Axes") -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.close_up import BatchEnd, close_up, image_edges
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
 
 
@@ -37,8 +37,8 @@ def track_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     chosen = (
         sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
     )
-    frame = _frame(runs)
-    height = _MAP_WIDTH * frame.shape + 0.5
+    frame = Frame.around(runs.latitude, np.unwrap(runs.longitude), 5e3)
+    height = frame.height
     if not chosen:
         figure = style.new_figure(height + _LEGEND)
         _overview(figure.add_subplot(), runs, field_map, frame, chosen)
@@ -57,8 +57,8 @@ def track_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
-    """What the overview shows: edges in rad, longitudes unwrapped like the route's."""
+class Frame:
+    """What a picture of a map shows: edges in rad, longitudes unwrapped like the track's."""
 
     south: float
     north: float
@@ -67,34 +67,65 @@ class _Frame:
     stretch: float
     """Metres in a radian of latitude over those in one of longitude."""
 
+    @classmethod
+    def around(cls, latitude: Array, longitude: Array, margin: float) -> "Frame":
+        """Frame a track, (N,) rad with longitudes that do not jump, with a margin of a tenth of
+        its length, at least `margin` (m), in a shape that fills the page's width."""
+        middle = [0.5 * float(x.min() + x.max()) for x in (latitude, longitude)]
+        north, east = (float(m) for m in metres_per_radian(middle[0]))
+        half = 0.5 * np.array([np.ptp(latitude) * north, np.ptp(longitude) * east])
+        half += max(0.2 * float(np.hypot(*half)), margin)
+        half[0] = max(half[0], _FLATTEST * half[1])
+        half[1] = max(half[1], half[0] / _TALLEST)
+        (d_lat, d_lon) = half / (north, east)
+        return cls(
+            *(middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon),
+            stretch=north / east,
+        )
+
     @property
-    def shape(self) -> float:
-        """Height over width."""
-        return (self.north - self.south) * self.stretch / (self.east - self.west)
+    def height(self) -> float:
+        """Of the picture with its axes, in, without the legend."""
+        shape = (self.north - self.south) * self.stretch / (self.east - self.west)
+        return _MAP_WIDTH * shape + 0.5
 
-
-def _frame(runs: Runs) -> _Frame:
-    """Frame the route with a margin of a tenth of its length, at least 5 km, in a shape that fills
-    the page's width."""
-    north, east = (float(m) for m in metres_per_radian(float(runs.latitude.mean())))
-    longitude = np.unwrap(runs.longitude)
-    half = 0.5 * np.array([np.ptp(runs.latitude) * north, np.ptp(longitude) * east])
-    half += max(0.2 * float(np.hypot(*half)), 5e3)
-    half[0] = max(half[0], _FLATTEST * half[1])
-    half[1] = max(half[1], half[0] / _TALLEST)
-    middle = [0.5 * float(x.min() + x.max()) for x in (runs.latitude, longitude)]
-    (d_lat, d_lon) = half / (north, east)
-    return _Frame(
-        middle[0] - d_lat, middle[0] + d_lat, middle[1] - d_lon, middle[1] + d_lon, north / east
-    )
+    def draw(self, panel: "Axes", field_map: "ScalarMap") -> None:
+        """Draw the map in the frame."""
+        window = Window(self.south, self.north, self.west, self.east)
+        part = field_map.overview(_DOTS, window)
+        scale = style.field_scale(part)
+        values = scale(part.values)
+        # the map may count its longitudes from another turn than the track
+        turn = 2.0 * math.pi
+        turn *= round((0.5 * (self.west + self.east) - float(part.longitude.mean())) / turn)
+        south, north = image_edges(np.degrees(part.latitude))
+        west, east = image_edges(np.degrees(part.longitude + turn))
+        low, high = np.nanpercentile(values, [1.0, 99.0])
+        figure: Any = panel.figure
+        image = panel.imshow(
+            values,
+            extent=(west, east, south, north),
+            origin="lower",
+            cmap=style.FIELD_COLOURS,
+            vmin=low,
+            vmax=high,
+            interpolation="bilinear",
+            aspect=self.stretch,
+        )
+        figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
+        panel.grid(False)
+        panel.set_facecolor("0.9")  # where there is no map
+        panel.set_xlim(math.degrees(self.west), math.degrees(self.east))
+        panel.set_ylim(math.degrees(self.south), math.degrees(self.north))
+        panel.set_xlabel("longitude (deg)")
+        panel.set_ylabel("latitude (deg)")
 
 
 def _overview(
-    panel: "Axes", runs: Runs, field_map: "ScalarMap", frame: _Frame, chosen: list[int]
+    panel: "Axes", runs: Runs, field_map: "ScalarMap", frame: Frame, chosen: list[int]
 ) -> None:
     """Draw the route, the unaided navigator, the fixes, and the letters of the close-ups."""
-    window = Window(frame.south, frame.north, frame.west, frame.east)
-    _background(panel, field_map.overview(_DOTS, window), frame)
+    frame.draw(panel, field_map)
     latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
     # a white edge keeps lines visible on dark and on light ground
     panel.plot(longitude, latitude, color="white", linewidth=3.2)
@@ -117,10 +148,7 @@ def _overview(
     )
     panel.plot(
         *(fix_longitude, fix_latitude, "o"),
-        color=style.SKY,
-        markeredgecolor="black",
-        markeredgewidth=0.5,
-        markersize=3.5,
+        **style.FIX_DOT,
         label="fix",
     )
     for letter, batch in zip("abc", chosen, strict=False):
@@ -132,36 +160,3 @@ def _overview(
             fontweight="bold",
             bbox=style.LABEL_BOX,
         )
-    panel.set_xlabel("longitude (deg)")
-    panel.set_ylabel("latitude (deg)")
-
-
-def _background(panel: "Axes", part: "FieldMap", frame: _Frame) -> None:
-    """Draw the map in the frame."""
-    scale = style.field_scale(part)
-    values = scale(part.values)
-    # the map may count its longitudes from another turn than the route
-    turn = (
-        2.0
-        * math.pi
-        * round((0.5 * (frame.west + frame.east) - float(part.longitude.mean())) / (2.0 * math.pi))
-    )
-    south, north = image_edges(np.degrees(part.latitude))
-    west, east = image_edges(np.degrees(part.longitude + turn))
-    low, high = np.nanpercentile(values, [1.0, 99.0])
-    figure: Any = panel.figure
-    image = panel.imshow(
-        values,
-        extent=(west, east, south, north),
-        origin="lower",
-        cmap=style.FIELD_COLOURS,
-        vmin=low,
-        vmax=high,
-        interpolation="bilinear",
-        aspect=frame.stretch,
-    )
-    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
-    panel.grid(False)
-    panel.set_facecolor("0.9")  # where there is no map
-    panel.set_xlim(math.degrees(frame.west), math.degrees(frame.east))
-    panel.set_ylim(math.degrees(frame.south), math.degrees(frame.north))

@@ -4,6 +4,7 @@ In a Geosoft XYZ file (Geosoft, "Geosoft File Formats", XYZ) a row ``Line 100`` 
 begins a survey line, a row that begins with ``/`` is a comment, the last of which before the data
 names the columns, and ``*`` stands for a missing number."""
 
+import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,39 @@ class TextLines:
     """Of each row in the file, from 1."""
     line: list[tuple[str, str]] | None
     """Kind and name of the survey line of each row; None = no row begins one."""
+    where: str
+    """File, for messages."""
+
+    def cells(self, needed: str) -> tuple[list[str], list[list[str]]]:
+        """Return the names of the columns (K,) and the cells of each row (N, K), separated by
+        commas, semicolons, tabs or blanks.
+
+        Raises
+        ------
+        InputError
+            There is no header, which is then said to be of the columns `needed`, or a row has
+            another number of cells than that.
+        """
+        if self.header is None:
+            what = "has no header" if self.rows else "is empty"
+            raise InputError(f"{self.where}: {what}; it needs a header with {needed}")
+        mark = max(",;\t", key=(self.rows or [self.header])[0].count)
+        if mark not in self.header:
+            names, cells = _words(self.header), [row.split() for row in self.rows]
+        else:
+            rows = [self.header, *self.rows]
+            try:
+                names, *cells = csv.reader(rows, delimiter=mark, skipinitialspace=True)
+            except csv.Error as error:
+                raise InputError(f"{self.where}: is not a CSV file: {error}") from None
+            if len(cells) != len(self.rows):
+                raise InputError(f"{self.where}: a quoted cell runs over several lines")
+        for number, row in zip(self.number, cells, strict=True):
+            if len(row) != len(names):
+                raise InputError(
+                    f"{self.where}: line {number} has {len(row)} cells, the header {len(names)}"
+                )
+        return [name.strip() for name in names], cells
 
 
 def read_lines(path: Path) -> TextLines:
@@ -63,7 +97,7 @@ def read_lines(path: Path) -> TextLines:
             rows.append(raw)
             numbers.append(number)
             lines.append(here)
-    return TextLines(header, rows, numbers, lines if here[0] else None)
+    return TextLines(header, rows, numbers, lines if here[0] else None, str(path))
 
 
 def _names_columns(row: str, header: str | None, plain: bool) -> bool:
@@ -106,15 +140,13 @@ def read_table(path: Path) -> TextTable:
         The file cannot be read, columns have no names, a row is not numbers or is too short.
     """
     where, found = str(path), read_lines(path)
-    if not found.rows:
+    names, cells = found.cells("latitude, longitude, value and the like")
+    if not cells:
         raise InputError(f"{where}: has no readings")
-    if found.header is None:
-        raise InputError(
-            f"{where}: does not name its columns; its first row must, such as"
-            " latitude,longitude,height,value"
-        )
-    names = _words(found.header)
-    table = _parsed(found.rows, len(names), found.number, where)
+    table = np.array([
+        [_number(cell, number, where) for cell in row]
+        for number, row in zip(found.number, cells, strict=True)
+    ])  # fmt: skip
     line: Array | None = None
     if found.line is not None:
         order: dict[str, int] = {}
@@ -127,34 +159,11 @@ def _words(row: str) -> list[str]:
     return [word for word in re.split(r"[\s,;]+", row.strip()) if word]
 
 
-def _parsed(rows: list[str], columns: int, numbers: list[int], where: str) -> Array:
-    """Parse rows of numbers to (N, columns)."""
-    mark = next((mark for mark in ",;\t" if mark in rows[0]), None)
-    if any("*" in row for row in rows):
-        rows = [row.replace("*", "nan") for row in rows]
+def _number(cell: str, line: int, where: str) -> float:
     try:
-        table = np.loadtxt(rows, dtype=np.float64, delimiter=mark, ndmin=2, comments=None)
+        return float(
+            cell.replace("*", "nan").replace("_", "?")
+        )  # Python's 1_000 is none in a file
     except ValueError:
-        table = np.empty((0, 0))
-    if table.shape != (len(rows), columns):
-        _name_bad_row(rows, columns, numbers, mark, where)
-    return table
-
-
-def _name_bad_row(
-    rows: list[str], columns: int, numbers: list[int], mark: str | None, where: str
-) -> None:
-    for number, row in zip(numbers, rows, strict=True):
-        cells = row.split(mark)
-        if len(cells) != columns:
-            raise InputError(
-                f"{where}: row {number} has {len(cells)} cells, the columns are {columns}"
-            )
-        for cell in cells:
-            try:
-                float(cell)
-            except ValueError:
-                raise InputError(
-                    f"{where}: row {number} holds '{cell.strip()[:40]}', which is not a number"
-                ) from None
-    raise InputError(f"{where}: is not a table of numbers")
+        said = cell.strip()[:40]
+        raise InputError(f"{where}: line {line} holds '{said}', which is not a number") from None
