@@ -140,13 +140,11 @@ def rows_of(
     which = new[(new >= batch.cut) & np.isfinite(batch.reading[new])]
     if not which.size:
         return None, last
-    maps = channels_of(field_map)
+    rounding = np.array([one.quantisation**2 / 12.0 for one in channels_of(field_map)])
     latitude, longitude, time = (a[which] for a in (batch.latitude, batch.longitude, batch.time))
     channel = np.zeros_like(which) if batch.channel is None else batch.channel[which]
     velocity = batch.velocity[which]
-    first = last or _before(batch, which, states.order)
-    if last is not None and batch.correction is not None:
-        first = replace(first, velocity=last.velocity + batch.correction[2:4])
+    first = _before(batch, which, states.order, last)
     elapsed = np.diff(time, prepend=first.time)
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
@@ -156,14 +154,10 @@ def rows_of(
     if batch.filter_path is not None and states.channels == 2:
         memory = batch.filter_path.memory
         step, joined = filtered_chain(memory, travelled, lengths, last is None)
-    rounding = np.array([one.quantisation**2 / 12.0 for one in maps])[channel]
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, navigator_states(batch)[1], first)
     rough = np.zeros(len(lengths)) if rough is None else rough
-    nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
-    if batch.filter_path is not None:
-        nodes = batch.filter_path.part(which).nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -172,7 +166,7 @@ def rows_of(
         place,
         reading,
         loads_of(batch, which, field_map, states.channels, channel, rough),
-        _white(batch)[which] + rounding,
+        _white(batch)[which] + rounding[channel],
         travelled,
         keep,
         fresh,
@@ -180,7 +174,7 @@ def rows_of(
         joined,
         np.zeros(len(which)) if batch.reading_rate is None else batch.reading_rate[which],
         np.ascontiguousarray(velocity),
-        nodes,
+        _nodes(batch, which, latitude),
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
@@ -194,8 +188,19 @@ def _chain_of(batch: Batch, states: States) -> Chain | None:
     return None if batch.beam is None else Chain(states.order, footprints(batch, count), None)
 
 
-def _before(batch: Batch, which: Integers, order: int) -> Epoch:
-    """Return the epoch before the first reading of a run: as if one had been there."""
+def _nodes(batch: Batch, which: Integers, latitude: Array) -> Array:
+    """Return `Rows.nodes`."""
+    if batch.filter_path is None:
+        return np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
+    return batch.filter_path.part(which).nodes(latitude)
+
+
+def _before(batch: Batch, which: Integers, order: int, last: Epoch | None) -> Epoch:
+    """Return the epoch before the first reading of a batch, as the navigator believes now; of a
+    run, as if one had been there."""
+    if last is not None:
+        changed = np.zeros(2) if batch.correction is None else batch.correction[2:4]
+        return replace(last, velocity=last.velocity + changed)
     begin = float(batch.time[which[0]])
     later = batch.time[which] - begin
     interval = float(later[later > 0.0].min()) if later.any() else 10.0
