@@ -22,11 +22,11 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import value_and_gradient
-from isogal.matching import quasi_random
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.quasi_random import standard_normal
 
 
 class ParticleOptions(BaseModel):
@@ -162,7 +162,7 @@ def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
     row is quasi-random."""
     random = np.random.default_rng(20240607)
     normal = random.standard_normal((scans, particles, 2))
-    normal[0] = quasi_random.normal(quasi_random.sobol(particles, 2, 20240607))
+    normal[0] = standard_normal(particles, 2)
     uniform = random.random(scans)
     normal.setflags(write=False)
     uniform.setflags(write=False)
