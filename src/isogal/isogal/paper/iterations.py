@@ -64,11 +64,8 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
     """Return every batch of run 0 that gives a fix, up to the paper's snapshot (T = 15, low noise,
     gravity)."""
     setting = Setting(batch_length=15)
-    scenario, field_map = plan.scenario(setting), plan.field_map(setting)
-    duration = min(float(FIGURE_64_SCAN), scenario.route.duration or np.inf)
-    scenario = scenario.model_copy(
-        update={"route": scenario.route.model_copy(update={"duration": duration})}
-    )
+    field_map = plan.field_map(setting)
+    scenario = Plan(1, plan.map_path, min(FIGURE_64_SCAN, plan.duration)).scenario(setting)
     recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
     simulate(scenario, [0], field_map, recorder)
     trajectory = build_trajectory(scenario)
@@ -79,6 +76,7 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
 def _follow(
     batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory
 ) -> Snapshot | None:
+    """Match a batch with one iteration, two, and so on; None where it gives no fix."""
     fixes = []
     for count in range(1, ITERATIONS + 1):
         matcher = PmhtPaper(PaperOptions(iterations=count))
@@ -86,9 +84,8 @@ def _follow(
         if fix.scan_position is None:
             return None
         fixes.append(fix.scan_position)
-    candidates = fix.candidates or Candidates(
-        np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64)
-    )
+    nothing = np.empty(0)
+    candidates = fix.candidates or Candidates(nothing, nothing, nothing, np.empty(0, np.int64))
     latitude = np.interp(batch.time, trajectory.time, trajectory.latitude)
     longitude = np.interp(batch.time, trajectory.time, trajectory.longitude)
     metres = np.array([float(m) for m in metres_per_radian(latitude[-1])])
