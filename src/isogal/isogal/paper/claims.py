@@ -56,17 +56,10 @@ RULES: dict[str, Callable[[Results], Claim]] = {}
 
 
 def claim(
-    key: str, where: str, text: str, why: Callable[[Results], str] = lambda _: ""
+    key: str, where: str, why: Callable[[Results], str] = lambda _: ""
 ) -> Callable[[Callable[[Results], Decision]], None]:
-    """Make the decorated function the rule by which a claim is decided.
-
-    Parameters
-    ----------
-    key, where, text : str
-        As in `Claim`.
-    why : callable
-        Gives the likely cause where the claim does not hold.
-    """
+    """Make the decorated function the rule for the claim that its docstring repeats; `why` gives
+    the likely cause where the claim does not hold."""
 
     def register(decision: Callable[[Results], Decision]) -> None:
         def decided(results: Results) -> Claim:
@@ -74,6 +67,7 @@ def claim(
             cause = "" if verdict == HOLDS else why(results)
             return Claim(key, where, text, measured, verdict, cause)
 
+        text = " ".join((decision.__doc__ or "").split())
         RULES[key] = decided
 
     return register
@@ -249,8 +243,9 @@ def method(results: Results) -> str:
     )
 
 
-@claim("ambiguity", "section 2", "One reading may match more than one place in the search window.")
+@claim("ambiguity", "section 2")
 def _ambiguity(results: Results) -> Decision:
+    """One reading may match more than one place in the search window."""
     share = results.profile.ambiguous
     text = (
         f"Along a line to the east it does at {100 * share:.0f} % of the places along the track"
@@ -259,13 +254,9 @@ def _ambiguity(results: Results) -> Decision:
     return text, decide(share > 0.1, share < 0.01)
 
 
-@claim(
-    "iterations",
-    "section 3.2",
-    "After 15 iterations, hardly any difference between two iterations is left.",
-    ambiguous,
-)
+@claim("iterations", "section 3.2", ambiguous)
 def _iterations(results: Results) -> Decision:
+    """After 15 iterations, hardly any difference between two iterations is left."""
     last = most = np.nan
     if results.snapshots:
         movement = np.array([snapshot.movement for snapshot in results.snapshots])
@@ -277,8 +268,9 @@ def _iterations(results: Results) -> Decision:
     return text, decide(last < 0.05 * most, last > 0.1 * most)
 
 
-@claim("retrodiction", "section 3.3", "The estimated trajectory is smoother with retrodiction.")
+@claim("retrodiction", "section 3.3")
 def _retrodiction(results: Results) -> Decision:
+    """The estimated trajectory is smoother with retrodiction."""
     parts, ratios = [], []
     for length in (30, 15):
         standard = results.tracks[Setting(batch_length=length)]
@@ -293,12 +285,9 @@ def _retrodiction(results: Results) -> Decision:
     return listed(parts), decide(max(ratios) < 0.8, min(ratios) > 1.0)
 
 
-@claim(
-    "variability",
-    "section 3.3",
-    "The map feature variability reflects how much the data vary along the track.",
-)
+@claim("variability", "section 3.3")
 def _variability(results: Results) -> Decision:
+    """The map feature variability reflects how much the data vary along the track."""
     from scipy.stats import spearmanr
 
     signal = results.signal["disturbance"]
@@ -315,25 +304,18 @@ def _variability(results: Results) -> Decision:
     return text, decide(correlation > 0.4, correlation < 0.2)
 
 
-@claim(
-    "unbounded",
-    "section 4.2.1, first",
-    "Without aiding the RMS error grows without bound, even with high-end sensors.",
-)
+@claim("unbounded", "section 4.2.1, first")
 def _unbounded(results: Results) -> Decision:
+    """Without aiding the RMS error grows without bound, even with high-end sensors."""
     outcome = results.unaided("precision")
     quarters = ", ".join(map(number, _unaided_at(outcome, (0.25, 0.5, 0.75, 1.0))))
     hours = outcome.time[-1] / HOUR
     return f"Precision grade: {quarters} m after each quarter of {hours:.1f} h.", _growth(outcome)
 
 
-@claim(
-    "quantum gain",
-    "section 4.2.1, second",
-    "Quantum accelerometers reduce the RMS error after 3.5 h by a little over 6 %.",
-    accelerometers,
-)
+@claim("quantum gain", "section 4.2.1, second", accelerometers)
 def _quantum_gain(results: Results) -> Decision:
+    """Quantum accelerometers reduce the RMS error after 3.5 h by a little over 6 %."""
     gain, error = quantum_gain(results)
     drift = results.drift
     theory = ", ".join(
@@ -349,12 +331,9 @@ def _quantum_gain(results: Results) -> Decision:
     return text, decide(near and 2 * error < 0.02, not near)
 
 
-@claim(
-    "quantum drift",
-    "section 4.2.1, second",
-    "With quantum accelerometers the drift is still unbounded.",
-)
+@claim("quantum drift", "section 4.2.1, second")
 def _quantum_drift(results: Results) -> Decision:
+    """With quantum accelerometers the drift is still unbounded."""
     outcome = results.unaided("quantum_accelerometer")
     half, whole = _unaided_at(outcome, (0.5, 1.0))
     hours = outcome.time[-1] / HOUR
@@ -362,8 +341,9 @@ def _quantum_drift(results: Results) -> Decision:
     return text, _growth(outcome)
 
 
-@claim("bounded", "section 4.2.1, third", "With aiding the error is bounded and stable.")
+@claim("bounded", "section 4.2.1, third")
 def _bounded(results: Results) -> Decision:
+    """With aiding the error is bounded and stable."""
     parts, ratios = [], []
     for quantity, sigma in LOW.items():
         outcome = results.at(quantity, sigma, 30)
@@ -376,13 +356,9 @@ def _bounded(results: Results) -> Decision:
     return listed(parts), decide(max(ratios) < 1.5, max(ratios) > 2.0)
 
 
-@claim(
-    "benefit",
-    "section 4.2.1, fourth",
-    "The benefit of aiding appears after 2 hours.",
-    early,
-)
+@claim("benefit", "section 4.2.1, fourth", early)
 def _benefit(results: Results) -> Decision:
+    """The benefit of aiding appears after 2 hours."""
     times = {
         (quantity, matcher): benefit_time(results.at(quantity, sigma, 30, matcher))
         for quantity, sigma in LOW.items()
@@ -399,12 +375,10 @@ def _benefit(results: Results) -> Decision:
     return text, decide(all(near), not any(near))
 
 
-@claim(
-    "jagged",
-    "section 4.2.1, fifth",
-    "The aided curves are jagged by the aiding interval of 300 s, though averaged over 100 runs.",
-)
+@claim("jagged", "section 4.2.1, fifth")
 def _jagged(results: Results) -> Decision:
+    """The aided curves are jagged by the aiding interval of 300 s, though averaged over 100
+    runs."""
     outcome = results.at("gravity", LOW["gravity"], 30)
     steps = np.abs(np.diff(outcome.rms))
     at_fix = np.isin(outcome.time[1:], outcome.fix_time)
@@ -418,33 +392,26 @@ def _jagged(results: Results) -> Decision:
     return text, decide(jump > 3.0 * between, jump < 1.5 * between)
 
 
-@claim(
-    "sensor",
-    "section 4.2.1, fifth; discussion, third",
-    "The error depends on the precision of the field sensor.",
-    overconfident,
-)
+@claim("sensor", "section 4.2.1, fifth; discussion, third", overconfident)
 def _sensor(results: Results) -> Decision:
+    """The error depends on the precision of the field sensor."""
     cases = [(q, length) for q in LOW for length in (30, 15)]
     pairs = [(results.at(q, HIGH[q], n), results.at(q, LOW[q], n)) for q, n in cases]
     return _trend(pairs, [f"{q}, T = {length}, high against low noise" for q, length in cases])
 
 
-@claim("resolution", "section 4.2.1, fifth", "The error depends on the resolution of the map.")
+@claim("resolution", "section 4.2.1, fifth")
 def _resolution(results: Results) -> Decision:
+    """The error depends on the resolution of the map."""
     maps = [results.plan.field_map(Setting(quantity=quantity)) for quantity in LOW]
     cells = " m and ".join(f"{field_map.cell_size_m(-0.64)[0]:.0f}" for field_map in maps)
     text = f"Both maps have the same cells here ({cells} m north-south), so nothing was compared."
     return text, OPEN
 
 
-@claim(
-    "500 m",
-    "section 4.2.2",
-    "With gravity at 1e-5 m/s² the mean error is somewhat above 500 m.",
-    method,
-)
+@claim("500 m", "section 4.2.2", method)
 def _five_hundred(results: Results) -> Decision:
+    """With gravity at 1e-5 m/s² the mean error is somewhat above 500 m."""
     parts, low, high = [], [], []
     for row in TABLE_4[:2]:
         outcome, default = results.row(row), results.row(row, DEFAULT)
@@ -459,13 +426,9 @@ def _five_hundred(results: Results) -> Decision:
     return listed(parts), decide(near, max(high) < 500.0 or min(low) > 600.0)
 
 
-@claim(
-    "divergence by noise",
-    "section 4.2.2",
-    "Runs diverge more often when the sensor is noisier.",
-    windows,
-)
+@claim("divergence by noise", "section 4.2.2", windows)
 def _divergence_by_noise(results: Results) -> Decision:
+    """Runs diverge more often when the sensor is noisier."""
     parts, higher, lower = [], [], []
     for row in (row for row in ROWS if row.sigma == HIGH[row.quantity]):
         quantity, length = row.quantity, row.batch_length
@@ -478,13 +441,9 @@ def _divergence_by_noise(results: Results) -> Decision:
     return "; ".join(parts) + " (low and high noise).", decide(any(higher), all(lower))
 
 
-@claim(
-    "T and noise",
-    "section 4.2.2",
-    "The two noise levels differ more with T = 15 than with T = 30.",
-    windows,
-)
+@claim("T and noise", "section 4.2.2", windows)
 def _batch_and_noise(results: Results) -> Decision:
+    """The two noise levels differ more with T = 15 than with T = 30."""
     parts, scores = [], []
     for q in LOW:
         short, long = (
@@ -499,13 +458,9 @@ def _batch_and_noise(results: Results) -> Decision:
     return listed(parts), decide(min(scores) > 2.0, max(scores) < 2.0 and min(scores) < -2.0)
 
 
-@claim(
-    "shorter batches",
-    "section 4.1",
-    "Short batches (T = 15) err and diverge more than long ones (T = 30).",
-    windows,
-)
+@claim("shorter batches", "section 4.1", windows)
 def _shorter(results: Results) -> Decision:
+    """Short batches (T = 15) err and diverge more than long ones (T = 30)."""
     cases = [(row.quantity, row.sigma) for row in ROWS if row.batch_length == 30]
     pairs = [(results.at(q, s, 15), results.at(q, s, 30)) for q, s in cases]
     text, verdict = _trend(pairs, [f"{q}, {s:g} m/s²: T = 15 against 30" for q, s in cases])
@@ -513,25 +468,17 @@ def _shorter(results: Results) -> Decision:
     return f"{text[:-1]}; diverged runs in all: {counts[0]} against {counts[1]}.", verdict
 
 
-@claim(
-    "no divergence",
-    "section 4.2.2",
-    "With gravity at low noise no run diverges, with T = 15 as with T = 30.",
-    overconfident,
-)
+@claim("no divergence", "section 4.2.2", overconfident)
 def _none_diverges(results: Results) -> Decision:
+    """With gravity at low noise no run diverges, with T = 15 as with T = 30."""
     outcomes = [results.row(row) for row in TABLE_4[:2]]
     long, short = (f"{outcome.diverged} of {results.plan.runs}" for outcome in outcomes)
     return f"T = 30: {long}, T = 15: {short}.", _no_divergence(outcomes)
 
 
-@claim(
-    "maps alike",
-    "section 4.2.3",
-    "The disturbance map gives no significantly different errors than the gravity map.",
-    overconfident,
-)
+@claim("maps alike", "section 4.2.3", overconfident)
 def _maps_alike(results: Results) -> Decision:
+    """The disturbance map gives no significantly different errors than the gravity map."""
     parts, ratios = [], []
     for name, level in (("low", LOW), ("high", HIGH)):
         for length in (30, 15):
@@ -546,12 +493,9 @@ def _maps_alike(results: Results) -> Decision:
     return text, decide(least > 0.67 and most < 1.5, least < 0.5 or most > 2.0)
 
 
-@claim(
-    "first hour",
-    "section 4.2.3",
-    "The error is overwhelmingly large in the first hour, because the map varies little there.",
-)
+@claim("first hour", "section 4.2.3")
 def _first_hour(results: Results) -> Decision:
+    """The error is overwhelmingly large in the first hour, because the map varies little there."""
     outcome = results.at("disturbance", LOW["disturbance"], 30)
     signal = results.signal["disturbance"]
     end = float(outcome.time[-1])
@@ -570,14 +514,10 @@ def _first_hour(results: Results) -> Decision:
     return text, decide(first > 1.5 * later, first < 1.1 * later)
 
 
-@claim(
-    "little data",
-    "discussion, first",
-    "Local and temporal correlation make the match robust with few samples, where area correlation"
-    " needs very many.",
-    ambiguous,
-)
+@claim("little data", "discussion, first", ambiguous)
 def _little_data(results: Results) -> Decision:
+    """Local and temporal correlation make the match robust with few samples, where area
+    correlation needs very many."""
     ours, rival = results.at("gravity", LOW["gravity"], 30), results.outcomes[RIVAL]
     count = len(rival.run_means)
     mine = float(ours.run_means[:count].mean())
@@ -589,13 +529,9 @@ def _little_data(results: Results) -> Decision:
     return text, decide(worse > 2.0 and rival.mean > 1.5 * mine, worse < -2.0)
 
 
-@claim(
-    "drag",
-    "discussion, second",
-    "The iterations drag the navigator's belief to the place where the signals were sensed.",
-    ambiguous,
-)
+@claim("drag", "discussion, second", ambiguous)
 def _drag(results: Results) -> Decision:
+    """The iterations drag the navigator's belief to the place where the signals were sensed."""
     if not results.snapshots:
         return "No batch.", OPEN
     before = np.array([snapshot.error[0] for snapshot in results.snapshots])
@@ -610,13 +546,9 @@ def _drag(results: Results) -> Decision:
     return text, decide(low > 0.5, high < 0.5)
 
 
-@claim(
-    "short batch suffices",
-    "discussion, third",
-    "With a low-noise sensor a short batch gives robust aiding without divergence.",
-    overconfident,
-)
+@claim("short batch suffices", "discussion, third", overconfident)
 def _short_suffices(results: Results) -> Decision:
+    """With a low-noise sensor a short batch gives robust aiding without divergence."""
     outcomes = [results.at(quantity, sigma, 15) for quantity, sigma in LOW.items()]
     text = listed(
         f"{o.setting.quantity}: {o.diverged} of {len(o.run_means)} diverged, {number(o.mean)} m"
@@ -625,12 +557,9 @@ def _short_suffices(results: Results) -> Decision:
     return text, _no_divergence(outcomes)
 
 
-@claim(
-    "other sensors",
-    "discussion, fourth",
-    "The algorithm may be used with gradients, magnetometers or terrain.",
-)
+@claim("other sensors", "discussion, fourth")
 def _other_sensors(_: Results) -> Decision:
+    """The algorithm may be used with gradients, magnetometers or terrain."""
     text = (
         "Not simulated by this command; `isogal match` takes recorded tracks of any scalar field."
     )

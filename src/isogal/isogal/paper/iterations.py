@@ -1,7 +1,7 @@
 """How the paper's matcher goes from the navigator's track to its fix, iteration by iteration
 (paper fig-64)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,21 +43,17 @@ class Snapshot:
         return np.sqrt((np.diff(self.states, axis=0) ** 2).sum(axis=-1).mean(axis=-1))
 
 
-class BatchRecorder:
-    """A matcher that passes everything on to another one and keeps the batches."""
+@dataclass(frozen=True)
+class BatchRecorder(PmhtPaper):
+    """The paper's matcher, which keeps the batches that it is given."""
 
-    takes_channels = False
-
-    def __init__(self, inner: PmhtPaper) -> None:
-        self.inner = inner
-        self.name, self.context = inner.name, inner.context
-        self.batches: list[tuple[Batch, Any]] = []
-        """Batches with the memory before each."""
+    batches: list[tuple[Batch, Any]] = field(default_factory=list)
+    """Batches with the memory before each."""
 
     def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
         """Match (see `isogal.matching.interfaces.Matcher`)."""
         self.batches.append((batch, memory))
-        return self.inner.match(batch, field_map, memory)
+        return super().match(batch, field_map, memory)
 
 
 def follow_iterations(plan: Plan) -> list[Snapshot]:
@@ -66,7 +62,7 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
     setting = Setting(batch_length=15)
     field_map = plan.field_map(setting)
     scenario = Plan(1, plan.map_path, min(FIGURE_64_SCAN, plan.duration)).scenario(setting)
-    recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
+    recorder = BatchRecorder()
     simulate(scenario, [0], field_map, recorder)
     trajectory = build_trajectory(scenario)
     snapshots = [_follow(*recorded, field_map, trajectory) for recorded in recorder.batches]
