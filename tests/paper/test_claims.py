@@ -99,6 +99,7 @@ def test_what_does_not_hold_is_explained() -> None:
     judged = judge(replace_plan(results(all_outcomes())))
     assert len(judged) == len(RULES)
     for claim in judged:
+        assert claim.claim.endswith(".")
         assert claim.why == "" or claim.verdict != HOLDS
     explained = {claim.key for claim in judged if claim.why}
     assert {"500 m", "benefit", "divergence by noise"} <= explained

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures import style
+from isogal.evaluation.figures.close_up import surroundings
 from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
 from isogal.evaluation.figures.track import Frame
 from isogal.maps.field_map import FieldMap
@@ -96,7 +96,11 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     (fig-54)."""
     figure = style.new_figure(4.4)
     panel = figure.subplots()
-    _surroundings(panel, example, field_map)
+    scale, place = style.field_scale(field_map), (example.latitude, example.longitude)
+    km, values, image = surroundings(panel, place, field_map, 0.6 * FIGURE_54_SIDE)
+    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
+    level = float(scale(example.reading))
+    panel.contour(km, km, values, levels=[level], colors="white", linewidths=1.2)
     square = 0.5 * FIGURE_54_SIDE / 1e3 * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
     panel.plot(*square, color="white", linestyle="--", linewidth=1.4)
     label = f"{len(example.weight)} candidates (size: weight)"
@@ -112,28 +116,6 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     panel.set_ylabel("north (km)")
     style.legend_below(figure)
     return figure
-
-
-def _surroundings(panel: "Axes", example: WindowExample, field_map: FieldMap) -> None:
-    """Draw the map about the window, and the contour of the reading."""
-    scale = style.field_scale(field_map)
-    metres = metres_per_radian(example.latitude)
-    side = np.linspace(-0.6, 0.6, 181) * FIGURE_54_SIDE
-    north, east = np.meshgrid(side, side, indexing="ij")
-    values = scale(
-        field_map.value(example.latitude + north / metres[0], example.longitude + east / metres[1])
-    )
-    km = side / 1e3
-    image = panel.imshow(
-        values,
-        extent=(km[0], km[-1], km[0], km[-1]),
-        origin="lower",
-        cmap=style.FIELD_COLOURS,
-        interpolation="bilinear",
-    )
-    panel.figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
-    level = float(scale(example.reading))
-    panel.contour(km, km, values, levels=[level], colors="white", linewidths=1.2)
 
 
 def overview_figure(results: Results) -> "Figure":
@@ -333,11 +315,10 @@ def iterations_figure(results: Results) -> "Figure":
 def _one_batch(panel: "Axes", shot: Snapshot) -> None:
     """Draw the iterates of a batch's track, the candidates and the true track."""
     states, truth = shot.states / 1e3, shot.truth / 1e3
+    north, east = shot.candidates.T / 1e3
     size = 8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300)
     crosses: dict[str, Any] = {"marker": "+", "color": style.BLUE, "linewidths": 0.8}
-    label = "candidates (size: weight)"
-    north, east = shot.candidates.T / 1e3
-    panel.scatter(east, north, s=size, label=label, **crosses)
+    panel.scatter(east, north, s=size, label="candidates (size: weight)", **crosses)
     for number, track in enumerate(states[1:-1]):
         label = "iterations between" if number == 0 else ""
         panel.plot(*track.T[::-1], color="0.55", linewidth=0.6, label=label)
