@@ -56,7 +56,7 @@ def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
     noise = np.random.default_rng(1).standard_normal((1, TIME.size, 2))
     rough, smooth = 20.0 * noise, np.cumsum(noise, axis=1)
     tracks = {
-        s: Tracks(s, TIME, rough, smooth if s.mode == "retrodiction" else rough) for s in AIDING
+        s: Tracks(TIME, rough, smooth if s.mode == "retrodiction" else rough) for s in AIDING
     }
     variability = np.where(TIME <= 3600.0, 1e-10, 4e-10)
     values: dict[str, Any] = {

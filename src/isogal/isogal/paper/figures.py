@@ -15,7 +15,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, SWEEPS, Plan, Setting
 from isogal.paper.iterations import Snapshot
 from isogal.paper.lookups import PROFILE_WINDOW, ProfileExample, WindowExample
-from isogal.paper.measure import Results, Tracks, rms
+from isogal.paper.measure import Results, rms
 from isogal.paper.published import FIGURE_54_SIDE, FIGURE_64_SCAN, HIGH, LOW
 
 if TYPE_CHECKING:
@@ -83,9 +83,8 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
     above: dict[str, Any] = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center"}
     for number, place in enumerate(places, start=1):
         panel.annotate(f"$x_{number}$", (place, float(scale(reading))), **above)
-    panel.set_xlim(float(km[0]), float(km[-1]))
-    panel.set_xlabel("east of the true place (km)")
-    panel.set_ylabel(scale.two_lines)
+    ends = float(km[0]), float(km[-1])
+    panel.set(xlim=ends, xlabel="east of the true place (km)", ylabel=scale.two_lines)
     style.legend_below(figure, columns=6)
     return figure
 
@@ -112,8 +111,7 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     panel.plot(*example.truth[::-1] / 1e3, **_TRUTH, label="truth")
     panel.plot(*example.combined[::-1] / 1e3, **_dot("D", "black", 6), label="PDA solution")
     panel.grid(False)
-    panel.set_xlabel("east (km)")
-    panel.set_ylabel("north (km)")
+    panel.set(xlabel="east (km)", ylabel="north (km)")
     style.legend_below(figure)
     return figure
 
@@ -172,10 +170,9 @@ def retrodiction_figure(results: Results) -> "Figure":
     left, right = figure.subplots(1, 2)
     outcomes = {name: results.outcomes[setting] for name, (setting, _) in output.items()}
     draw_curves(left, [Curve(n, o.time, o.rms, output[n][1]) for n, o in outcomes.items()])
-    left.set_ylim(bottom=0.0)
-    left.set_ylabel(_RMS)
+    left.set(ylim=(0.0, None), ylabel=_RMS)
     left.set_title("all runs", loc="left")
-    tracks: Tracks = results.tracks[late]
+    tracks = results.tracks[late]
     minutes = tracks.time / 60.0
     middle = minutes[-1] / 2.0
     half = min(30.0, middle)
@@ -185,10 +182,8 @@ def retrodiction_figure(results: Results) -> "Figure":
         right.plot(minutes, np.hypot(*error.T), **line.options(), label=name)
     inside = np.abs(minutes - middle) <= half
     top = max(float(np.hypot(*error[inside].T).max()) for _, error, _ in shown)
-    right.set_xlim(middle - half, middle + half)
-    right.set_ylim(0.0, style.nice_limit(top))
-    right.set_xlabel("time since start (min)")
-    right.set_ylabel("position error (m)")
+    right.set(xlim=(middle - half, middle + half), ylim=(0.0, style.nice_limit(top)))
+    right.set(xlabel="time since start (min)", ylabel="position error (m)")
     right.set_title("one run", loc="left")
     style.legend_below(figure, columns=3)
     return figure
@@ -236,9 +231,7 @@ def sensitivity_figure(results: Results) -> "Figure":
             look = line.options() | {"marker": marker, "markersize": 4.5, "label": label}
             panel.plot(values, errors, **look)
         style.logarithmic(panel)
-    left.set_xscale("log")
-    left.set_xlabel("initial heading error, 1-sigma (rad)")
-    left.set_ylabel(_RMS)
+    left.set(xscale="log", xlabel="initial heading error, 1-sigma (rad)", ylabel=_RMS)
     right.set_xlabel("speed (m/s)")
     style.legend_below(figure, columns=3)
     return figure
@@ -304,9 +297,7 @@ def iterations_figure(results: Results) -> "Figure":
     label = f"10 to 90 % of {len(movement)} batches"
     right.fill_between(count, low, high, color=style.SKY, alpha=0.35, linewidth=0, label=label)
     right.plot(count, median, **style.AIDED.options(), marker="o", markersize=3, label="median")
-    right.set_yscale("log")
-    right.set_xlabel("iteration")
-    right.set_ylabel("movement of the batch (m)")
+    right.set(yscale="log", xlabel="iteration", ylabel="movement of the batch (m)")
     right.legend(loc="upper right")
     style.legend_below(figure, columns=3, panels=[left])
     return figure
@@ -315,10 +306,11 @@ def iterations_figure(results: Results) -> "Figure":
 def _one_batch(panel: "Axes", shot: Snapshot) -> None:
     """Draw the iterates of a batch's track, the candidates and the true track."""
     states, truth = shot.states / 1e3, shot.truth / 1e3
-    north, east = shot.candidates.T / 1e3
     size = 8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300)
     crosses: dict[str, Any] = {"marker": "+", "color": style.BLUE, "linewidths": 0.8}
-    panel.scatter(east, north, s=size, label="candidates (size: weight)", **crosses)
+    places = shot.candidates / 1e3
+    label = "candidates (size: weight)"
+    panel.scatter(places[:, 1], places[:, 0], s=size, label=label, **crosses)
     for number, track in enumerate(states[1:-1]):
         label = "iterations between" if number == 0 else ""
         panel.plot(*track.T[::-1], color="0.55", linewidth=0.6, label=label)
@@ -330,9 +322,7 @@ def _one_batch(panel: "Axes", shot: Snapshot) -> None:
     path = np.concatenate([truth, states.reshape(-1, 2)])
     centre = 0.5 * (path.min(axis=0) + path.max(axis=0))
     half = 0.5 * float(np.ptp(path, axis=0).max()) + 0.9
-    panel.set_xlim(centre[1] - half, centre[1] + half)
-    panel.set_ylim(centre[0] - half, centre[0] + half)
-    panel.set_aspect("equal")
-    panel.set_xlabel("east of the last scan (km)")
-    panel.set_ylabel("north of the last scan (km)")
+    (south, west), (north, east) = centre - half, centre + half
+    panel.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    panel.set(xlabel="east of the last scan (km)", ylabel="north of the last scan (km)")
     panel.set_title(f"batch that ends at {shot.time:.0f} s", loc="left")

@@ -168,7 +168,6 @@ def measure_spread(setting: Setting, runs: Runs) -> Spread:
 class Tracks:
     """Errors of tracks as output at the time and as revised by later batches."""
 
-    setting: Setting
     time: Array
     """(K,) s since the start."""
     live: Array
@@ -193,7 +192,7 @@ def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
 
     record = simulate(scenario, runs, field_map, revised=keep)
     revised = np.where(np.isnan(revised), record.error, revised)
-    return Tracks(setting, record.elapsed, record.error, revised)
+    return Tracks(record.elapsed, record.error, revised)
 
 
 def roughness(error: Array) -> float:
