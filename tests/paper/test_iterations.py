@@ -2,7 +2,6 @@ from pathlib import Path
 
 import numpy as np
 
-from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.iterations import BatchRecorder, follow_iterations
@@ -27,7 +26,7 @@ def test_last_iteration_is_the_fix(two_maps: Path) -> None:
 def test_recording_batches_changes_no_result(two_maps: Path) -> None:
     plan = Plan(1, str(two_maps), 600.0)
     scenario, field_map = plan.scenario(Setting(batch_length=15)), plan.field_map(Setting())
-    recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
+    recorder = BatchRecorder()
     recorded = simulate(scenario, [0], field_map, recorder)
     assert len(recorder.batches) == 4
     np.testing.assert_array_equal(recorded.error, simulate(scenario, [0], field_map).error)

@@ -4,12 +4,7 @@ import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.paper.cases import Plan, Setting
-from isogal.paper.lookups import (
-    PROFILE_WINDOW,
-    profile_example,
-    search_window_example,
-    window_example,
-)
+from isogal.paper.lookups import PROFILE_WINDOW, profile_example, window_example
 from isogal.paper.published import FIGURE_54_READING_SIGMA
 
 
@@ -38,7 +33,7 @@ def test_window_holds_fifty_candidates(two_maps: Path) -> None:
 
 def test_candidates_read_what_was_read(two_maps: Path) -> None:
     field_map = plan(two_maps).field_map(Setting())
-    example = search_window_example(field_map, np.radians(-37.8), np.radians(145.0))
+    example = window_example(plan(two_maps))
     north, east = metres_per_radian(example.latitude)
     values = field_map.value(
         example.latitude + example.candidates[:, 0] / north,

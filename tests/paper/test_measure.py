@@ -60,6 +60,6 @@ def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps: Pa
 
 
 def test_drift_by_theory_ends_with_the_runs(two_maps: Path) -> None:
-    plan = Plan(1, str(two_maps), 1200.0)
-    assert np.isnan(drift_by_theory(plan, Setting(), 1300.0))
-    assert 70.0 < drift_by_theory(plan, Setting(), 1200.0) < 400.0
+    scenario = Plan(1, str(two_maps), 1200.0).scenario(Setting())
+    assert np.isnan(drift_by_theory(scenario, 1300.0))
+    assert 70.0 < drift_by_theory(scenario, 1200.0) < 400.0

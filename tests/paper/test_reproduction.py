@@ -10,7 +10,7 @@ import pytest
 
 from helpers.command_line import answer, refusal
 from isogal.evaluation.figures import style
-from isogal.paper.claims.verdicts import FAILS, HOLDS, OPEN
+from isogal.paper.claims import FAILS, HOLDS, OPEN
 from isogal.paper.published import ROWS
 
 ISOGAL = Path(sys.executable).with_name("isogal")

@@ -1,6 +1,6 @@
 """The cases that the paper's tables and figures need, as scenarios."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,18 +13,10 @@ from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
 from isogal.scenario.imu_grades import PAPER_GRADES
-from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 PAPER, DEFAULT = "pmht-paper", "pmht"
 MATCHERS = (PAPER, DEFAULT)
-SWEEP_HEADINGS = (1e-4, 3e-4, 1e-3)
-"""rad, 1-sigma of the initial heading error."""
-SWEEP_SPEEDS = (11.0, 22.0, 33.0, 45.0)
-"""m/s; at 45.9 m/s the whole route takes 3.6 h."""
-SWEEP_SHARE = 5
-"""The sweeps have a fifth of the runs."""
-RIVAL = "tercom"
-"""Area correlation, with which the paper compares its matcher in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,39 +46,46 @@ class Setting:
         return ", ".join(parts)
 
 
-def table_settings() -> list[Setting]:
-    """Return the rows of Tables 4 and 6 for both matchers."""
-    return [
-        Setting(row.quantity, row.sigma, row.batch_length, matcher)
-        for matcher in MATCHERS[::-1]
-        for row in ROWS
-    ]
+TABLES = [
+    Setting(row.quantity, row.sigma, row.batch_length, matcher)
+    for matcher in reversed(MATCHERS)
+    for row in ROWS
+]
+"""The rows of Tables 4 and 6 for both matchers."""
+AIDING = [
+    Setting(batch_length=length, mode=mode)
+    for length in (30, 15)
+    for mode in ("standard", "retrodiction")
+]
+"""The paper's two ways of aiding."""
+UNAIDED = [Setting(grade=grade, aided=False) for grade in PAPER_GRADES]
+HEADINGS = (1e-4, 3e-4, 1e-3)
+"""rad, 1-sigma of the initial heading error."""
+SWEEPS = {
+    "heading": [Setting(heading=heading) for heading in HEADINGS],
+    # at 45.9 m/s the whole route takes 3.6 h
+    "speed": [Setting(speed=speed) for speed in (11.0, 22.0, 33.0, 45.0)],
+}
+"""The paper's best case with other values of what the paper does not state."""
+RIVAL = Setting(matcher="tercom")
+"""Area correlation, with which the paper compares its matcher in words, in its best case."""
+
+_ALL_RUNS = [*TABLES, *AIDING, *UNAIDED]
+_FEW_RUNS = [
+    *(
+        replace(setting, matcher=matcher)
+        for matcher in reversed(MATCHERS)
+        for settings in SWEEPS.values()
+        for setting in settings
+    ),
+    RIVAL,
+]
+"""Cases that have a fifth of the runs, unless they are in the tables."""
+SETTINGS = tuple(dict.fromkeys([*_ALL_RUNS, *_FEW_RUNS]))
+"""Of all cases, each once."""
 
 
-def unaided_settings() -> list[Setting]:
-    """Return the unaided navigator of each grade."""
-    return [Setting(grade=grade, aided=False) for grade in PAPER_GRADES]
-
-
-def retrodiction_settings() -> list[Setting]:
-    """Return the paper's second way of aiding; the first is in the tables."""
-    return [Setting(batch_length=length, mode="retrodiction") for length in (30, 15)]
-
-
-def sweep_settings(matcher: str) -> list[Setting]:
-    """Return the settings for the sensitivity to heading error and speed."""
-    headings = [Setting(matcher=matcher, heading=heading) for heading in SWEEP_HEADINGS]
-    return headings + [
-        Setting(matcher=matcher, speed=speed) for speed in SWEEP_SPEEDS if speed != Setting().speed
-    ]
-
-
-def rival_setting() -> Setting:
-    """Return area correlation in the paper's best case."""
-    return Setting(matcher=RIVAL)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True)
 class Plan:
     """All cases by setting, on one source of maps.
 
@@ -108,6 +107,11 @@ class Plan:
     def gain_time(self) -> float:
         """When the grades are compared, s: as in the paper, or at the end of shorter runs."""
         return min(GAIN_TIME, self.duration)
+
+    @property
+    def journey(self) -> float:
+        """How long the vehicle takes for the whole route, s."""
+        return float(build_trajectory(validate_scenario({"route": {"duration": None}})).time[-1])
 
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""
@@ -131,59 +135,28 @@ class Plan:
         }
         return validate_scenario(document)
 
+    def trajectory(self, setting: Setting) -> Trajectory:
+        """Return the true track of a setting."""
+        return build_trajectory(self.scenario(setting))
+
     def field_map(self, setting: Setting) -> FieldMap:
         """Return the map of a setting, cut to its route; raises InputError."""
-        return _map(self.scenario(Setting(quantity=setting.quantity, speed=setting.speed)))
+        return _map_along(self, Setting(quantity=setting.quantity, speed=setting.speed))
 
     def case(self, setting: Setting) -> Case:
-        """Return the case of a setting."""
-        swept = (
-            setting in [*sweep_settings(PAPER), *sweep_settings(DEFAULT)]
-            and setting not in table_settings()
-        )
-        few = swept or setting.matcher == RIVAL
-        runs = max(1, self.runs // SWEEP_SHARE) if few else self.runs
-        return Case(
-            setting.name, self.scenario(setting), runs, self.field_map(setting), setting.aided
-        )
-
-    def settings(self) -> list[Setting]:
-        """Return all settings, those that take longest first, each once."""
-        wanted = [
-            *table_settings(),
-            *retrodiction_settings(),
-            *sweep_settings(DEFAULT),
-            *sweep_settings(PAPER),
-            rival_setting(),
-            *unaided_settings(),
-        ]
-        return list(dict.fromkeys(wanted))
+        """Return the case of a setting; raises InputError where the map cannot be used."""
+        runs = self.runs if setting in _ALL_RUNS else max(1, self.runs // 5)
+        scenario, field_map = self.scenario(setting), self.field_map(setting)
+        return Case(setting.name, scenario, runs, field_map, setting.aided)
 
 
 @lru_cache(maxsize=8)
-def _map_of(source: str, quantity: str, speed: float, duration: float) -> FieldMap:
-    scenario = validate_scenario(
-        {
-            "route": {"speed": speed, "duration": duration},
-            "gravimeter": {"quantity": quantity},
-            "map": {"source": source, "continuation": "none"},
-        }
-    )
-    trajectory = build_trajectory(scenario)
+def _map_along(plan: Plan, setting: Setting) -> FieldMap:
+    trajectory = plan.trajectory(setting)
     route = trajectory.latitude, trajectory.longitude
     try:
-        field_map = source_map(scenario, corridor_of(*route).window)
+        field_map = source_map(plan.scenario(setting), corridor_of(*route).window)
         check_coverage(field_map, *route)
         return field_map
     except InputError as error:
-        raise InputError(f"--map: {error}" if source != "synthetic" else str(error)) from None
-
-
-def _map(scenario: Scenario) -> FieldMap:
-    assert scenario.route.duration is not None
-    return _map_of(
-        scenario.map.source,
-        scenario.gravimeter.quantity,
-        scenario.route.speed,
-        scenario.route.duration,
-    )
+        raise InputError(f"--map: {error}" if plan.map_path else str(error)) from None

@@ -1,7 +1,7 @@
 """How the paper's matcher goes from the navigator's track to its fix, iteration by iteration
 (paper fig-64)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,33 +43,26 @@ class Snapshot:
         return np.sqrt((np.diff(self.states, axis=0) ** 2).sum(axis=-1).mean(axis=-1))
 
 
-class BatchRecorder:
-    """A matcher that passes everything on to another one and keeps the batches."""
+@dataclass(frozen=True)
+class BatchRecorder(PmhtPaper):
+    """The paper's matcher, which keeps the batches that it is given."""
 
-    takes_channels = False
-
-    def __init__(self, inner: PmhtPaper) -> None:
-        self.inner = inner
-        self.name, self.context = inner.name, inner.context
-        self.batches: list[tuple[Batch, Any]] = []
-        """Batches with the memory before each."""
+    batches: list[tuple[Batch, Any]] = field(default_factory=list)
+    """Batches with the memory before each."""
 
     def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
         """Match (see `isogal.matching.interfaces.Matcher`)."""
         self.batches.append((batch, memory))
-        return self.inner.match(batch, field_map, memory)
+        return super().match(batch, field_map, memory)
 
 
 def follow_iterations(plan: Plan) -> list[Snapshot]:
     """Return every batch of run 0 that gives a fix, up to the paper's snapshot (T = 15, low noise,
     gravity)."""
     setting = Setting(batch_length=15)
-    scenario, field_map = plan.scenario(setting), plan.field_map(setting)
-    duration = min(float(FIGURE_64_SCAN), scenario.route.duration or np.inf)
-    scenario = scenario.model_copy(
-        update={"route": scenario.route.model_copy(update={"duration": duration})}
-    )
-    recorder = BatchRecorder(PmhtPaper.from_settings(scenario.matcher))
+    field_map = plan.field_map(setting)
+    scenario = Plan(1, plan.map_path, min(FIGURE_64_SCAN, plan.duration)).scenario(setting)
+    recorder = BatchRecorder()
     simulate(scenario, [0], field_map, recorder)
     trajectory = build_trajectory(scenario)
     snapshots = [_follow(*recorded, field_map, trajectory) for recorded in recorder.batches]
@@ -79,6 +72,7 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
 def _follow(
     batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory
 ) -> Snapshot | None:
+    """Match a batch with one iteration, two, and so on; None where it gives no fix."""
     fixes = []
     for count in range(1, ITERATIONS + 1):
         matcher = PmhtPaper(PaperOptions(iterations=count))
@@ -86,9 +80,8 @@ def _follow(
         if fix.scan_position is None:
             return None
         fixes.append(fix.scan_position)
-    candidates = fix.candidates or Candidates(
-        np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64)
-    )
+    nothing = np.empty(0)
+    candidates = fix.candidates or Candidates(nothing, nothing, nothing, np.empty(0, np.int64))
     latitude = np.interp(batch.time, trajectory.time, trajectory.latitude)
     longitude = np.interp(batch.time, trajectory.time, trajectory.longitude)
     metres = np.array([float(m) for m in metres_per_radian(latitude[-1])])

@@ -1,13 +1,11 @@
 """Examples of the map lookup function in one and in two dimensions (paper figs. 54a, 54)."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.field_map import FieldMap
 from isogal.matching.paper.map_lookup import Window, lattice_spacing, lookup
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 from isogal.paper.cases import Plan, Setting
@@ -18,13 +16,14 @@ from isogal.paper.published import (
     LOW,
 )
 from isogal.seeds import generator
-from isogal.sensors.trajectory import build_trajectory
 
 PROFILE_WINDOW = 4e3
 """m, half width of the 1-D search window."""
 _REACH = 8e3
 """m, half length of the profile."""
 _PLACES = 200
+_SPACING = 250.0
+"""m, of the places that are candidates in the window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,16 +45,15 @@ class ProfileExample:
 def profile_example(plan: Plan) -> ProfileExample:
     """Look readings up along the track; the example is the first place with three candidates, or
     with a number as near to three as there is."""
-    trajectory, field_map = build_trajectory(plan.scenario(Setting())), plan.field_map(Setting())
+    trajectory, field_map = plan.trajectory(Setting()), plan.field_map(Setting())
     offset = np.linspace(-_REACH, _REACH, 1601)
     centre = 0.3 * PROFILE_WINDOW
     error = LOW["gravity"] * generator(0, 0, "fig-54a").standard_normal()
     examples = []
     for place in range(0, len(trajectory), max(1, len(trajectory) // _PLACES)):
         latitude, longitude = trajectory.latitude[place], trajectory.longitude[place]
-        profile = field_map.value(
-            latitude, longitude + offset / float(metres_per_radian(latitude)[1])
-        )
+        east = longitude + offset / float(metres_per_radian(latitude)[1])
+        profile = field_map.value(latitude, east)
         if np.isfinite(profile).all():
             reading = float(np.interp(0.0, offset, profile)) + error
             there = _crossings(offset, profile - reading)
@@ -80,56 +78,32 @@ class WindowExample:
     weight: Array
     combined: Array
     """PDA solution."""
-    sigma: float
-    """m, square root of R-bar."""
     reading: float
     latitude: float
     longitude: float
 
 
 def window_example(plan: Plan) -> WindowExample:
-    """Look a reading up a third of the way along the track, about a prior that is some hundred
-    metres off."""
-    trajectory = build_trajectory(plan.scenario(Setting()))
+    """Look a reading up a third of the way along the track, in a window of 5 x 5 km with 50
+    candidates about a prior that is some hundred metres off (paper eqs. s2-01, s3-01 to
+    s3-021)."""
+    trajectory, field_map = plan.trajectory(Setting()), plan.field_map(Setting())
     place = len(trajectory) // 3
-    latitude, longitude = float(trajectory.latitude[place]), float(trajectory.longitude[place])
-    return search_window_example(plan.field_map(Setting()), latitude, longitude)
-
-
-def search_window_example(field_map: FieldMap, latitude: float, longitude: float) -> WindowExample:
-    """Take the prior (rad) as centre of a 5 x 5 km window with 50 candidates (paper eqs. s2-01,
-    s3-01 to s3-021)."""
+    prior = float(trajectory.latitude[place]), float(trajectory.longitude[place])
     random = generator(0, 0, "fig-54")
-    metres = tuple(float(m) for m in metres_per_radian(latitude))
+    north, east = (float(m) for m in metres_per_radian(prior[0]))
     truth = 0.12 * FIGURE_54_SIDE * random.standard_normal(2)
     sigma = FIGURE_54_READING_SIGMA
-    value = float(
-        field_map.value(latitude + truth[0] / metres[0], longitude + truth[1] / metres[1])
-    )
+    value = float(field_map.value(prior[0] + truth[0] / north, prior[1] + truth[1] / east))
     reading = value + sigma * random.standard_normal()
-    half, spacing = np.full(2, 0.5 * FIGURE_54_SIDE), 250.0
+    half, grid, count = 0.5 * FIGURE_54_SIDE, field_map.grid, FIGURE_54_CANDIDATES
+    window = Window(np.zeros((2, 2)), np.full(2, half))
     offset, gradient = lookup(
-        field_map.grid,
-        (latitude, longitude),
-        metres,
-        Window(np.zeros((2, 2)), half),
-        reading,
-        (0.0, 0.0),
-        spacing,
-        FIGURE_54_CANDIDATES,
+        grid, prior, (north, east), window, reading, (0.0, 0.0), _SPACING, count
     )
-    step = lattice_spacing(field_map.grid, metres, spacing)
-    variance = candidate_variance(sigma, gradient, step, float(half[0] ** 2))
+    step = lattice_spacing(grid, (north, east), _SPACING)
+    variance = candidate_variance(sigma, gradient, step, half**2)
     # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre
-    weight = association_weights(offset, np.zeros(2), variance + (half[0] / 3.0) ** 2)
-    north, east, mean_variance = combine(offset, weight, variance)
-    return WindowExample(
-        truth,
-        offset,
-        weight,
-        np.array([north, east]),
-        math.sqrt(mean_variance),
-        float(reading),
-        latitude,
-        longitude,
-    )
+    weight = association_weights(offset, np.zeros(2), variance + (half / 3.0) ** 2)
+    combined = np.array(combine(offset, weight, variance)[:2])
+    return WindowExample(truth, offset, weight, combined, float(reading), *prior)

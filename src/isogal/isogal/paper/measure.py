@@ -1,7 +1,9 @@
-"""What is kept of the runs of a case for tables, figures and claims; the runs themselves are not,
-so that many cases fit into memory."""
+"""What is kept of the runs of a case for tables, figures and claims (the runs themselves are not,
+so that many cases fit into memory), and all that was measured, in one place."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,13 +12,22 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
-from isogal.evaluation.consistency import SpreadTest, spread_test
+from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.summary import summarise
+from isogal.fields.simulator import scan_index
 from isogal.fusion.state import FilterState
+from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.matching.paper.matcher import PaperOptions
+from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.engine import simulate
-from isogal.paper.cases import Plan, Setting
+from isogal.montecarlo.store import Store
+from isogal.paper.cases import AIDING, HEADINGS, PAPER, SWEEPS, Plan, Setting
+from isogal.paper.iterations import Snapshot, follow_iterations
+from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
+from isogal.paper.published import PublishedRow
+from isogal.scenario import InitialError, Scenario
+from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
 INSTANTS = (0.5, 1.0, 2.0, 3.0, 3.5)
@@ -49,17 +60,16 @@ class Outcome:
     @classmethod
     def of(cls, setting: Setting, runs: Runs, plan: Plan) -> "Outcome":
         """Compute them from the runs of a case."""
-        scenario = plan.scenario(setting)
-        bound = posterior_cramer_rao(
-            scenario, build_trajectory(scenario), plan.field_map(setting)
-        ).rms_at(runs.time)
+        scenario, field_map = plan.scenario(setting), plan.field_map(setting)
+        bound = posterior_cramer_rao(scenario, plan.trajectory(setting), field_map)
+        bound_rms = bound.rms_at(runs.time)
         return cls(
             setting,
-            summarise(runs, scenario, bound),
+            summarise(runs, scenario, bound_rms),
             runs.elapsed,
             runs.horizontal_error,
             runs.unaided_horizontal_error,
-            bound,
+            bound_rms,
             runs.fix_time - runs.time[0],
             excluded_share(runs),
             runs.detail,
@@ -89,7 +99,7 @@ class Outcome:
     def mean_uncertainty(self) -> float:
         """Standard error of the mean position error, m; NaN for a single run."""
         count = len(self.run_means)
-        return float(self.run_means.std(ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
+        return float(self.run_means.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
 
     @property
     def diverged(self) -> int:
@@ -99,9 +109,12 @@ class Outcome:
     def rms_between(self, start: float, end: float) -> float:
         """RMS error over a stretch of time (s), m; NaN where the runs are shorter."""
         inside = (self.time > start) & (self.time <= end)
-        return (
-            float(np.sqrt(np.mean(self.error[:, inside] ** 2))) if inside.any() else float("nan")
-        )
+        return rms(self.error[:, inside]) if inside.any() else math.nan
+
+
+def rms(values: Array) -> float:
+    """Root of the mean of the squares."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def excluded_share(runs: Runs) -> float:
@@ -125,23 +138,29 @@ class Spread:
     """(n,) m, of the runs."""
     claimed: Array
     """(n,) m, by the filter's own covariance."""
-    test: SpreadTest
+    nees_per_axis: Array
+    """(n,) their normalised ratio, chi-square distributed."""
+    interval: tuple[float, float]
+    """In which all instants together lie with 95 % probability."""
+    consistent: bool
 
 
 def measure_spread(setting: Setting, runs: Runs) -> Spread:
     """Compare the errors of the unaided INS with the covariance of its filter, which takes no
     fix."""
-    wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6] or [
-        float(runs.elapsed[-1])
-    ]
+    wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6]
+    wanted = wanted or [float(runs.elapsed[-1])]
     index = [int(np.argmin(np.abs(runs.elapsed - t))) for t in wanted]
     error, covariance = runs.unaided_error[:, index], runs.covariance[:, index]
+    test = spread_test(error, covariance)
     return Spread(
         setting.grade,
         runs.elapsed[index],
         np.sqrt(np.mean((error**2).sum(axis=-1), axis=0)),
         np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1), axis=0)),
-        spread_test(error, covariance),
+        test.nees,
+        test.family_interval,
+        test.consistent,
     )
 
 
@@ -149,7 +168,6 @@ def measure_spread(setting: Setting, runs: Runs) -> Spread:
 class Tracks:
     """Errors of tracks as output at the time and as revised by later batches."""
 
-    setting: Setting
     time: Array
     """(K,) s since the start."""
     live: Array
@@ -161,7 +179,7 @@ class Tracks:
 def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
     """Simulate a few runs, and collect the past states that retrodiction revises."""
     scenario, field_map = plan.scenario(setting), plan.field_map(setting)
-    trajectory = build_trajectory(scenario)
+    trajectory = plan.trajectory(setting)
     states = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
     runs = range(min(TRACKS, plan.runs))
     revised = np.full((len(runs), len(states), 2), np.nan)
@@ -174,7 +192,7 @@ def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
 
     record = simulate(scenario, runs, field_map, revised=keep)
     revised = np.where(np.isnan(revised), record.error, revised)
-    return Tracks(setting, record.elapsed, record.error, revised)
+    return Tracks(record.elapsed, record.error, revised)
 
 
 def roughness(error: Array) -> float:
@@ -182,10 +200,117 @@ def roughness(error: Array) -> float:
     return float(np.sqrt(np.mean((np.diff(error, axis=-2) ** 2).sum(axis=-1))))
 
 
-def drift_by_theory(plan: Plan, setting: Setting, time: float) -> float:
+@dataclass(frozen=True, slots=True, eq=False)
+class AlongTrack:
+    """What a noiseless sensor reads at the scans, and how much the map varies there (paper
+    fig-60)."""
+
+    time: Array
+    """(S,) s."""
+    signal: Array
+    """(S,) map's unit."""
+    variability: Array
+    """(S,) eq. CV, map's unit squared."""
+    normalised: Array
+    """(S,) over the mean of the last samples."""
+
+
+def along_track(plan: Plan, quantity: str) -> AlongTrack:
+    """Read the map along the true track."""
+    setting = Setting(quantity=quantity)
+    field_map, trajectory = plan.field_map(setting), plan.trajectory(setting)
+    scans = scan_index(plan.scenario(setting), trajectory)
+    place = trajectory.latitude[scans], trajectory.longitude[scans]
+    variability = feature_variability(field_map, *place)
+    normalised = normalised_variability(variability)
+    return AlongTrack(trajectory.time[scans], field_map.value(*place), variability, normalised)
+
+
+def drift_by_theory(scenario: Scenario, time: float) -> float:
     """RMS error (m) of the unaided INS at a time (s), by its linear error model; NaN beyond the
     end."""
-    scenario = plan.scenario(setting)
-    return float(
-        unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([time]))[0]
+    covariance = unaided_covariance(scenario, build_trajectory(scenario))
+    return float(covariance.rms_at(np.array([time]))[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """Outcomes by setting, and other measurements."""
+
+    plan: Plan
+    outcomes: Mapping[Setting, Outcome]
+    spreads: tuple[Spread, ...]
+    """Of the unaided INS, one for each grade."""
+    tracks: Mapping[Setting, Tracks]
+    """Of both ways of aiding."""
+    snapshots: tuple[Snapshot, ...]
+    drift: Mapping[tuple[float, str], float]
+    """m, RMS of the unaided INS at `Plan.gain_time` by theory, by heading error (rad) and
+    grade."""
+    perfect_drift: float
+    """m, the same of the precision grade without any initial error."""
+    signal: Mapping[str, AlongTrack]
+    """By quantity."""
+    profile: ProfileExample
+    window: WindowExample
+
+    def row(self, row: PublishedRow, matcher: str = PAPER) -> Outcome:
+        """Return the outcome that belongs to a row of Table 4 or 6."""
+        return self.at(row.quantity, row.sigma, row.batch_length, matcher)
+
+    def at(self, quantity: str, sigma: float, batch_length: int, matcher: str = PAPER) -> Outcome:
+        """Return the outcome of a case of the tables.
+
+        Parameters
+        ----------
+        quantity : str
+            ``gravity`` or ``disturbance``.
+        sigma : float
+            m/s², 1-sigma of the gravimeter.
+        batch_length : int
+        matcher : str
+        """
+        return self.outcomes[Setting(quantity, sigma, batch_length, matcher)]
+
+    def unaided(self, grade: str) -> Outcome:
+        """Return the outcome of the unaided navigator of a grade."""
+        return self.outcomes[Setting(grade=grade, aided=False)]
+
+    def swept(self, name: str, matcher: str) -> list[Outcome]:
+        """Return the outcomes of a sweep."""
+        return [self.outcomes[replace(setting, matcher=matcher)] for setting in SWEEPS[name]]
+
+    def snr(self, row: PublishedRow) -> float:
+        """Signal-to-noise ratio along the track, 20 log10(RMS signal / sigma), dB."""
+        return 20.0 * math.log10(rms(self.signal[row.quantity].signal) / row.sigma)
+
+
+def measure(plan: Plan, cases: Mapping[Setting, Case], store: Store) -> Results:
+    """Evaluate the runs in the store, one case at a time, and measure what needs no runs."""
+    outcomes, spreads = {}, []
+    for setting, case in cases.items():
+        runs = store.load(case)
+        outcomes[setting] = Outcome.of(setting, runs, plan)
+        if not setting.aided:
+            spreads.append(measure_spread(setting, runs))
+    perfect = plan.scenario(Setting()).model_copy(
+        update={"initial_error": InitialError(position=0, velocity=0, tilt=0, heading=0)}
+    )
+    return Results(
+        plan=plan,
+        outcomes=outcomes,
+        spreads=tuple(spreads),
+        tracks={setting: measure_tracks(plan, setting) for setting in AIDING},
+        snapshots=tuple(follow_iterations(plan)),
+        drift={
+            (heading, grade): drift_by_theory(
+                plan.scenario(Setting(heading=heading, grade=grade)), plan.gain_time
+            )
+            for heading in HEADINGS
+            for grade in PAPER_GRADES
+        },
+        perfect_drift=drift_by_theory(perfect, plan.gain_time),
+        signal={quantity: along_track(plan, quantity) for quantity in ("gravity", "disturbance")},
+        profile=profile_example(plan),
+        window=window_example(plan),
     )

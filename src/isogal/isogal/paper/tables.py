@@ -1,22 +1,19 @@
-"""Tables of the page."""
+"""Tables of the page. Each row names its cells by column."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from isogal.evaluation.html_report import Table, number
-from isogal.paper.cases import MATCHERS, PAPER, SWEEP_HEADINGS, SWEEP_SPEEDS, Setting
-from isogal.paper.claims.statistics import rate_interval
-from isogal.paper.claims.verdicts import Claim
-from isogal.paper.figures.errors import GRADE_LABELS
-from isogal.paper.measure import Outcome, roughness
+from isogal.paper.cases import AIDING, MATCHERS, PAPER, SWEEPS, Setting
+from isogal.paper.claims import Claim, rate_interval
+from isogal.paper.figures import GRADE_LABELS
+from isogal.paper.measure import Outcome, Results, roughness
 from isogal.paper.published import PublishedRow
-from isogal.paper.results import Results
 
 
-def _percent(count: int, total: int) -> str:
-    """Write a share of runs with its 95 % interval."""
-    low, high = rate_interval(count, total)
-    return _whole(f"{100 * count / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
+def _table(caption: str, rows: Sequence[Mapping[str, str]]) -> Table:
+    """Make a table with the columns of the longest row; a dash stands for a missing cell."""
+    header = max(map(list, rows), key=len)
+    return Table(caption, header, [[row.get(column, "–") for column in header] for row in rows])
 
 
 def _whole(text: str) -> str:
@@ -25,196 +22,157 @@ def _whole(text: str) -> str:
 
 
 def _mean(outcome: Outcome) -> str:
+    """Write the mean error with its standard error."""
     return _whole(f"{number(outcome.mean)} ± {number(outcome.mean_uncertainty, 2)}")
+
+
+def _diverged(outcome: Outcome) -> str:
+    """Write the share of diverged runs with its 95 % interval."""
+    count, total = outcome.diverged, len(outcome.run_means)
+    low, high = rate_interval(count, total)
+    return _whole(f"{100 * count / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
+
+
+def _interval(ends: Sequence[float | None]) -> str:
+    return _whole(" to ".join(map(number, ends)))
 
 
 def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) -> Table:
     """Table 4 or 6: the paper's values, its matcher here, and the default matcher."""
-    cells: list[tuple[str, ...]] = []
-    for row in rows:
-        snr = f"{row.snr:.0f} / {results.snr(row):.0f}"
-        title = (f"{row.batch_length}", f"{row.sigma:g}", snr)
-        diverged = f"{100 * row.divergence_rate:.0f} %"
-        cells.append((*title, "paper", number(row.mean_error), *("–",) * 7, diverged))
-        cells += [("", "", "", *_outcome_cells(results.row(row, matcher))) for matcher in MATCHERS]
-    header = (
-        "T",
-        "sigma (m/s²)",
-        "SNR (dB): paper / here",
-        "from",
-        "mean error (m)",
-        "RMS (m)",
-        "RMS after 1 h (m)",
-        "bound after 1 h (m)",
-        "RMS over bound",
-        "NEES per axis",
-        "consistent within",
-        "declined fixes",
-        "diverged runs",
-    )
     caption = (
         f"{name}: mean position error over runs and time with its standard error, RMS, ratio to"
         " the posterior Cramér–Rao bound, normalised error squared of the navigator after a fix"
         " (1 is right), and diverged runs with their 95 % interval."
     )
-    return Table(caption, header, cells)
+    cells = []
+    for row in rows:
+        published = {
+            "T": f"{row.batch_length}",
+            "sigma (m/s²)": f"{row.sigma:g}",
+            "SNR (dB): paper / here": f"{row.snr:.0f} / {results.snr(row):.0f}",
+            "from": "paper",
+            "mean error (m)": number(row.mean_error),
+            "diverged runs": f"{100 * row.divergence_rate:.0f} %",
+        }
+        blank = dict.fromkeys(list(published)[:3], "")
+        here = [blank | _measured(results.row(row, matcher)) for matcher in MATCHERS]
+        cells += [published, *here]
+    return _table(caption, cells)
 
 
-def _outcome_cells(outcome: Outcome) -> tuple[str, ...]:
+def _measured(outcome: Outcome) -> dict[str, str]:
     summary = outcome.summary
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
-    fixes = summary["fixes"]
-    ratio = None
-    if error["rms_after_1h"] and bound["rms_after_1h"]:
-        ratio = error["rms_after_1h"] / bound["rms_after_1h"]
-    total = fixes["published"] + fixes["declined"]
-    return (
-        _whole(outcome.setting.matcher),
-        _mean(outcome),
-        number(error["rms"]),
-        number(error["rms_after_1h"]),
-        number(bound["rms_after_1h"]),
-        number(ratio),
-        number(nees["mean"]),
-        _whole(" to ".join(number(end) for end in nees["interval"])),
-        f"{100 * fixes['declined'] / max(total, 1):.1f} %",
-        _percent(outcome.diverged, len(outcome.run_means)),
-    )
+    known = error["rms_after_1h"] and bound["rms_after_1h"]
+    ratio = error["rms_after_1h"] / bound["rms_after_1h"] if known else None
+    declined, published = summary["fixes"]["declined"], summary["fixes"]["published"]
+    return {
+        "from": _whole(outcome.setting.matcher),
+        "mean error (m)": _mean(outcome),
+        "RMS (m)": number(error["rms"]),
+        "RMS after 1 h (m)": number(error["rms_after_1h"]),
+        "bound after 1 h (m)": number(bound["rms_after_1h"]),
+        "RMS over bound": number(ratio),
+        "NEES per axis": number(nees["mean"]),
+        "consistent within": _interval(nees["interval"]),
+        "declined fixes": f"{100 * declined / max(published + declined, 1):.1f} %",
+        "diverged runs": _diverged(outcome),
+    }
 
 
 def spread_table(results: Results) -> Table:
     """Return the RMS error of the unaided INS by grade, and whether its filter's covariance agrees
     with it."""
-    cells = []
-    for spread in results.spreads:
-        low, high = spread.test.family_interval
-        for index, time in enumerate(spread.time):
-            nees = float(spread.test.nees[index])
-            cells.append(
-                (
-                    GRADE_LABELS[spread.grade] if index == 0 else "",
-                    f"{time / 3600:.1f}",
-                    number(float(spread.rms[index])),
-                    number(float(spread.claimed[index])),
-                    number(nees),
-                    f"{number(low)} to {number(high)}",
-                    "yes" if low <= nees <= high else "no",
-                )
-            )
     runs = len(results.unaided("precision").run_means)
     caption = (
         f"Unaided INS, {runs} runs of each grade: RMS error, what the filter's covariance says"
         " without any fix, and their normalised ratio, which is chi-square distributed; the"
         " interval is that in which all instants of a grade lie together with 95 % probability."
     )
-    header = (
-        "grade",
-        "time (h)",
-        "RMS (m)",
-        "by the filter (m)",
-        "NEES per axis",
-        "interval",
-        "agrees",
-    )
-    return Table(caption, header, cells)
+    cells = []
+    for spread in results.spreads:
+        low, high = spread.interval
+        instants = zip(spread.time, spread.rms, spread.claimed, spread.nees_per_axis, strict=True)
+        for index, (time, rms, claimed, nees) in enumerate(instants):
+            row = {
+                "grade": GRADE_LABELS[spread.grade] if index == 0 else "",
+                "time (h)": f"{time / 3600:.1f}",
+                "RMS (m)": number(float(rms)),
+                "by the filter (m)": number(float(claimed)),
+                "NEES per axis": number(float(nees)),
+                "interval": _interval(spread.interval),
+                "agrees": "yes" if low <= nees <= high else "no",
+            }
+            cells.append(row)
+    return _table(caption, cells)
 
 
 def aiding_table(results: Results) -> Table:
     """Return both ways of aiding side by side."""
-    cells = []
-    for length in (30, 15):
-        for mode in ("standard", "retrodiction"):
-            setting = Setting(batch_length=length, mode=mode)
-            outcome, tracks = results.outcomes[setting], results.tracks[setting]
-            error = outcome.summary["position_error"]
-            cells.append(
-                (
-                    f"{length}",
-                    mode,
-                    _mean(outcome),
-                    number(error["rms"]),
-                    number(outcome.summary["nees_per_axis"]["mean"]),
-                    number(roughness(tracks.live)),
-                    number(roughness(tracks.revised)),
-                    _percent(outcome.diverged, len(outcome.run_means)),
-                )
-            )
-    header = (
-        "T",
-        "aiding",
-        "mean error (m)",
-        "RMS (m)",
-        "NEES per axis",
-        "change per scan as output (m)",
-        "change per scan in the end (m)",
-        "diverged runs",
-    )
     count = len(next(iter(results.tracks.values())).live)
     caption = (
         f"Both ways of aiding, {PAPER}, gravity, sigma 1e-5 m/s². The change of the error from"
         f" scan to scan (RMS, {count} runs) says how smooth a track is: as output at the time, and"
         " as it stands in the end, after later batches have gone back to it."
     )
-    return Table(caption, header, cells)
+    cells = []
+    for setting in AIDING:
+        outcome, tracks = results.outcomes[setting], results.tracks[setting]
+        row = {
+            "T": f"{setting.batch_length}",
+            "aiding": setting.mode,
+            "mean error (m)": _mean(outcome),
+            "RMS (m)": number(outcome.summary["position_error"]["rms"]),
+            "NEES per axis": number(outcome.summary["nees_per_axis"]["mean"]),
+            "change per scan as output (m)": number(roughness(tracks.live)),
+            "change per scan in the end (m)": number(roughness(tracks.revised)),
+            "diverged runs": _diverged(outcome),
+        }
+        cells.append(row)
+    return _table(caption, cells)
 
 
 def sensitivity_table(results: Results) -> Table:
     """Return errors against what the paper leaves open."""
-    cells = []
-    for change in _sweep():
-        setting = Setting(**change)
-        aided = [results.outcomes[Setting(matcher=matcher, **change)] for matcher in MATCHERS]
-        theory = [
-            results.drift.get((setting.heading, grade))
-            for grade in ("precision", "quantum_accelerometer")
-        ]
-        swept = "speed" not in change
-        gain = (
-            f"{100 * (1 - theory[1] / theory[0]):.2f} %"
-            if swept and theory[0] and theory[1]
-            else "–"
-        )
-        unaided = aided[0].summary["unaided"]
-        cells.append(
-            (
-                f"{setting.heading:g}",
-                f"{setting.speed:g}",
-                number(theory[0] if swept else None),
-                gain,
-                number(unaided["rms"]),
-                *(_mean(o) for o in aided),
-            )
-        )
-    header = (
-        *(
-            "heading error (rad)",
-            "speed (m/s)",
-            f"unaided after {results.plan.gain_time / 3600:.1f} h, theory (m)",
-            "quantum gain, theory",
-            "unaided, RMS (m)",
-        ),
-        *(f"{matcher}, mean (m)" for matcher in MATCHERS),
-    )
     caption = (
         "Sensitivity to what the paper does not state: gravity, sigma 1e-5 m/s², T = 30; the"
         " sweeps have a fifth of the runs."
     )
-    return Table(caption, header, cells)
-
-
-def _sweep() -> list[dict[str, Any]]:
-    speeds = [{"speed": speed} for speed in SWEEP_SPEEDS if speed != Setting().speed]
-    return [{"heading": heading} for heading in SWEEP_HEADINGS] + speeds
+    after = f"unaided after {results.plan.gain_time / 3600:.1f} h, theory (m)"
+    cells = []
+    for name in SWEEPS:
+        for outcomes in zip(*(results.swept(name, matcher) for matcher in MATCHERS), strict=True):
+            paper = outcomes[0]
+            setting = paper.setting
+            if name == "speed" and setting == Setting():
+                continue  # stands among the heading errors
+            theory = gain = "–"
+            if name == "heading":
+                precision, quantum = (
+                    results.drift[setting.heading, grade]
+                    for grade in ("precision", "quantum_accelerometer")
+                )
+                theory, gain = number(precision), f"{100 * (1 - quantum / precision):.2f} %"
+            row = {
+                "heading error (rad)": f"{setting.heading:g}",
+                "speed (m/s)": f"{setting.speed:g}",
+                after: theory,
+                "quantum gain, theory": gain,
+                "unaided, RMS (m)": number(paper.summary["unaided"]["rms"]),
+            }
+            cells.append(row | {f"{o.setting.matcher}, mean (m)": _mean(o) for o in outcomes})
+    return _table(caption, cells)
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:
     """Return every claim with what was measured and the verdict."""
-    rows = [
-        (claim.source, claim.text, f"{claim.measured} {claim.why}".strip(), claim.verdict)
+    cells = [
+        {
+            "where": claim.where,
+            "claim": claim.claim,
+            "measured here": f"{claim.measured} {claim.why}".strip(),
+            "verdict": claim.verdict,
+        }
         for claim in claims
     ]
-    return Table(
-        "What the paper says, and what is found here.",
-        ("where", "claim", "measured here", "verdict"),
-        rows,
-    )
+    return _table("What the paper says, and what is found here.", cells)

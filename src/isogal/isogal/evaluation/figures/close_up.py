@@ -13,6 +13,7 @@ from isogal.evaluation.records import Runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
     from isogal.maps.tiled_map import ScalarMap
 
@@ -90,7 +91,10 @@ def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) 
     runs, batch = end.runs, end.batch
     candidates, weights = end.candidates()
     half = _half_width(end, candidates)
-    _background(panel, end, field_map, half)
+    km, values, image = surroundings(panel, (end.latitude, end.longitude), field_map, half)
+    image.set_alpha(0.55)
+    if np.isfinite(values).sum() > 4:
+        panel.contour(km, km, values, levels=10, colors="0.45", linewidths=0.4)
     if candidates.size:
         panel.scatter(
             candidates[:, 1] / 1e3,
@@ -133,26 +137,36 @@ def image_edges(nodes: Array) -> tuple[float, float]:
     return float(nodes[0]) - half, float(nodes[-1]) + half
 
 
-def _background(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", half: float) -> None:
-    """Draw the map within `half` metres, and its contours."""
+def surroundings(
+    panel: "Axes", place: tuple[float, float], field_map: "ScalarMap", half: float
+) -> tuple[Array, Array, "AxesImage"]:
+    """Draw the map about a place; return the lattice along each axis (N,) km, the map's values
+    there (N, N) as they are written on an axis, and the picture.
+
+    Parameters
+    ----------
+    panel : Axes
+        In km east and north of the place.
+    place : tuple of float
+        Latitude and longitude, rad.
+    field_map : ScalarMap
+    half : float
+        m, from the place to the edges.
+    """
     lattice = np.linspace(-half, half, _LATTICE)
     north, east = np.meshgrid(lattice, lattice, indexing="ij")
-    values = style.field_scale(field_map)(
-        field_map.value(end.latitude + north / end.metres[0], end.longitude + east / end.metres[1])
-    )
+    metres = metres_per_radian(place[0])
+    values = field_map.value(place[0] + north / metres[0], place[1] + east / metres[1])
+    scaled = style.field_scale(field_map)(values)
     edges = image_edges(lattice / 1e3)
-    panel.imshow(
-        values,
+    image = panel.imshow(
+        scaled,
         extent=(*edges, *edges),
         origin="lower",
         cmap=style.FIELD_COLOURS,
         interpolation="bilinear",
-        alpha=0.55,
     )
-    if np.isfinite(values).sum() > 4:
-        panel.contour(
-            lattice / 1e3, lattice / 1e3, values, levels=10, colors="0.45", linewidths=0.4
-        )
+    return lattice / 1e3, scaled, image
 
 
 def _half_width(end: BatchEnd, candidates: Array) -> float:

@@ -11,6 +11,7 @@ from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -41,13 +42,18 @@ def rms_figure(curves: Sequence[Curve], label: str = "RMS position error (m)") -
     """
     figure = style.new_figure(3.5)
     panel = figure.subplots()
-    for curve in curves:
-        panel.plot(style.hours(curve.time), curve.rms, **curve.line.options(), label=curve.label)
+    draw_curves(panel, curves)
     style.logarithmic(panel)
     panel.set_ylabel(label)
-    style.time_axis(panel, max(float(style.hours(curve.time[-1:])[0]) for curve in curves))
     style.legend_below(figure, columns=3)
     return figure
+
+
+def draw_curves(panel: "Axes", curves: Sequence[Curve]) -> None:
+    """Draw curves over the time of the longest."""
+    for curve in curves:
+        panel.plot(style.hours(curve.time), curve.rms, **curve.line.options(), label=curve.label)
+    style.time_axis(panel, max(float(style.hours(curve.time[-1:])[0]) for curve in curves))
 
 
 def ensemble_figure(runs: Runs, bound_rms: Array) -> "Figure":

@@ -1,0 +1,328 @@
+"""The paper's figures, drawn from what was measured here: maps and the map lookup, errors over
+time, signals and iterations."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.evaluation.consistency import chi_square_interval
+from isogal.evaluation.figures import style
+from isogal.evaluation.figures.close_up import surroundings
+from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
+from isogal.evaluation.figures.track import Frame
+from isogal.maps.field_map import FieldMap
+from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, SWEEPS, Plan, Setting
+from isogal.paper.iterations import Snapshot
+from isogal.paper.lookups import PROFILE_WINDOW, ProfileExample, WindowExample
+from isogal.paper.measure import Results, rms
+from isogal.paper.published import FIGURE_54_SIDE, FIGURE_64_SCAN, HIGH, LOW
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GRADE_LABELS = {"precision": "PCAG", "quantum_accelerometer": "QAPCG", "quantum": "quantum"}
+_LINES = {PAPER: style.Line(style.PURPLE, (0, (5, 1.5, 1, 1.5)), 1.5), DEFAULT: style.AIDED}
+_LATE = style.Line(style.GREEN, (0, (4, 1.5)), 1.5)
+_RMS = "RMS position error (m)"
+
+
+def _dot(marker: str, colour: str, size: float) -> dict[str, Any]:
+    """Options of Axes.plot for places, with a black edge."""
+    edge = {"markeredgecolor": "black", "markeredgewidth": 0.6}
+    return {"marker": marker, "color": colour, "markersize": size, "linestyle": "", **edge}
+
+
+_TRUTH = _dot("*", style.GREEN, 12)
+
+
+@style.journal
+def map_figure(plan: Plan, quantity: str) -> "Figure":
+    """The map with the vehicle's track, marked every half hour (figs. 51, 57)."""
+    setting = Setting(quantity=quantity)
+    trajectory = plan.trajectory(setting)
+    latitude, longitude = trajectory.latitude, np.unwrap(trajectory.longitude)
+    frame = Frame.around(latitude, longitude, 5e3)
+    figure = style.new_figure(frame.height + 0.3)
+    panel = figure.subplots()
+    frame.draw(panel, plan.field_map(setting))
+    track = np.degrees(longitude), np.degrees(latitude)
+    panel.plot(*track, color="white", linewidth=3.4)
+    panel.plot(*track, color="black", linewidth=1.5, label="track")
+    half_hours = np.arange(0.0, trajectory.time[-1] + 1.0, 1800.0)
+    marks = [np.interp(half_hours, trajectory.time, along) for along in track]
+    panel.plot(*marks, **_dot("o", style.ORANGE, 4.5), label="every 30 min")
+    panel.plot(track[0][0], track[1][0], **_dot("^", "white", 8), label="start")
+    style.legend_below(figure)
+    return figure
+
+
+@style.journal
+def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
+    """Profile of the gravity map across the track with a reading and the places in the window that
+    it may come from (fig-54a)."""
+    scale, sigma = style.field_scale(field_map), LOW["gravity"]
+    reading, centre = example.reading, example.centre / 1e3
+    km, window = example.offset / 1e3, PROFILE_WINDOW / 1e3
+
+    def at(place: Any) -> Array:
+        return scale(np.interp(place, example.offset, example.profile))
+
+    figure = style.new_figure(3.4)
+    panel = figure.subplots()
+    shade: dict[str, Any] = {"linewidth": 0, "zorder": 0}
+    panel.axvspan(centre - window, centre + window, color="0.92", label="search window", **shade)
+    band = scale([reading - sigma, reading + sigma])
+    panel.axhspan(*band, color=style.SKY, alpha=0.5, label=r"reading $s \pm \sigma$", **shade)
+    panel.plot(km, scale(example.profile), **style.TRUTH.options(), label="map")
+    panel.axvline(centre, **style.UNAIDED.options(), label=r"prior $x^s$")
+    panel.plot(0.0, at(0.0), **_TRUTH, label="truth")
+    places = example.candidates / 1e3
+    panel.plot(places, at(example.candidates), **_dot("o", style.ORANGE, 6), label="candidates")
+    above: dict[str, Any] = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center"}
+    for number, place in enumerate(places, start=1):
+        panel.annotate(f"$x_{number}$", (place, float(scale(reading))), **above)
+    ends = float(km[0]), float(km[-1])
+    panel.set(xlim=ends, xlabel="east of the true place (km)", ylabel=scale.two_lines)
+    style.legend_below(figure, columns=6)
+    return figure
+
+
+@style.journal
+def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure":
+    """Search window of 5 x 5 km with 50 candidates, the true place and the PDA solution
+    (fig-54)."""
+    figure = style.new_figure(4.4)
+    panel = figure.subplots()
+    scale, place = style.field_scale(field_map), (example.latitude, example.longitude)
+    km, values, image = surroundings(panel, place, field_map, 0.6 * FIGURE_54_SIDE)
+    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
+    level = float(scale(example.reading))
+    panel.contour(km, km, values, levels=[level], colors="white", linewidths=1.2)
+    square = 0.5 * FIGURE_54_SIDE / 1e3 * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    panel.plot(*square, color="white", linestyle="--", linewidth=1.4)
+    label = f"{len(example.weight)} candidates (size: weight)"
+    size = 14.0 + 60.0 * example.weight / example.weight.max()
+    dots: dict[str, Any] = {"color": style.ORANGE, "edgecolors": "black", "linewidths": 0.5}
+    north, east = example.candidates.T / 1e3
+    panel.scatter(east, north, s=size, label=label, **dots)
+    panel.plot(0.0, 0.0, **_dot("P", "white", 8), label="prior (centre)")
+    panel.plot(*example.truth[::-1] / 1e3, **_TRUTH, label="truth")
+    panel.plot(*example.combined[::-1] / 1e3, **_dot("D", "black", 6), label="PDA solution")
+    panel.grid(False)
+    panel.set(xlabel="east (km)", ylabel="north (km)")
+    style.legend_below(figure)
+    return figure
+
+
+def overview_figure(results: Results) -> "Figure":
+    """RMS errors of the unaided INS by grade and of the aided one by map (fig-52)."""
+    unaided = (
+        style.Line(style.VERMILION, "-", 2.6),
+        style.Line(style.BLACK, (0, (4, 3)), 1.4),
+        style.Line(style.ORANGE, (0, (1, 2)), 2.0),
+    )
+    curves = []
+    for (grade, name), line in zip(GRADE_LABELS.items(), unaided, strict=True):
+        outcome = results.unaided(grade)
+        curves.append(Curve(f"unaided, {name}", outcome.time, outcome.unaided_rms, line))
+    for matcher, colour in ((PAPER, style.PURPLE), (DEFAULT, style.BLUE)):
+        for quantity, dashes, width in (
+            ("gravity", "-", 1.5),
+            ("disturbance", (0, (3, 1.2)), 1.3),
+        ):
+            outcome = results.at(quantity, LOW[quantity], 30, matcher)
+            line = style.Line(colour, dashes, width)
+            curves.append(Curve(f"{matcher}, {quantity}", outcome.time, outcome.rms, line))
+    return rms_figure(curves, _RMS)
+
+
+@style.journal
+def noise_figure(results: Results, quantity: str, batch_length: int) -> "Figure":
+    """RMS errors at both noise levels for one map and batch length (figs. 56, 56b, 61, 61a), with
+    the bound."""
+    figure = style.new_figure(3.3)
+    panels = figure.subplots(1, 2, sharey=True)
+    for panel, sigma in zip(panels, (LOW[quantity], HIGH[quantity]), strict=True):
+        paper, default = (results.at(quantity, sigma, batch_length, m) for m in MATCHERS)
+        curves = [
+            Curve("unaided INS", paper.time, paper.unaided_rms, style.UNAIDED),
+            Curve(PAPER, paper.time, paper.rms, _LINES[PAPER]),
+            Curve(DEFAULT, default.time, default.rms, _LINES[DEFAULT]),
+            Curve("posterior Cramér–Rao bound", paper.time, paper.bound, style.BOUND),
+        ]
+        draw_curves(panel, curves)
+        style.logarithmic(panel)
+        panel.set_title(rf"$\sigma$ = {sigma:g} m/s², T = {batch_length}", loc="left")
+    panels[0].set_ylabel(_RMS)
+    style.legend_below(figure)
+    return figure
+
+
+@style.journal
+def retrodiction_figure(results: Results) -> "Figure":
+    """Standard aiding and retrodiction: RMS errors of all runs, and the track of one run over half
+    an hour."""
+    standard, late = Setting(), Setting(mode="retrodiction")
+    output = {"standard": (standard, _LINES[PAPER]), "retrodiction, as output": (late, _LATE)}
+    figure = style.new_figure(3.4)
+    left, right = figure.subplots(1, 2)
+    outcomes = {name: results.outcomes[setting] for name, (setting, _) in output.items()}
+    draw_curves(left, [Curve(n, o.time, o.rms, output[n][1]) for n, o in outcomes.items()])
+    left.set(ylim=(0.0, None), ylabel=_RMS)
+    left.set_title("all runs", loc="left")
+    tracks = results.tracks[late]
+    minutes = tracks.time / 60.0
+    middle = minutes[-1] / 2.0
+    half = min(30.0, middle)
+    shown = [(n, results.tracks[s].live[0], line) for n, (s, line) in output.items()]
+    shown.append(("retrodiction, revised", tracks.revised[0], style.Line(style.BLACK, "-", 1.3)))
+    for name, error, line in shown:
+        right.plot(minutes, np.hypot(*error.T), **line.options(), label=name)
+    inside = np.abs(minutes - middle) <= half
+    top = max(float(np.hypot(*error[inside].T).max()) for _, error, _ in shown)
+    right.set(xlim=(middle - half, middle + half), ylim=(0.0, style.nice_limit(top)))
+    right.set(xlabel="time since start (min)", ylabel="position error (m)")
+    right.set_title("one run", loc="left")
+    style.legend_below(figure, columns=3)
+    return figure
+
+
+@style.journal
+def spread_figure(results: Results) -> "Figure":
+    """RMS error of the unaided INS, each grade, and what its filter claims, with the chi-square
+    interval."""
+    figure = style.new_figure(2.9)
+    panels = figure.subplots(1, len(results.spreads), sharey=True)
+    look: dict[str, Any] = {"color": style.BLACK, "markersize": 3.5, "elinewidth": 0.9}
+    for panel, spread in zip(panels, results.spreads, strict=True):
+        outcome = results.unaided(spread.grade)
+        runs = len(outcome.run_means)
+        name = f"RMS of {runs} runs"
+        draw_curves(panel, [Curve(name, outcome.time, outcome.unaided_rms, style.UNAIDED)])
+        low, high = np.sqrt(chi_square_interval(runs, 2))
+        interval = spread.claimed * np.array([[1.0 - low], [high - 1.0]])
+        name = "filter's covariance, 95 % of such RMS"
+        instants = style.hours(spread.time)
+        panel.errorbar(
+            instants, spread.claimed, interval, fmt="s", capsize=2.5, label=name, **look
+        )
+        panel.set_title(GRADE_LABELS[spread.grade], loc="left")
+        panel.set_ylim(bottom=0.0)
+    panels[0].set_ylabel("horizontal error (m)")
+    style.legend_below(figure, columns=2)
+    return figure
+
+
+@style.journal
+def sensitivity_figure(results: Results) -> "Figure":
+    """Errors against what the paper does not state: initial heading error and speed."""
+    figure = style.new_figure(3.1)
+    left, right = figure.subplots(1, 2, sharey=True)
+    for panel, (name, settings) in zip((left, right), SWEEPS.items(), strict=True):
+        values = [getattr(setting, name) for setting in settings]
+        swept = {matcher: results.swept(name, matcher) for matcher in MATCHERS}
+        lines = [("unaided INS", style.UNAIDED, "^", [rms(o.unaided) for o in swept[PAPER]])]
+        for matcher, marker in zip(MATCHERS, "Do", strict=True):
+            errors = [rms(outcome.error) for outcome in swept[matcher]]
+            lines.append((matcher, _LINES[matcher], marker, errors))
+        for label, line, marker, errors in lines:
+            look = line.options() | {"marker": marker, "markersize": 4.5, "label": label}
+            panel.plot(values, errors, **look)
+        style.logarithmic(panel)
+    left.set(xscale="log", xlabel="initial heading error, 1-sigma (rad)", ylabel=_RMS)
+    right.set_xlabel("speed (m/s)")
+    style.legend_below(figure, columns=3)
+    return figure
+
+
+@style.journal
+def readings_figure(results: Results) -> "Figure":
+    """Gravity readings of one run at each noise level, and their differences to the noiseless
+    signal (fig-56a)."""
+    scale = style.field_scale(results.plan.field_map(Setting()))
+    figure = style.new_figure(4.4)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    looks = {HIGH["gravity"]: (style.ORANGE, ".", 3.2), LOW["gravity"]: (style.BLUE, "+", 3.4)}
+    for sigma, (colour, marker, size) in looks.items():
+        detail = results.at("gravity", sigma, 30).detail
+        assert detail is not None  # run 0 is among the runs
+        time, label = style.hours(detail.scan_time), rf"$\sigma$ = {sigma:g} m/s²"
+        look: dict[str, Any] = {"color": colour, "markersize": size, "label": label}
+        top.plot(time, scale(detail.reading), marker, **look)
+        bottom.plot(time, (detail.reading - detail.map_value) / scale.unit, marker, **look)
+    signal = results.signal["gravity"]
+    time, noiseless = style.hours(signal.time), scale(signal.signal)
+    top.plot(time, noiseless, **style.TRUTH.options(), label=r"$\sigma$ = 0")
+    top.set_ylabel(scale.two_lines)
+    bottom.axhline(0.0, **style.TRUTH.options())
+    bottom.set_ylabel("difference\n" + scale.unit_label)
+    style.time_axis(bottom, float(time[-1]))
+    style.legend_below(figure, columns=3)
+    return figure
+
+
+@style.journal
+def variability_figure(results: Results) -> "Figure":
+    """Noiseless gravity disturbance along the track and the map feature variability there
+    (fig-60)."""
+    scale = style.field_scale(results.plan.field_map(Setting(quantity="disturbance")))
+    signal = results.signal["disturbance"]
+    time, deviation = style.hours(signal.time), np.sqrt(signal.variability) / scale.unit
+    figure = style.new_figure(4.2)
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    panels[0].plot(time, scale(signal.signal), **style.TRUTH.options())
+    panels[0].set_ylabel(scale.two_lines)
+    panels[1].plot(time, deviation, **style.AIDED.options())
+    panels[1].set_ylabel(r"$\sqrt{C_i}$" + "\n" + scale.unit_label)
+    panels[2].plot(time, signal.normalised, **style.SERIES[2].options())
+    panels[2].set_ylabel("normalised\n$C_i$ (1)")
+    for panel in panels[1:]:
+        panel.set_ylim(bottom=0.0)
+    style.time_axis(panels[2], float(time[-1]))
+    return figure
+
+
+@style.journal
+def iterations_figure(results: Results) -> "Figure":
+    """One batch from the navigator's track over the iterations to the fix, on the candidates
+    (fig-64); right: all batches of the run."""
+    figure = style.new_figure(4.3)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    _one_batch(left, min(results.snapshots, key=lambda s: abs(s.time - FIGURE_64_SCAN)))
+    movement = np.array([snapshot.movement for snapshot in results.snapshots])
+    count = np.arange(1, movement.shape[1] + 1)
+    low, median, high = np.percentile(movement, [10.0, 50.0, 90.0], axis=0)
+    label = f"10 to 90 % of {len(movement)} batches"
+    right.fill_between(count, low, high, color=style.SKY, alpha=0.35, linewidth=0, label=label)
+    right.plot(count, median, **style.AIDED.options(), marker="o", markersize=3, label="median")
+    right.set(yscale="log", xlabel="iteration", ylabel="movement of the batch (m)")
+    right.legend(loc="upper right")
+    style.legend_below(figure, columns=3, panels=[left])
+    return figure
+
+
+def _one_batch(panel: "Axes", shot: Snapshot) -> None:
+    """Draw the iterates of a batch's track, the candidates and the true track."""
+    states, truth = shot.states / 1e3, shot.truth / 1e3
+    size = 8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300)
+    crosses: dict[str, Any] = {"marker": "+", "color": style.BLUE, "linewidths": 0.8}
+    places = shot.candidates / 1e3
+    label = "candidates (size: weight)"
+    panel.scatter(places[:, 1], places[:, 0], s=size, label=label, **crosses)
+    for number, track in enumerate(states[1:-1]):
+        label = "iterations between" if number == 0 else ""
+        panel.plot(*track.T[::-1], color="0.55", linewidth=0.6, label=label)
+    panel.plot(*truth.T[::-1], "-", color=style.GREEN, linewidth=2.0, label="truth")
+    open_dot: dict[str, Any] = {"color": style.PURPLE, "markerfacecolor": "none"}
+    panel.plot(*states[0].T[::-1], "o", markersize=5.5, label="navigator", **open_dot)
+    last = f"after {len(states) - 1} iterations"
+    panel.plot(*states[-1].T[::-1], "*", markersize=7.0, color="black", label=last)
+    path = np.concatenate([truth, states.reshape(-1, 2)])
+    centre = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    half = 0.5 * float(np.ptp(path, axis=0).max()) + 0.9
+    (south, west), (north, east) = centre - half, centre + half
+    panel.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    panel.set(xlabel="east of the last scan (km)", ylabel="north of the last scan (km)")
+    panel.set_title(f"batch that ends at {shot.time:.0f} s", loc="left")
