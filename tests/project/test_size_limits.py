@@ -1,4 +1,4 @@
-"""Limits that keep every file and function small enough to read at once."""
+"""Limits that keep every function small enough to read at once."""
 
 import ast
 from collections.abc import Iterator
@@ -11,7 +11,6 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("src", "tests", "benchmarks", "examples")
 
 LINE_LENGTH = 99
-FILE_LINES = 350
 NODE_LINES = 150
 """Of the module of a node."""
 FUNCTION_LINES = 60
@@ -106,19 +105,6 @@ def test_no_line_is_too_long() -> None:
         for path in sources()
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
         if len(line) > LINE_LENGTH
-    ]
-    assert not too_long, text(too_long)
-
-
-def test_no_file_is_too_long() -> None:
-    length = {
-        str(path.relative_to(ROOT)): path.read_text(encoding="utf-8").count("\n")
-        for path in sources()
-    }
-    too_long = [
-        f"{name}: {count}"
-        for name, count in length.items()
-        if count > FILE_LINES and name not in EXCEPTIONS
     ]
     assert not too_long, text(too_long)
 
