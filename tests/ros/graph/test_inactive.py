@@ -50,7 +50,8 @@ class Graph:
 
 @pytest.fixture(scope="module")
 def graph(scenario) -> Iterator[Graph]:
-    plan = Plan(scenario("route.duration=1500.0"), None)
+    # longer than all tests take together: how many steps pass while one waits is by chance
+    plan = Plan(scenario("route.duration=1900.0"), None)
     with claim_domain() as domain, local_context(domain) as context:
         made = Graph(plan, context)
         try:
