@@ -188,9 +188,24 @@ def test_models_that_are_negligible_beside_their_neighbours_are_left_out():
     new = up.which == last + 1
     ratio = which.sigma[last] / which.sigma[last + 1]
     np.testing.assert_allclose(up.mean[new, 7], 0.5 * ratio)
-    np.testing.assert_allclose(up.covariance[new, 7, 7], ratio**2)
+    np.testing.assert_allclose(
+        up.covariance[new, 7, 7], ratio**2 * left.covariance[left.which == last, 7, 7]
+    )
     prior = which.log_prior[last + 1] - which.log_prior[last]
     assert up.log_weight[new] - up.log_weight[up.which == last] == pytest.approx(prior)
+
+
+def test_a_negligible_neighbour_takes_the_places_of_the_model_beside_it():
+    """Its own are those that made it negligible: with them it would never be probable again."""
+    which = models()
+    group = np.flatnonzero(which.group == 0)[:2]
+    which = Models._make(column[group] for column in which)
+    bank = Hypotheses.before(which, np.diag(SIGMA**2))
+    bank.mean[:, 0] = [30.0, 9000.0]
+    after = with_needed(replace(bank, log_weight=np.array([0.0, -40.0])), 1)
+    np.testing.assert_array_equal(after.mean[:, 0], 30.0)
+    prior = which.log_prior[1] - which.log_prior[0]
+    assert after.log_weight[1] - after.log_weight[0] == pytest.approx(prior - LIGHT)
 
 
 def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one():
