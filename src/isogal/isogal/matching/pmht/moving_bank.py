@@ -13,7 +13,7 @@ import numpy as np
 from isogal.arrays import Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.pmht.hypotheses import LIGHT, NEGLIGIBLE, Hypotheses, joined
-from isogal.matching.pmht.models import Models, largest
+from isogal.matching.pmht.models import largest
 
 
 def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
@@ -21,47 +21,46 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     first states beside the navigator's are so many map errors."""
     models, total = bank.models, bank.of_models
     near = total > largest(total, models.group) - NEGLIGIBLE
+    larger, smaller = _missing(near, models.group)
     those = bank.part(near[bank.which])
-    missing = np.flatnonzero(beside(near, models.group))
-    if not missing.size:
-        return those
-    pairs = zip(_nearest(models, near, missing).tolist(), missing.tolist(), strict=True)
-    less = np.where(np.isfinite(total), LIGHT, 0.0)
-    anew = [_of_another(those, old, new, errors, float(less[new])) for old, new in pairs]
-    return joined([those, *anew])
+    left_out = ~np.isfinite(total)
+    one_up = _of_neighbour(those, np.flatnonzero(larger[those.which]), 1, errors, left_out)
+    one_down = _of_neighbour(those, np.flatnonzero(smaller[those.which]), -1, errors, left_out)
+    return joined([those, one_up, one_down])
 
 
-def beside(near: Booleans, group: Integers) -> Booleans:
-    """Return (M,) which models are neighbours of those that are near (M,), and are not."""
+def _missing(near: Booleans, group: Integers) -> tuple[Booleans, Booleans]:
+    """Return (M,) of which models that are near (M,) the neighbour of the next larger sigma is
+    not, and begins with what they know; the same of the next smaller one, but where a model on
+    its other side gives it a beginning."""
     alike = group[1:] == group[:-1]
-    result = np.zeros(len(near), dtype=np.bool_)
-    result[1:] |= near[:-1] & alike
-    result[:-1] |= near[1:] & alike
-    return result & ~near
+    larger, smaller = np.zeros_like(near), np.zeros_like(near)
+    larger[:-1] = near[:-1] & ~near[1:] & alike
+    smaller[1:] = near[1:] & ~near[:-1] & alike
+    smaller[2:] &= ~larger[:-2]
+    return larger, smaller
 
 
-def _nearest(models: Models, there: Booleans, missing: Integers) -> Integers:
-    """Return for missing models (K,) the nearest of those that are there, of its group."""
-    have = np.flatnonzero(there)
-    apart = np.abs(missing[:, None] - have)
-    apart = np.where(models.group[missing][:, None] == models.group[have], apart, len(there))
-    return have[np.argmin(apart, axis=1)]
-
-
-def _of_another(bank: Hypotheses, old: int, new: int, count: int, less: float) -> Hypotheses:
-    """Return the hypotheses of one model as of another one of its group, less probable by a log:
-    the same map error is another number of 1-sigmas."""
-    models, those = bank.models, bank.part(bank.which == old)
+def _of_neighbour(
+    bank: Hypotheses, index: Integers, step: int, count: int, left_out: Booleans
+) -> Hypotheses:
+    """Return some hypotheses as of the model one further: the same map error is another number of
+    1-sigmas. Less probable by LIGHT where that model has been there, and is negligible."""
+    models, those = bank.models, bank.part(index)
+    old, new = those.which, those.which + step
     sigma, prior = models.sigma, models.log_prior
     errors = np.arange(BATCH_STATES, BATCH_STATES + count)
-    unit = np.ones(those.mean.shape[1])
-    unit[errors] = sigma[old] / sigma[new] if sigma[new] > 0.0 else 0.0
-    covariance = those.covariance * unit[:, None] * unit
-    if sigma[old] == 0.0:
-        covariance[:, errors, errors] = models.initial[new, :count] ** 2
+    unit = np.ones_like(those.mean)
+    exact = sigma[new] == 0.0
+    unit[:, errors] = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
+    covariance = those.covariance * unit[:, :, None] * unit[:, None, :]
+    from_exact = np.flatnonzero(sigma[old] == 0.0)
+    initial = models.initial[new[from_exact], :count]
+    covariance[from_exact[:, None], errors, errors] = initial**2
+    less = np.where(left_out[new], 0.0, LIGHT)
     return replace(
         those,
-        which=np.full(len(those), new),
+        which=new,
         log_weight=those.log_weight + prior[new] - prior[old] - less,
         mean=those.mean * unit,
         covariance=covariance,
